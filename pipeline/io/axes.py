@@ -67,8 +67,10 @@ class Sites:
         Whether those are of pelvis and shoulders.
     every
         (right, left) markers of the whole body.
-    feet, pelvis
-        (heel, toe) markers of one foot, and (back, front) markers of the pelvis.
+    feet
+        (heel, toe) markers of one foot.
+    no_set
+        Why the labels are of no set; empty where they are of one.
     """
 
     high: list[int]
@@ -77,39 +79,32 @@ class Sites:
     on_trunk: bool
     every: list[Pair]
     feet: list[Pair]
-    pelvis: list[Pair]
+    no_set: str
 
 
 def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sites:
     """Find the markers that show how a subject stands, by the landmarks of their set.
 
-    The set is by default the shipped one that the labels belong to; what neither shows is judged by
-    usual labels.
+    The set is by default the shipped one that the labels belong to; usual labels show the landmarks
+    that it lacks.
     """
-    column = {name: k for k, name in enumerate(names)}
-    known = marker_set
-    if known is None:
-        with suppress(ValueError):
-            known = recognise_marker_set(names)
-    marked = known.present(names).landmark if known is not None else {}
-    of_set = {landmark: column[marker] for landmark, marker in marked.items()}
-    sources = (of_set, {mark: column[name] for mark, name in usual_landmarks(names).items()})
-
-    def of(sites: Sequence[str]) -> list[int]:
-        found = ([k for name, k in each.items() if name[1:] in sites] for each in sources)
-        return next(filter(None, found), [])
-
-    trunk = next(filter(None, (_sides(each, PELVIS_AND_SHOULDERS) for each in sources)), [])
-    every = _sides(of_set) or _sides(column)
-    across = trunk or every
+    column, no_set = {name: k for k, name in enumerate(names)}, ""
+    try:
+        of_set = (marker_set or recognise_marker_set(names)).present(names).landmark
+    except ValueError as error:
+        of_set, no_set = {}, str(error)
+    marked = {**of_set, **usual_landmarks(names)} | of_set  # the set's come first, and count
+    columns = {landmark: column[name] for landmark, name in marked.items()}
+    trunk, every = _sides(columns, PELVIS_AND_SHOULDERS), _sides(columns) or _sides(column)
+    heels_and_toes = ((f"{side}{HEEL}", f"{side}{toe}") for side in "LR" for toe in TOES)
     return Sites(
-        high=of(PELVIS_AND_SHOULDERS),
-        low=of((HEEL, *TOES, *ANKLES)),
-        across={f"{names[left]}/{names[right]}": (right, left) for right, left in across},
+        high=[k for mark, k in columns.items() if mark[1:] in PELVIS_AND_SHOULDERS],
+        low=[k for mark, k in columns.items() if mark[1:] in (HEEL, *TOES, *ANKLES)],
+        across={f"{names[left]}/{names[right]}": (right, left) for right, left in trunk or every},
         on_trunk=bool(trunk),
         every=every,
-        feet=next(filter(None, (_ahead(each, HEEL, TOES) for each in sources)), []),
-        pelvis=next(filter(None, (_ahead(each, "PSIS", ("ASIS",)) for each in sources)), []),
+        feet=[(columns[a], columns[b]) for a, b in heels_and_toes if {a, b} <= {*columns}],
+        no_set=no_set,
     )
 
 
@@ -138,16 +133,6 @@ def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> li
         if name[:1] in opposite
         and (other := opposite[name[0]] + name[1:]) in columns
         and (sites is None or name[1:] in sites)
-    ]
-
-
-def _ahead(columns: Mapping[str, int], behind: str, sites: Iterable[str]) -> list[Pair]:
-    """Give columns of a landmark and of each that is ahead of it on the same side."""
-    return [
-        (columns[side + behind], columns[side + site])
-        for side in "LR"
-        for site in sites
-        if {side + behind, side + site} <= {*columns}
     ]
 
 
@@ -265,36 +250,32 @@ def settle_axes(
     above = typical(_middle(position[:, sites.high]) - _middle(position[:, sites.low]))
     if np.isfinite(above).all():
         evidence[ABOVE] = above
-    if axes is not None:
-        up = parse_axes(axes)[2]
-        down = [source for source, vector in evidence.items() if vector @ up < 0]
-        with suppress(AxesUnknownError):  # most of all that shows up count, if they are no tie
-            if _infer_up(evidence, plate_normals, screen_up)[0] @ up > 0:
-                down = []
-        if ABOVE in evidence and down:
-            pulling = [f"{k}: reverse all" for k, n in enumerate(forces, 1) if n @ up < 0]
-            raise ValueError(
-                f"{_axis_name(up)} is up by the axes {axes}, but down by {down[0]}: the axes are "
-                "wrong, or the plate stores the force that acts on itself"
-                + (f"; then give {correction(*pulling)}" if pulling else "")
-            )
-        stated = _axes_note(axes, f"as {by} defines them" if by else "as given")
-        return axes, [stated, *_not_forward(axes, position, sites, file)]
-    if not np.isfinite(position).any():
-        raise AxesUnknownError(
-            "no marker is ever visible: export the file again with its trajectories"
-        )
-    try:
+    if axes is None:
         return _inferred(position, sites, evidence, plate_normals, screen_up, file)
-    except AxesUnknownError as error:
-        if marker_set is None and not sites.on_trunk:
-            try:
-                recognise_marker_set(names)
-            except ValueError as unknown:
-                raise AxesUnknownError(
-                    f"{unknown}; for plates without a person, give --axes"
-                ) from error
-        raise AxesUnknownError(f"axes cannot be inferred: {error}; {ASK}") from error
+    rotation = parse_axes(axes)
+    up = rotation[2]
+    down = [source for source, vector in evidence.items() if vector @ up < 0]
+    with suppress(AxesUnknownError):  # most of all that shows up count, if they are no tie
+        if _infer_up(evidence, plate_normals, screen_up)[0] @ up > 0:
+            down = []
+    if ABOVE in evidence and down:
+        pulling = [f"{k}: reverse all" for k, n in enumerate(forces, 1) if n @ up < 0]
+        raise ValueError(
+            f"{_axis_name(up)} is up by the axes {axes}, but down by {down[0]}: the axes are "
+            "wrong, or the plate stores the force that acts on itself"
+            + (f"; then give {correction(*pulling)}" if pulling else "")
+        )
+    shown = f"as {by} defines them" if by else "as given"
+    notes: list[Note | Fact] = [Note.of("axes", axes=split_axes(axes), evidence=shown)]
+    try:
+        left, pairs, doubts = _infer_left(position, sites, up, file)
+    except AxesUnknownError:
+        return axes, notes
+    except ValueError as error:
+        return axes, [*notes, Fact("in_doubt", "labels", str(error))]
+    if (facing := _direction_name(rotation @ np.cross(left, up))) != "forward":
+        notes.append(Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs))
+    return axes, [*notes, *doubts]
 
 
 def _inferred(
@@ -306,40 +287,26 @@ def _inferred(
     file: str,
 ) -> tuple[str, list[Note | Fact]]:
     """Infer axes; an `AxesUnknownError` says what is missing or contradicts itself."""
-    up, up_evidence = _infer_up(evidence, plate_normals, screen_up)
-    left, pairs, doubts = _infer_left(position, sites, up, file)
-    forward = np.cross(left, up)
-    by_pairs = f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}"
-    if mirrored := _mirrored(position, sites, forward, file):
-        raise ValueError(f"{by_pairs}, {mirrored}")
-    toes = typical(between(position, sites.feet).reshape(-1, 3))
-    if toes @ forward < 0:
+    if not np.isfinite(position).any():
         raise AxesUnknownError(
-            f"{by_pairs}, but the toes point the other way: labels of heels and toes are exchanged"
+            "no marker is ever visible: export the file again with its trajectories"
         )
-    axes = ",".join(_direction_name(column) for column in np.array([forward, left, up]).T)
-    toes_agree = " and the direction of the toes" if np.isfinite(toes).all() else ""
-    note = _axes_note(
-        axes,
+    try:
+        up, up_evidence = _infer_up(evidence, plate_normals, screen_up)
+        left, pairs, doubts = _infer_left(position, sites, up, file)
+    except AxesUnknownError as error:
+        if sites.no_set and not sites.on_trunk:
+            reason = f"{sites.no_set}; for plates without a person, give --axes"
+        else:
+            reason = f"axes cannot be inferred: {error}; {ASK}"
+        raise AxesUnknownError(reason) from error
+    axes = tuple(map(_direction_name, np.transpose([np.cross(left, up), left, up])))
+    by_toes = np.isfinite(between(position, sites.feet)).all(axis=-1).any()
+    shown = (
         f"up by {', '.join(up_evidence)}; left by the marker pairs {', '.join(pairs)}; forward by "
-        f"left and up{toes_agree}",
+        f"left and up{' and the direction of the toes' * bool(by_toes)}"
     )
-    return axes, [note, *doubts]
-
-
-def _mirrored(position: Array, sites: Sites, forward: Array, file: str) -> str:
-    """Say how toes and pelvis contradict forward, which is left × up; empty if they do not."""
-    toes, pelvis = (
-        float(typical(between(position, pairs).reshape(-1, 3)) @ forward)
-        for pairs in (sites.feet, sites.pelvis)
-    )
-    if not toes < 0 or pelvis > 0:
-        return ""
-    return (
-        "but the toes point the other way: all left and right labels are exchanged "
-        f"({exchange([], file, True)}), or the coordinates are mirrored (export the recording with "
-        "right-handed axes)"
-    )
+    return ",".join(axes), [Note.of("axes", axes=axes, evidence=shown), *doubts]
 
 
 def mean_force(force: Array) -> Array:
@@ -355,25 +322,6 @@ def split_axes(axes: str) -> tuple[str, ...]:
     return tuple(word.strip() for word in axes.split(","))
 
 
-def _axes_note(axes: str, evidence: str) -> Note:
-    return Note.of("axes", axes=split_axes(axes), evidence=evidence)
-
-
-def _not_forward(axes: str, position: Array, sites: Sites, file: str) -> list[Note | Fact]:
-    """Warn where the subject faces one way by the stated axes, and that is not forward."""
-    rotation = parse_axes(axes)
-    try:
-        left, pairs, doubts = _infer_left(position, sites, rotation[2], file)
-    except ValueError:
-        return []
-    if mirrored := _mirrored(position, sites, np.cross(left, rotation[2]), file):
-        return [Fact("in_doubt", f"marker pairs {', '.join(pairs)}", f"they agree, {mirrored}")]
-    facing = _direction_name(rotation @ np.cross(left, rotation[2]))
-    if facing != "forward":
-        return [Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs), *doubts]
-    return doubts
-
-
 def _infer_up(
     evidence: Mapping[str, Array], plate_normals: ArrayLike, screen_up: str
 ) -> tuple[Array, list[str]]:
@@ -386,22 +334,17 @@ def _infer_up(
     normals = np.reshape(np.asarray(plate_normals, float), (-1, 3))
     surfaces = {f"the surface of plate {k}": -normal for k, normal in enumerate(normals, start=1)}
     lines = {source: _nearest_axis(normal, source) for source, normal in surfaces.items()}
-    of_plates = [axis for source, axis in signed.items() if source != ABOVE]
     # plates are alike, so that they count once: by their loads, and by their surfaces
-    votes = [(_most(of_plates), 1.0), (signed.get(ABOVE), 1.0), (_most([*lines.values()]), 0.5)]
+    of_plates = _most([axis for source, axis in signed.items() if source != ABOVE])
+    of_surfaces = _most([*lines.values()])
     if screen_up[-1:].upper() in {"X", "Y", "Z"}:
         screen = np.eye(3)["XYZ".index(screen_up[-1].upper())]
         lines["Y_SCREEN"] = -screen if screen_up[:1] == "-" else screen
-        votes.append((lines["Y_SCREEN"], 0.5))
-    cast = [(axis, weight) for axis, weight in votes if axis is not None]
-    # up needs most votes for its line, whichever way these point, and more for it than against it
-    scores = {
-        tuple(d): sum(weight * (axis @ d) for axis, weight in cast)
-        for d in np.concatenate([np.eye(3), -np.eye(3)])
-        if 2 * sum(abs(axis @ d) > 0.5 for axis, _ in cast) > len(cast)
-    }
-    up = np.array(max(scores, key=lambda d: scores[d], default=(0.0, 0.0, 0.0)))
-    if scores.get(tuple(up), 0.0) <= 0:
+    surely = [axis for axis in (of_plates, signed.get(ABOVE)) if axis is not None]
+    rather = [axis for axis in (of_surfaces, lines.get("Y_SCREEN")) if axis is not None]
+    # up needs most votes, and most witnesses for its line, whichever way these point
+    up, witnesses = _most([*surely, *surely, *rather]), [*surely, *rather]
+    if up is None or 2 * sum(abs(axis @ up) > 0.5 for axis in witnesses) <= len(witnesses):
         first, up = next(iter(signed.items()))
         contradicting = [source for source, axis in signed.items() if axis @ up < 0.5]
         contradicting += [source for source, axis in lines.items() if abs(axis @ up) < 0.5]
@@ -429,44 +372,43 @@ def _infer_left(
     across = across - (across @ up)[..., None] * up
     by_pair = np.reshape([typical(across[:, k]) for k in range(across.shape[1])], (-1, 3))
     seen = np.isfinite(by_pair).all(axis=-1)
-    names = [short(name) for name in sites.across]
-    named = [name for name, known in zip(names, seen, strict=True) if known]
-    if not named:
-        raise AxesUnknownError(
-            f"none of the marker pairs {listed(names)} is seen"
-            if names
-            else "no marker pair such as LASIS and RASIS shows left"
-        )
+    names = [short(name) for name, known in zip(sites.across, seen, strict=True) if known]
+    if not names:
+        absent = listed(sites.across or ["such as LASIS and RASIS"])
+        raise AxesUnknownError(f"none of the marker pairs {absent} is seen")
     by_pair, across = by_pair[seen], across[:, seen]
-    source = f"the marker pairs {', '.join(named[:PAIRS_NAMED])}"
+    source = f"the marker pairs {', '.join(names[:PAIRS_NAMED])}"
     # opposite pairs show the same line; which way is left, most pairs of the whole body say
     same_way = by_pair * np.where(by_pair @ by_pair[0] < 0, -1, 1)[:, None]
-    left = _nearest_axis(same_way.mean(axis=0), source)
-    if (by_pair @ left < 0).any() and (by_pair @ left > 0).any():
-        every = between(position, sites.every).swapaxes(0, 1)
-        votes = sum(float(np.nan_to_num(np.sign(typical(pair) @ left))) for pair in every)
-        if votes == 0:
-            raise AxesUnknownError(
-                f"of {source}, as many lie one way round as the other: labels are exchanged"
-            )
-        left = left * np.sign(votes)
-    elif by_pair[0] @ left < 0:
-        left = -left
+    line = _nearest_axis(same_way.mean(axis=0), source)
+    every = between(position, sites.every).swapaxes(0, 1)
+    votes = sum(float(np.nan_to_num(np.sign(typical(pair) @ line))) for pair in every)
+    if votes == 0:
+        raise AxesUnknownError(
+            f"of {source}, as many lie one way round as the other: labels are exchanged"
+        )
+    left = line * np.sign(votes)
     cosines = by_pair @ left / np.maximum(np.linalg.norm(by_pair, axis=1), np.finfo(float).tiny)
-    against = [
-        name for name, cosine in zip(named, cosines, strict=True) if cosine < MAX_COSINE_OPPOSITE
-    ]
-    agree = across[:, cosines > 0]
-    facing = agree[np.isfinite(agree).all(axis=-1)] @ left
+    facing = across[:, cosines > 0]
+    facing = facing[np.isfinite(facing).all(axis=-1)] @ left
     if sites.on_trunk and np.mean(facing > 0) < MIN_SHARE_FACING_ONE_WAY:
         raise AxesUnknownError("the subject turns around")
     reason = "left and right contradict most others: exchange them in the capture software, or "
     doubts: list[Note | Fact] = [
         Fact("in_doubt", f"marker pair {pair}", reason + exchange([tuple(pair.split("/"))], file))
-        for pair in against
+        for pair, cosine in zip(names, cosines, strict=True)
+        if cosine < MAX_COSINE_OPPOSITE
     ]
-    agreeing = [name for name, cosine in zip(named, cosines, strict=True) if cosine > 0]
-    return left, agreeing[:PAIRS_NAMED], doubts
+    agreeing = [name for name, cosine in zip(names, cosines, strict=True) if cosine > 0]
+    forward, pairs = np.cross(left, up), agreeing[:PAIRS_NAMED]
+    if typical(between(position, sites.feet).reshape(-1, 3)) @ forward < 0:
+        raise ValueError(
+            f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}, but the "
+            "toes point the other way: all left and right labels are exchanged "
+            f"({exchange([], file, True)}), those of heels and toes are, or the coordinates are "
+            "mirrored (export the recording with right-handed axes)"
+        )
+    return left, pairs, doubts
 
 
 def _nearest_axis(vector: Array, source: str) -> Array:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -13,10 +14,15 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
-from pipeline.io.labels import AGAIN, join_trajectories, rename_markers, without_prefixes
-from pipeline.io.recording import Fact, Plate, Recording, facts_in, notes_of, saying
-from pipeline.io.stated import CONVERT, Stated, parse_mending
+from pipeline.io.labels import join_trajectories, rename_markers, require_unique, without_prefixes
+from pipeline.io.recording import Fact, Plate, Recording, saying
+from pipeline.io.stated import CONVERT, Stated, impossible_samples, parse_mending
 
+MIN_SPAN_M: Final = 0.05
+MAX_SPAN_M: Final = 20.0
+"""Between the markers of a person and a treadmill, or of a walkway."""
+MAX_POSITION_M: Final = 50.0
+"""From the origin along any axis; no laboratory is larger."""
 MIN_AWAY_M: Final = 0.05
 """Of a code of missing samples from the marker's median; nearer, the marker itself is there."""
 MIN_VERTICAL_FORCE_N: Final = 100.0
@@ -33,9 +39,8 @@ SI_UNITS: Final = ("N", "Nm", "m")
 """Of plates in formats that state none."""
 DFLOW_PLATE: Final = re.compile(r"FP(\d+)\.(For|Mom|Cop)([XYZ])")
 """A plate's column as D-Flow names it, about the origin of the markers' axes."""
-UNCHECKED: Final = "about the origin of the file's axes, unchecked"
 FREE: Final = "at the force's point (free torque)"
-"""Where moments are."""
+"""Where moments are that belong to a force at a point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +77,7 @@ def file_markers(
     ``positions`` gives those of some labels by their indices, (M,) -> (T, M, 3), in the file's
     unit; ``held`` says that unseen ones stay where they were. A ValueError as `settle_markers`.
     """
-    bare, notes = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
+    bare, notes = without_prefixes(labels, stated)
     return settle_markers(bare, unit, positions([*bare]), stated, notes, held)
 
 
@@ -104,7 +109,7 @@ def settle_markers(
         Labels or unit are unknown or contradictory, or the unit contradicts the markers' extent.
     """
     metre = stated.metre(unit) if labels else 1.0
-    said = [*notes, *missing_codes([*labels.values()], position, metre)]
+    said = [*notes, *without_impossible_positions([*labels.values()], position, metre)]
     if held:  # one by one: a file may be as large as the memory allows
         same = [(path[1:] == path[:-1]).all(axis=-1) for path in position.swapaxes(0, 1)]
         position[1:][np.transpose(same)] = np.nan
@@ -114,40 +119,58 @@ def settle_markers(
     position *= metre
     columns, joined = join_trajectories(labels, position, stated)
     said += joined
-    with saying(facts_in(said)):
+    with saying(said):
         markers, renamed = rename_markers(columns, stated)
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
-        far = stated.check_positions(position, [*markers], unit)
-    return FileMarkers(tuple(markers), position, unit, [*far, *said, *renamed])
+        _require_extent(position, stated.units or unit, stated.correct_units)
+    return FileMarkers(tuple(markers), position, unit, [*said, *renamed])
 
 
-def missing_codes(names: Sequence[str], position: Array, metre: float) -> list[Fact]:
-    """Make gaps of positions, (T, M, 3), that are one number in x, y and z, as missing ones are.
+def without_impossible_positions(
+    names: Sequence[str], position: Array, metre: float
+) -> Iterator[Note | Fact]:
+    """Make gaps of positions, (T, M, 3), that cannot have been measured, and count them.
 
-    Programs write 9999, −1 or −3.697314e28 three times. A measured position is on the diagonal of
-    the axes by chance: such a number counts where it occurs twice, and not where the marker rests.
-    ``metre`` is one of the unit of positions [m].
+    Those are one number in x, y and z, a code of missing ones as programs write 9999, −1 or
+    −3.697314e28, and those that no laboratory has. A measured position is on the diagonal of the
+    axes by chance: a code counts where it occurs twice, and not where the marker rests. If most
+    positions are too far away, their unit is wrong. ``metre`` is one of that unit [m].
     """
-    equal = (position[..., 0] == position[..., 1]) & (position[..., 1] == position[..., 2])
-    equal &= position[..., 0] != 0
-    numbers, counts = np.unique(position[equal, 0], return_counts=True)
-    facts = []
-    for code in numbers[counts > 1]:
-        samples = {}
-        for column in np.flatnonzero((equal & (position[..., 0] == code)).any(axis=0)).tolist():
-            written = equal[:, column] & (position[:, column, 0] == code)
-            others = position[~written & np.isfinite(position[:, column]).all(axis=-1), column]
-            others = others[others.any(axis=-1)]
-            away = np.abs(np.median(others, axis=0) - code) if len(others) else np.inf
-            if np.max(away) * metre > MIN_AWAY_M:
-                position[written, column] = np.nan
-                samples[names[column]] = np.count_nonzero(written)
-        if samples:
-            of = listed(f"{short(name)} {n}" for name, n in samples.items())
-            reason = f"samples at {code:.7g} in x, y and z, a code of missing ones: {of}"
-            facts.append(Fact("missing", "markers", reason))
-    return facts
+    x = position[..., 0]
+    equal = (position == x[..., None]).all(axis=-1) & (x != 0)
+    codes, counts = np.unique(x[equal], return_counts=True)
+    for code in codes[counts > 1]:
+        written = equal & (x == code)
+        for column in np.flatnonzero(written.any(axis=0)).tolist():
+            others = position[~written[:, column], column]
+            others = others[np.isfinite(others).all(axis=-1) & others.any(axis=-1)]
+            away = np.abs(np.median(others, axis=0) - code).max() if len(others) else np.inf
+            written[:, column] &= away * metre > MIN_AWAY_M
+        position[written] = np.nan
+        by_name = zip(names, written.sum(axis=0), strict=True)
+        if of := [f"{short(name)} {n}" for name, n in by_name if n]:
+            reason = f"samples at {code:.7g} in x, y and z, a code of missing ones: {listed(of)}"
+            yield Fact("missing", "markers", reason)
+    far = (np.abs(position) > MAX_POSITION_M / metre).any(axis=-1)
+    if 2 * np.count_nonzero(far) < np.isfinite(x).sum():
+        position[far] = np.nan
+        yield from impossible_samples(names, far.sum(axis=0))
+
+
+def _require_extent(position: Array, unit: str, remedy: str) -> None:
+    """Refuse positions, (T, M, 3) [m], whose extent in the median frame is that of no person."""
+    several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
+    if not several.any():
+        return
+    highest, lowest = (each.reduce(position, axis=1)[several] for each in (np.fmax, np.fmin))
+    with np.errstate(over="ignore"):
+        span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
+    if not MIN_SPAN_M < span < MAX_SPAN_M:
+        raise ValueError(
+            f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
+            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; {remedy}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,19 +199,17 @@ class PlateColumns:
     force: Array
     moment: Array
     pressure: Array | None = None
-    units: tuple[str, str, str] = field(kw_only=True, default=SI_UNITS)
+    units: tuple[str, ...] = field(kw_only=True, default=SI_UNITS)
     place: Plate | None = field(kw_only=True, default=None)
 
     def in_si(self, stated: Stated) -> "PlateColumns":
         """Give the same in SI units."""
-        force, moment, pressure = self.units
-        centre = self.pressure
-        return replace(
-            self,
-            force=self.force * stated.plate_unit("force", force),
-            moment=self.moment * stated.plate_unit("moment", moment),
-            pressure=None if centre is None else centre * stated.plate_unit("pressure", pressure),
-        )
+        in_si: dict[str, Any] = {
+            quantity: getattr(self, quantity) * stated.plate_unit(quantity, unit)
+            for quantity, unit in zip(CONVERT, self.units, strict=True)
+            if getattr(self, quantity) is not None
+        }
+        return replace(self, **in_si)
 
 
 def vectors(columns: Mapping[str, Array], stems: Iterable[str], axes: str = "XYZ") -> Array:
@@ -208,7 +229,7 @@ def plate_of(
     stems: Sequence[str],
     *,
     axes: str = "XYZ",
-    units: tuple[str, str, str] = SI_UNITS,
+    units: tuple[str, ...] = SI_UNITS,
 ) -> PlateColumns | Fact:
     """Give a plate from the columns of force, moment and, if given, pressure; or why it lacks."""
     try:
@@ -219,7 +240,7 @@ def plate_of(
 
 
 def dflow_plates(
-    columns: Mapping[str, Array], time: Array, units: Mapping[str, str] | None = None
+    columns: Mapping[str, Array], time: Array, units: Mapping[str, str] = MappingProxyType({})
 ) -> Iterator[PlateColumns | Fact]:
     """Give the plates whose columns are named as D-Flow names them, such as FP1.ForX.
 
@@ -228,12 +249,9 @@ def dflow_plates(
     found = (DFLOW_PLATE.fullmatch(name) for name in columns)
     for number in dict.fromkeys(int(match[1]) for match in found if match):
         stems = [f"FP{number}.{part}" for part in ("For", "Mom", "Cop")]
-        force, moment, pressure = SI_UNITS
-        if units is not None:
-            force, moment = (units.get(f"{stem}X", "") for stem in stems[:2])
-            pressure = units.get(f"{stems[2]}X", pressure)
+        given = zip((f"{stem}X" for stem in stems), SI_UNITS, strict=True)
+        of_plate = tuple(units.get(name, unit) for name, unit in given)
         stems = stems[: 3 if f"{stems[2]}X" in columns else 2]
-        of_plate = (force, moment, pressure)
         yield plate_of(number, f"plate {number}", time, columns, stems, units=of_plate)
 
 
@@ -253,8 +271,11 @@ def recording_of(
     on_subject: bool = True,
     locate: Callable[[PlateColumns, Array], Located] | None = None,
     placed: Callable[[Array], list[Plate]] | None = None,
+    witnesses: Sequence[Plate] = (),
+    units: Sequence[str] = (),
+    screen_up: str = "",
     facts: Iterable[Fact] = (),
-    notes: Iterable[Note] = (),
+    notes: Iterable[Note | Fact] = (),
     **others: Any,
 ) -> Recording:
     """Make a recording from the columns of a file: SI units, lab axes, plates about the origin.
@@ -276,35 +297,36 @@ def recording_of(
         Finds wrenches about the origin; by default `wrench_about_origin`.
     placed
         Rotation to the lab, (3, 3) -> further plates.
+    witnesses, units
+        Those plates in the file's axes, which they show, and their units as the file writes them.
+    screen_up
+        Which axis the file says is up on a screen.
     facts, notes, others
         What was done or is in doubt, notes, and further attributes of the recording.
     """
-    if len(time) < 2:
-        raise ValueError("it holds a single frame, expected at least 2")
     plates = list(plates)
     said = [*markers.notes, *notes, *facts, *(p for p in plates if isinstance(p, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
     mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
-    with saying(facts_in(said)):
+    with saying(said):
         columns = [plate.in_si(stated) for plate in found]
+        forces = [mean_force(p.force) * (p.number not in mended) for p in columns if on_subject]
+        forces += [p.rotation @ mean_force(p.wrench_in_plate[:, :3]) for p in witnesses]
         settled, axes_notes = settle_axes(
             stated.axes or axes or None,
             markers.position,
             markers.names,
             marker_set=stated.marker_set,
-            plate_forces=[
-                mean_force(plate.force) * (plate.number not in mended)
-                for plate in columns
-                if on_subject
-            ],
+            plate_normals=[plate.rotation[:, 2] for plate in witnesses],
+            plate_forces=forces,
+            screen_up=screen_up,
             by=program if stated.axes is None else "",
             file=source.name,
         )
         to_lab = parse_axes(settled)
         said = [*axes_notes, *said]
-        written = [unit for plate in found for unit in plate.units]
+        written = [*units, *(unit for plate in found for unit in plate.units)]
         said += stated.unit_notes([markers.unit], written)
-        pull = -sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
         # gravity acts along up, whoever stores its reaction or the load on the plates
         total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
         if not on_subject and np.linalg.norm(total) > max(MIN_VERTICAL_FORCE_N, 2 * abs(total[2])):
@@ -312,7 +334,7 @@ def recording_of(
                 "the plates' mean force is level in the axes of the markers: forces and markers "
                 "have different axes; export both in the same ones"
             )
-        if pull > 0 and not on_subject:
+        if not on_subject and total[2] < 0:
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
             said.append(Note.of("forces_reversed"))
         made = placed(to_lab) if placed else []
@@ -320,14 +342,13 @@ def recording_of(
         for plate in columns:
             wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
             read_as = map(stated.used_unit, CONVERT, plate.units)
-            units = ",".join([*read_as][: 3 if where == FREE else 2])
-            made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, units))
+            of_plate = ",".join([*read_as][: 3 if where == FREE else 2])
+            made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, of_plate))
             moments.append(f"{plate.name} {where}")
         if moments:
             said.append(Note.of("moments_about", plates=moments))
-        numbers = sorted(plate.number for plate in made)
-        if len(set(numbers)) < len(numbers):
-            raise ValueError(f"several plates have the same number: {listed(numbers)}")
+        numbers = (str(plate.number) for plate in made)
+        require_unique(numbers, "several plates have the same number")
         position = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
         return Recording(
             source=source,
@@ -335,8 +356,8 @@ def recording_of(
             plates=tuple(sorted(made, key=lambda plate: plate.number)),
             stated=stated,
             axes=split_axes(settled),
-            facts=facts_in(said),
-            notes=notes_of(said),
+            facts=tuple(each for each in said if isinstance(each, Fact)),
+            notes=tuple(each.note if isinstance(each, Fact) else each for each in said),
             **others,
         )
 
@@ -378,34 +399,43 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
     are taken as about the centre of the surface, or the origin where it is unknown, unchecked,
     without centres of pressure and without load.
     """
-    name, force, moment, pressure = plate.name, plate.force, plate.moment, plate.pressure
+    force, moment = plate.force, plate.moment
     center = np.zeros(3) if plate.place is None else plate.place.center
-    unchecked = UNCHECKED if plate.place is None else "about the centre of its surface, unchecked"
-    wrench = np.hstack([force, moment + np.cross(center, force)])
     loaded = np.abs(force @ up) > MIN_VERTICAL_FORCE_N
     if loaded.any() and not (moment[loaded] @ up).any():
         raise ValueError(
-            f"{name}: the vertical moment is zero while the plate is loaded, so it was not "
+            f"{plate.name}: the vertical moment is zero while the plate is loaded, so it was not "
             "exported; export all three moments"
         )
-    if pressure is None:
-        return wrench, unchecked
-    loaded &= np.isfinite(np.hstack([pressure, wrench])).all(axis=1) & pressure.any(axis=1)
-    if np.count_nonzero(loaded) < MIN_LOADED_SAMPLES:
-        return wrench, unchecked
-    point, misfit = _simplest(force[loaded], moment[loaded], pressure[loaded], up, center)
+    rows = _loaded(plate, up)
+    if not len(rows[0]):
+        at = "origin of the file's axes" if plate.place is None else "centre of its surface"
+        return np.hstack([force, moment + np.cross(center, force)]), f"about the {at}, unchecked"
+    point, misfit = _simplest(*rows, up, center)
     if misfit > MAX_MISFIT_M:
         raise ValueError(
-            f"{name}: moments and centres of pressure disagree by {1000 * misfit:.0f} mm about "
-            f"any point, expected less than {1000 * MAX_MISFIT_M:.0f} mm: the units, axes or "
+            f"{plate.name}: moments and centres of pressure disagree by {1000 * misfit:.0f} mm "
+            f"about any point, expected less than {1000 * MAX_MISFIT_M:.0f} mm: the units, axes or "
             "signs of its columns are not those of one plate"
         )
-    return np.hstack([force, moment + np.cross(point, force)]), _about(point, misfit)
+    return _about(plate, point, misfit)
 
 
-def _about(point: Array, misfit: float) -> str:
+def _loaded(plate: PlateColumns, up: Array) -> tuple[Array, Array, Array]:
+    """Give force, moment and pressure of loaded samples, (K, 3); none where they are too few."""
+    if plate.pressure is None:
+        return (np.empty((0, 3)),) * 3
+    rows = np.stack([plate.force, plate.moment, plate.pressure])
+    loaded = np.abs(plate.force @ up) > MIN_VERTICAL_FORCE_N
+    loaded &= np.isfinite(rows).all(axis=(0, 2)) & plate.pressure.any(axis=1)
+    force, moment, pressure = rows[:, loaded if loaded.sum() >= MIN_LOADED_SAMPLES else []]
+    return force, moment, pressure
+
+
+def _about(plate: PlateColumns, point: Array, misfit: float) -> Located:
     place = ", ".join(f"{coordinate:.3f}" for coordinate in point)
-    return f"about ({place}) m of the file's axes (within {1000 * misfit:.1f} mm)"
+    where = f"about ({place}) m of the file's axes (within {1000 * misfit:.1f} mm)"
+    return np.hstack([plate.force, plate.moment + np.cross(point, plate.force)]), where
 
 
 def wrench_of_torque(plate: PlateColumns, up: Array) -> Located:
@@ -426,21 +456,17 @@ def wrench_of_torque(plate: PlateColumns, up: Array) -> Located:
     such where p moves, as centres of pressure do, t is not vertical, and the point that
     `wrench_about_origin` would find explains t within 1 cm; a note says so.
     """
-    force, torque = plate.force, plate.moment
-    point = np.zeros_like(force) if plate.pressure is None else plate.pressure
-    wrench = np.hstack([force, np.cross(point, force) + torque])
-    loaded = np.abs(force @ up) > MIN_VERTICAL_FORCE_N
-    loaded &= np.isfinite(np.hstack([wrench, point])).all(axis=1) & point.any(axis=1)
-    moving = loaded.any() and np.ptp(point[loaded], axis=0).max() > EQUAL_MISFIT_M
-    if np.count_nonzero(loaded) < MIN_LOADED_SAMPLES or not moving:
-        return wrench, FREE
-    own = force[loaded], torque[loaded], point[loaded], up
-    vertical = np.linalg.norm(own[1] - np.outer(own[1] @ up, up), axis=1) / np.abs(own[0] @ up)
-    about, misfit = _simplest(*own)
+    at = np.zeros_like(plate.force) if plate.pressure is None else plate.pressure
+    free = np.hstack([plate.force, np.cross(at, plate.force) + plate.moment]), FREE
+    force, torque, point = rows = _loaded(plate, up)
+    if not len(force) or np.ptp(point, axis=0).max() <= EQUAL_MISFIT_M:
+        return free
+    vertical = np.linalg.norm(torque - np.outer(torque @ up, up), axis=1) / np.abs(force @ up)
+    about, misfit = _simplest(*rows, up)
     enough = misfit * EQUAL_MISFIT_RATIO + EQUAL_MISFIT_M
     if np.median(vertical) <= enough or misfit > MAX_MISFIT_M:
-        return wrench, FREE
-    return np.hstack([force, torque + np.cross(about, force)]), _about(about, misfit)
+        return free
+    return _about(plate, about, misfit)
 
 
 def _simplest(

@@ -8,29 +8,18 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from hbm.spelling import short
 from pipeline.io.columns import DFLOW_PLATE, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
 from pipeline.io.labels import require_unique, told_apart
-from pipeline.io.recording import Analog, Recording
+from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
+from pipeline.io.text_table import MAX_RATE_HZ, MIN_RATE_HZ, labels_in, read_table
 
-MIN_COVERED: Final = 0.9
-"""Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
-AXES: Final = "right,up,back"
-"""D-Flow's own, of x, y and z."""
 CUSTOMARY_RATES_HZ: Final = np.array(
     [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000], float
 )
-MAX_RATE_DIFFERENCE: Final = 0.02
-"""Relative: the slope of time stamps that lag is a customary rate to 2 %."""
-MIN_FRAME_S: Final = 1e-4
-MAX_FRAME_S: Final = 1.0
-"""Time per frame of a camera system; beyond it the stamps are not in seconds."""
-MAX_DROPPED_RATIO: Final = 2
-"""Frames spanned per frame held: with more dropped, this is not one recording."""
 SEGMENTS: Final = {
     *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
     *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
@@ -40,41 +29,36 @@ SEGMENTS: Final = {
 UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
 MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
-Signals = tuple[Array, list[str], Array]
-"""Times on D-Flow's clock, (N,) [s], names, and values as the file has them, (N, K)."""
 
-
-def read_record(path: Path) -> tuple[Signals, list[Note]]:
-    """Read a file of D-Flow's record module without its events, and note how it ends.
+def read_record(path: Path) -> tuple[Analog, list[Note | Fact]]:
+    """Read a file of D-Flow's record module on its own clock, without its events.
 
     A ValueError where it is damaged.
     """
     with naming(path):
-        lines = lines_of(path)
-        names = names_in(next(lines, "").rstrip(), "\t")
+        table = read_table(path)
+        (_, header), *rows = table.rows
+        table.rows = [row for row in rows if row[1].lstrip()[:1] != "#"]
+        names = labels_in(header, table.width)
         if names[0] != "Time":
             raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
-        rows = enumerate(lines, start=2)
-        values = parse_rows(
-            ((k, line) for k, line in rows if line.strip() and not line.lstrip().startswith("#")),
-            "\t",
-            names,
-        )
+        values = table.numbers(names)
         time = values[:, 0]
         if len(time) < 2 or not (np.diff(time) >= 0).all():
             raise ValueError(f"its {len(time)} rows are not two or more with increasing times")
-        return (time, names[1:], values[:, 1:]), ending_notes(path)
+        units = ("",) * len(names[1:])
+        return Analog(time, tuple(names[1:]), units, values[:, 1:]), table.said
 
 
 def on_clock(
-    signals: Signals, name: str, stamps: Array, time: Array, analog: Analog | None
-) -> tuple[Analog, list[Note]]:
+    record: Analog, name: str, stamps: Array, time: Array, analog: Analog, said: list[Note | Fact]
+) -> Analog:
     """Bring a record onto the cameras' clock.
 
     Parameters
     ----------
-    signals
-        Of the record.
+    record
+        Signals on D-Flow's clock.
     name
         Its file's name, for the note.
     stamps
@@ -83,13 +67,14 @@ def on_clock(
         The frames' times on the recording's clock, (T,) [s].
     analog
         Channels that are already on that clock, which the record's follow.
+    said
+        Becomes longer by the note ``record_short`` where the record covers less than nine tenths of
+        the frames.
 
     Returns
     -------
-    analog
+    Analog
         All channels; NaN outside the record.
-    notes
-        ``record_short`` where the record covers less than nine tenths of the frames.
 
     Raises
     ------
@@ -101,26 +86,24 @@ def on_clock(
     Time stamps scatter and bunch up when D-Flow lags, so the clocks are related by a straight line
     through all of them, not frame by frame.
     """
-    of_record, names, values = signals
     seen = np.isfinite(stamps)
     rate, start = np.polyfit(time[seen] - time[seen].mean(), stamps[seen], 1)
     start = float(np.median(stamps[seen] - rate * time[seen]))
-    clock = (of_record - start) / rate
+    clock = (record.time - start) / rate
     if clock[-1] < time[0] or clock[0] > time[-1]:
         raise ValueError(
-            f"its times {of_record[0]:.2f}–{of_record[-1]:.2f} s do not overlap the "
+            f"its times {record.time[0]:.2f}–{record.time[-1]:.2f} s do not overlap the "
             f"markers' {start:.2f}–{start + rate * time[-1]:.2f} s; is it of the same trial?"
         )
-    known = analog or Analog(time, (), (), np.empty((len(time), 0)))
-    names = [*known.names, *names]
+    names = [*analog.names, *record.names]
     require_unique(names, "signals named like the mocap file's")
-    at_frames = [np.interp(time, clock, signal, np.nan, np.nan) for signal in values.T]
-    units = known.units + ("",) * len(at_frames)
-    both = Analog(time, tuple(names), units, np.column_stack([known.values, *at_frames]))
-    covered = np.clip(clock[[0, -1]], time[0], time[-1])
-    if np.ptp(covered) >= MIN_COVERED * np.ptp(time):
-        return both, []
-    return both, [Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1])]
+    at_frames = [np.interp(time, clock, signal, np.nan, np.nan) for signal in record.values.T]
+    first_s, last_s = np.clip(clock[[0, -1]], time[0], time[-1])
+    # both modules are started and stopped by hand, some frames apart
+    if last_s - first_s < 0.9 * np.ptp(time):
+        said.append(Note.of("record_short", file=name, first_s=first_s, last_s=last_s))
+    values = np.column_stack([analog.values, *at_frames])
+    return Analog(time, tuple(names), analog.units + record.units, values)
 
 
 def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Recording:
@@ -160,9 +143,9 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     and moments as about the common origin of plates and cameras; `wrench_about_origin` checks this
     against the centres of pressure and takes another point where they demand it.
     """
-    columns, first_frame, rate_hz, notes = _columns(path)
-    found = dict.fromkeys(m[1] for name in columns if (m := MARKER.fullmatch(name)))
-    stems = [stem for stem in found if stem.lower() not in SEGMENTS]
+    columns, first_frame, rate_hz, said = _columns(path)
+    matches = filter(None, map(MARKER.fullmatch, columns))
+    stems = [s for s in dict.fromkeys(m[1] for m in matches) if s.lower() not in SEGMENTS]
     if not stems:
         raise ValueError("no markers: no column such as LASIS.PosX")
     stamps = columns["TimeStamp"]
@@ -179,10 +162,10 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     used |= {name for name in columns if DFLOW_PLATE.fullmatch(name)}
     analog = _analog(columns, used, time)
     if record:
-        signals, more = read_record(record)
+        signals, of_record = read_record(record)
         with naming(record):
-            analog, clock_notes = on_clock(signals, record.name, stamps, time, analog)
-        notes += [*more, *clock_notes]
+            analog = on_clock(signals, record.name, stamps, time, analog, said)
+        said += of_record
     del stamps
     columns.clear()  # as large as all that is read from it
     return recording_of(
@@ -191,69 +174,49 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
         markers,
         time,
         plates,
-        axes=AXES,
+        axes="right,up,back",
         program="D-Flow",
-        notes=notes,
-        analog=analog,
+        notes=said,
+        analog=analog if analog.names else None,
         first_frame=first_frame,
     )
 
 
-def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note]]:
+def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note | Fact]]:
     """Give columns at all frames, of which dropped ones are NaN, first frame, and rate [Hz]."""
-    lines = lines_of(path)
-    names = told_apart(names_in(next(lines, "").rstrip(), "\t"), MARKER)
+    table = read_table(path)
+    (_, header), *table.rows = table.rows
+    names = labels_in(header, table.width)
     if not {"TimeStamp", "FrameNumber"} <= {*names}:
         raise ValueError("not a D-Flow mocap file: no column TimeStamp or no column FrameNumber")
-    require_unique(names, "several columns have the same name")
-    rows = ((k, line) for k, line in enumerate(lines, start=2) if line.strip())
-    values = parse_rows(rows, "\t", names)
-    if empty := np.count_nonzero(np.isnan(values).any(axis=1)):
-        raise ValueError(f"{empty} rows have empty fields; D-Flow writes a number in every field")
-    frames = values[:, names.index("FrameNumber")]
-    steps = np.diff(frames, prepend=frames[:1] - 1)
-    if (frames % 1).any() or (steps < 0).any():
-        raise ValueError("FrameNumber does not increase; is this one recording?")
-    new = steps > 0
-    index = (frames[new] - frames[:1]).astype(int)
-    total = index[-1] + 1 if len(index) else 0
-    if len(index) < 2 or total > MAX_DROPPED_RATIO * len(index):
-        raise ValueError(
-            f"FrameNumber spans {total} frames, but the file holds {len(index)} of them, expected "
-            "at least 2 and half of all"
-        )
-    stamps = values[new, names.index("TimeStamp")]
-    first_frame = int(frames[0])
-    if total > len(index) or not new.all():
-        held, values = values[new], np.full((total, values.shape[1]), np.nan)
-        values[index] = held
-    rate_hz = _rate_hz(index, stamps)
-    scatter_s = np.ptp(stamps - index / rate_hz)
-    notes = ending_notes(path)
-    notes.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
-    if dropped := total - len(index):
-        notes.append(Note.of("samples_dropped", of="frames", dropped=dropped, samples=total))
-    return dict(zip(names, values.T, strict=True)), first_frame, rate_hz, notes
+    values = table.numbers(names)
+    numbered = names.index("FrameNumber")
+    new = np.diff(values[:, numbered], prepend=-1.0) != 0
+    table.rows = [row for row, is_new in zip(table.rows, new, strict=True) if is_new]
+    frames, values = table.regular(values[new], numbered, 1.0, "FrameNumber")
+    stamps = values[:, names.index("TimeStamp")]
+    index = np.flatnonzero(np.isfinite(stamps))
+    rate_hz = _rate_hz(index, stamps[index])
+    scatter_s = np.ptp(stamps[index] - index / rate_hz)
+    table.said.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
+    columns = table.distinct(told_apart(names, MARKER), values)
+    return columns, int(frames[0]), rate_hz, table.said
 
 
-def _rate_hz(index: Array, stamps: Array) -> float:
+def _rate_hz(index: Indices, stamps: Array) -> float:
     """Give the cameras' rate: the slope of the time stamps, or the customary rate next to it."""
-    offset = index - index.mean()
-    slope = float(offset @ stamps / (offset @ offset))
-    if not MIN_FRAME_S < slope < MAX_FRAME_S:
-        raise ValueError(
-            f"its time stamps advance {slope:.3g} s per frame, expected seconds of a camera system"
-        )
+    slope = float(np.polyfit(index, stamps, 1)[0])
+    if not 1 / MAX_RATE_HZ < slope < 1 / MIN_RATE_HZ:
+        raise ValueError(f"its time stamps advance {slope:.3g} s per frame, expected 1e-5 to 1 s")
     nearest = float(CUSTOMARY_RATES_HZ[np.argmin(np.abs(CUSTOMARY_RATES_HZ * slope - 1))])
-    return nearest if abs(nearest * slope - 1) < MAX_RATE_DIFFERENCE else 1 / slope
+    # the slope of time stamps that lag is a customary rate to 2 %
+    return nearest if abs(nearest * slope - 1) < 0.02 else 1 / slope
 
 
-def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog | None:
+def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog:
     """Give all other columns as channels; where the body model failed, all of its are zero."""
     names = [n for n in columns if n not in used and n not in ("TimeStamp", "FrameNumber")]
-    if not names:
-        return None
-    values = np.column_stack([columns[name] for name in names])
+    values = np.reshape([columns[name] for name in names], (len(names), len(time))).T
     modelled = np.array([name.endswith((".Ang", ".Mom", ".Pow")) for name in names])
     if np.count_nonzero(modelled) > 1:
         failed = (values[:, modelled] == 0).all(axis=1)

@@ -70,9 +70,7 @@ def expected(error: BaseException) -> bool:
 def describe_error(error: BaseException) -> str:
     """Put an error into one line, with the notes that were added on its way up."""
     text = str(error.args[0] if isinstance(error, KeyError) and error.args else error)
-    if isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
-        text = f"{error.filename}: a file stands where a folder should be"
-    elif isinstance(error, OSError) and error.strerror:
+    if isinstance(error, OSError) and error.strerror:
         text = error.strerror[:1].lower() + error.strerror[1:]
         text = f"{error.filename}: {text}" if error.filename else text
     elif isinstance(error, MemoryError):

@@ -2,7 +2,8 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
+from itertools import chain, count
 from shlex import quote
 from typing import Final
 
@@ -61,20 +62,26 @@ def without_prefixes(
     set, where the labels are of none as they stand. Prefixes are often people's names, so that
     notes and messages count them and never show them.
     """
-    prefix = stated.label_prefix
     owners = [label.rpartition(":")[0] for label in labels]
-    bare = {k: label.rpartition(":")[2] for k, label in enumerate(labels)}
+    bare = {k: label.rpartition(":")[2].rstrip(AGAIN) for k, label in enumerate(labels)}
     notes: list[Note | Fact] = []
     for stem in _stems([*bare.values()], stated, owners):
         of_stem = [k for k, label in bare.items() if label.startswith(stem)]
         for k in of_stem:
             owners[k], bare[k] = stem, bare[k][len(stem) :].lstrip(SEPARATORS)
-        if prefix is None:
+        if stated.label_prefix is None:
             reason = f"{len(of_stem)} of {len(labels)} begin alike; that beginning is removed"
             notes.append(Fact("corrected", "labels", reason))
     prefixes = list(dict.fromkeys(filter(None, owners)))
-    if prefix is not None:
-        prefix = _chosen(prefix, prefixes)
+    if stated.label_prefix is not None:
+        chosen = {str(k): each for k, each in enumerate(prefixes, start=1)}
+        chosen |= {each.rstrip(SEPARATORS): each for each in prefixes}
+        prefix = chosen.get(stated.label_prefix.rstrip(SEPARATORS))
+        if prefix is None:
+            raise ValueError(
+                f"no label begins with the given prefix; it has {len(prefixes)}, numbered from 1: "
+                "correct --label-prefix, or label_prefix in study.toml, or leave it out"
+            )
         of_subject = {label for k, label in bare.items() if owners[k] == prefix}
         others = {owners[k] for k, label in bare.items() if label in of_subject} - {prefix}
         kept = {
@@ -85,11 +92,9 @@ def without_prefixes(
         if left_out := len(bare) - len(kept):
             notes.append(Note.of("points_of_other_subjects", points=left_out))
         bare = kept
-    carriers: dict[str, set[str]] = defaultdict(set)
-    for k, label in bare.items():
-        carriers[label].add(owners[k])
-    alike = {owner for several in carriers.values() if len(several) > 1 for owner in several}
-    if alike:
+    carried = {(label, owners[k]) for k, label in bare.items()}
+    carriers = Counter(label for label, _ in carried)
+    if alike := {owner for label, owner in carried if carriers[label] > 1}:
         numbers = [str(k) for k, each in enumerate(prefixes, start=1) if each in alike]
         raise ValueError(
             f"{len(alike)} subjects carry the same labels: choose one by the prefix of its labels "
@@ -107,8 +112,7 @@ def _known(stated: Stated) -> set[str]:
 
 
 def _are_of_a_set(labels: Sequence[str], stated: Stated) -> bool:
-    rename = _renames(labels, stated)
-    names = [rename.get(label, label) for label in labels]
+    names = _renamed(labels, stated)
     if table := stated.marker_set:
         return 2 * len(table.present(names).markers) >= len(table.markers)
     try:
@@ -136,19 +140,6 @@ def _stems(labels: Sequence[str], stated: Stated, owners: Sequence[str]) -> list
     return [prefix] if any(label.startswith(prefix) for label in labels) else []
 
 
-def _chosen(prefix: str, prefixes: Sequence[str]) -> str:
-    """Give the prefix that is stated by itself or by its number."""
-    numbered = {str(k): each for k, each in enumerate(prefixes, start=1)}
-    numbered |= {each.rstrip(SEPARATORS): each for each in prefixes}
-    if (chosen := numbered.get(prefix.rstrip(SEPARATORS))) is None:
-        there = f"it has {len(prefixes)}, numbered from 1" if prefixes else "no label has a colon"
-        raise ValueError(
-            f"no label begins with the given prefix; {there}: correct --label-prefix, or "
-            "label_prefix in study.toml, or leave it out"
-        )
-    return chosen
-
-
 def join_trajectories(
     labels: Mapping[int, str], position: Array, stated: Stated
 ) -> tuple[dict[str, int], list[Fact]]:
@@ -174,7 +165,7 @@ def join_trajectories(
         in different places at once, and no marker set has the numbered label.
     """
     known, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
-    names, apart = dict(enumerate(labels.values())), list[tuple[int, int, Array]]()
+    names = dict(enumerate(labels.values()))
     alike: dict[str, list[int]] = defaultdict(list)
     for column, name in names.items():
         alike["".join(name.split()).casefold()].append(column)
@@ -190,7 +181,16 @@ def join_trajectories(
             its = np.isfinite(position[:, column, 0])
             away_m = np.linalg.norm(position[:, column] - position[:, first], axis=-1)[seen & its]
             if away_m.max(initial=0.0) > MAX_ROUNDING_M:
-                apart += [(first, column, away_m)] if f"{label}_2" not in known else []
+                name, second = names[first], free_name(names[first], {*names.values()})
+                names[column] = second
+                if f"{label}_2" not in known:
+                    reason = (
+                        f"trajectories {places[first]} and {places[column]} have this label, "
+                        f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the "
+                        f"second is read as {short(second)}; if it is right, --rename "
+                        f"{quote(f'{name}=OTHER')} --rename {quote(f'{second}={name}')}"
+                    )
+                    facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
                 continue
             position[its & ~seen, first] = position[its & ~seen, column]
             seen |= its
@@ -199,18 +199,7 @@ def join_trajectories(
         if len(one) > 1:
             reason = f"trajectories {listed(one)} have this label"
             facts.append(Fact("joined", f"marker {short(names[first])}", reason))
-    columns = numbered(names)
-    label_of = {column: label for label, column in columns.items()}
-    for first, column, away_m in apart:
-        name, second = label_of[first], label_of[column]
-        reason = (
-            f"trajectories {places[first]} and {places[column]} have this label, "
-            f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the second is read "
-            f"as {short(second)}; if it is right, --rename {quote(f'{name}=OTHER')} "
-            f"--rename {quote(f'{second}={name}')}"
-        )
-        facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
-    return columns, facts
+    return numbered(names), facts
 
 
 def _when(seen: Mask) -> str:
@@ -236,12 +225,14 @@ def numbered(names: Mapping[int, str]) -> dict[str, int]:
     """Give every column a name of its own; names that occur again are numbered."""
     unique: dict[str, int] = {}
     for k, name in names.items():
-        free, number = name, 2
-        while free in unique:
-            free = f"{name}_{number}"
-            number += 1
-        unique[free] = k
+        unique[free_name(name, unique)] = k
     return unique
+
+
+def free_name(name: str, taken: Container[str]) -> str:
+    """Give a name that is not taken: the name itself, else numbered from 2."""
+    every = chain([name], (f"{name}_{number}" for number in count(2)))
+    return next(free for free in every if free not in taken)
 
 
 def rename_markers(
@@ -254,8 +245,7 @@ def rename_markers(
     labels to rename that are not there. A ValueError where two labels become the same, or none is
     of the stated marker set.
     """
-    rename = _renames(markers, stated)
-    names = [rename.get(name, name) for name in markers]
+    names = _renamed(markers, stated)
     require_unique(names, "renaming gives several markers the same label")
     absent = [short(name) for name in stated.rename if name not in markers and name[-1:] != "*"]
     notes: list[Note | Fact] = [Note.of("labels_not_renamed", labels=absent)] if absent else []
@@ -274,16 +264,16 @@ def rename_markers(
     return dict(zip(names, markers.values(), strict=True)), notes
 
 
-def _renames(names: Iterable[str], stated: Stated) -> dict[str, str]:
-    """Give labels that are there -> wanted, for labels and for beginnings such as L* = R*."""
-    spelt = {name.casefold(): name for name in names}
-    wanted = dict[str, str]()
+def _renamed(names: Collection[str], stated: Stated) -> list[str]:
+    """Give labels as they are wanted, by labels and by beginnings such as L* = R*."""
+    spelt, wanted = {name.casefold(): name for name in names}, dict[str, str]()
     for old, new in stated.rename.items():
         begins, other = old[:-1].casefold(), new.removesuffix("*").casefold()
         for folded, name in spelt.items() if old.endswith("*") else ():
             if folded.startswith(begins) and (there := spelt.get(other + folded[len(begins) :])):
                 wanted[name] = there
-    return wanted | dict(stated.rename)
+    wanted |= stated.rename
+    return [wanted.get(name, name) for name in names]
 
 
 def require_unique(labels: Iterable[str], fault: str) -> None:

@@ -9,9 +9,8 @@ from scipy.ndimage import percentile_filter
 
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, shift_wrench
-from pipeline.io.axes import MIN_MEAN_LOAD_N, find_sites, mean_force
-from pipeline.io.recording import Fact, Plate, Recording
-from pipeline.io.stated import correction, parse_mending
+from pipeline.io.recording import Plate, Recording
+from pipeline.io.stated import parse_mending
 
 NEAR_SAMPLES: Final = 8
 """Samples on both sides of a jump that show how fast the load changes without it."""
@@ -60,9 +59,9 @@ def find_jumps(channel: Array, least: float = 0.0) -> Jumps:
     at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
     if len(at) and _wraps(channel, change[at], least):
         return Jumps(at, change[at], True)
-    same = np.maximum(np.sign(change[1:]) * change[:-1], 0.0), np.sign(change[:-1]) * change[1:]
-    beside = np.maximum(np.append(0.0, same[0]), np.append(np.maximum(same[1], 0.0), 0.0))
-    at = at[np.abs(change[at]) > ISOLATED * beside[at]]
+    sign, around = np.sign(change), np.pad(change, 1)
+    same_way = np.maximum(sign * around[:-2], sign * around[2:])
+    at = at[np.abs(change[at]) > ISOLATED * same_way[at]]
     return Jumps(at, change[at], False)
 
 
@@ -111,68 +110,31 @@ def mended_plates(given: Sequence[Plate], stated: Sequence[str]) -> tuple[Plate,
         plate = plates[number]
         if deed == "exchange":
             other = plates[int(what)]
-            plates[number] = _measuring(plate, other.time, other.wrench_in_plate)
-            plates[other.number] = _measuring(other, plate.time, plate.wrench_in_plate)
-        elif deed == "unwrap":
-            wrench = np.array(plate.wrench_in_plate)
-            k = WRENCH_COMPONENTS.index(what)
-            wrench[:, k] = _unwrapped(wrench[:, k])
-            plates[number] = _measuring(plate, plate.time, wrench)
+            for one, measured in ((plate, other), (other, plate)):
+                plates[one.number] = replace(
+                    one, time=measured.time, wrench_in_plate=measured.wrench_in_plate
+                )
         elif deed == "move":
             axis, metres = what.split()
             way = float(metres) * plate.rotation[:, "xyz".index(axis)]
             plates[number] = replace(plate, center=plate.center + way, corners=plate.corners + way)
-        elif deed == "zero":
-            component, value = what.split()
-            wrench = np.array(plate.wrench_in_plate)
-            wrench[:, WRENCH_COMPONENTS.index(component)] -= float(value)
-            plates[number] = _measuring(plate, plate.time, wrench)
         else:
-            change = CHANGES[deed](what)
-            wrench = of_channels(plate, change, plate.wrench_in_plate)
-            plates[number] = _measuring(plate, plate.time, wrench)
+            plates[number] = replace(plate, wrench_in_plate=_mended(plate, deed, what))
     return tuple(plates.values())
 
 
-def reversed_plates(recording: Recording) -> list[Fact]:
-    """Say which plates pull the subject down, and how to mend them: as brings them under feet."""
-    markers, facts = recording.markers, list[Fact]()
-    feet = markers.position[:, find_sites(markers.names, recording.stated.marker_set).low]
-    for plate in recording.plates:
-        pull_n = -float(plate.rotation[2] @ mean_force(plate.wrench_in_plate[:, :3]))
-        if pull_n < MIN_MEAN_LOAD_N:
-            continue
-        deeds = [f"{plate.number}: reverse {what}" for what in ("all", "Fz")]
-        mended = [mended_plates([plate], [deed])[0] for deed in deeds]
-        away_m = [_away_from(feet, each, markers.time) for each in mended]
-        remedy = correction(deeds[int(np.argmin(away_m))])
-        doubt = f"it pulls the subject down by {pull_n:.0f} N on average: set {remedy}"
-        facts.append(Fact("in_doubt", f"plate {plate.number}", doubt))
-    return facts
-
-
-def _away_from(feet: Array, plate: Plate, time: Array) -> float:
-    """Give how far the pressure of a loaded plate is from the nearest marker of feet [m]."""
-    wrench = np.stack([np.interp(time, plate.time, c) for c in plate.wrench_in_plate.T], axis=1)
-    loaded = np.abs(wrench[:, 2]) > MIN_MEAN_LOAD_N
-    force, mx, my = wrench[loaded, 2], wrench[loaded, 3], wrench[loaded, 4]
-    pressure = np.stack([-my / force, mx / force, 0 * force], axis=1)
-    apart = feet[loaded] - (plate.center + pressure @ plate.rotation.T)[:, None]
-    away = np.linalg.norm(apart[..., :2], axis=-1)
-    away = away[np.isfinite(away).any(axis=1)]
-    return float(np.median(np.nanmin(away, axis=1))) if away.size else np.inf
-
-
-def _measuring(plate: Plate, time: Array, wrench: Array) -> Plate:
-    return replace(plate, time=time, wrench_in_plate=wrench)
-
-
-def _unwrapped(channel: Array) -> Array:
-    """Unwrap a channel that wraps; another one stays as it is."""
-    jumps = find_jumps(channel)
-    if not jumps.wraps:
-        return channel
-    return np.asarray(np.unwrap(channel, period=float(np.median(np.abs(jumps.size)))))
+def _mended(plate: Plate, deed: str, what: str) -> Array:
+    """Give what a plate measured, with its channels mended, (N, 6)."""
+    if deed in CHANGES:
+        return of_channels(plate, CHANGES[deed](what), plate.wrench_in_plate)
+    component, *zero = what.split()
+    wrench = np.array(plate.wrench_in_plate)
+    channel = wrench[:, WRENCH_COMPONENTS.index(component)]
+    if deed == "zero":
+        channel -= float(zero[0])
+    elif (jumps := find_jumps(channel)).wraps:
+        channel[:] = np.unwrap(channel, period=float(np.median(np.abs(jumps.size))))
+    return wrench
 
 
 def of_channels(plate: Plate, change: Array, wrench: Array) -> Array:

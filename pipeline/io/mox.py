@@ -14,15 +14,12 @@ from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.columns import PlateColumns, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import open_file
-from pipeline.io.labels import told_apart
+from pipeline.io.labels import require_unique, told_apart
 from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import decoded, read_number
-from pipeline.io.units import MAX_VALUE
+from pipeline.io.text_table import TextTable, decoded, read_number, read_rate
 
 ROOT: Final = "moxie_viewer_datafile"
-MAX_RATE_HZ: Final = 1e6
-"""Beyond it nothing was measured: the file is damaged."""
 MARKER: Final = re.compile(
     r"(?:(?:Marker|Position)[ -]+(?P<a>\S+) |(?P<b>\S+)\.Pos)(?P<axis>[XYZ])"
 )
@@ -68,36 +65,44 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     of the recording states that this is unconfirmed.
     """
     with open_file(path) as file:
-        channels = _channels(file.read())
+        channels, header = _channels(file.read())
     marked, on_plates = ({k: m for k in channels if (m := p.fullmatch(k))} for p in (MARKER, PLATE))
     stems = list(dict.fromkeys(m["a"] or m["b"] for m in marked.values()))
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
     parts = {f"{m['a'] or m['b']} {m['axis']}": channels[k] for k, m in marked.items()}
-    rate, columns = _on_one_clock(parts)
+    time, columns = _on_one_clock(parts)
+    table = TextTable(path, [], [])
+    table.check_counts(header, {"nr_of_samples": len(time)})
     position = vectors(columns, (f"{stem} " for stem in stems))
     markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
-    of_plates: dict[int, dict[str, Channel]] = {}
-    for k, m in on_plates.items():
-        number = int(m["number"] or 1)
-        name = f"FP{number}.{m['what'].capitalize()}{m['axis'].upper()}"
-        of_plates.setdefault(number, {})[name] = channels[k]
+    of_plates = {
+        f"FP{int(m['number'] or 1)}.{m['what'].capitalize()}{m['axis'].upper()}": channels[k]
+        for k, m in on_plates.items()
+    }
     plates: list[PlateColumns | Fact] = []
-    for parts in of_plates.values():
-        its_rate, columns = _on_one_clock(parts)
-        time = np.arange(len(next(iter(columns.values())))) / its_rate
-        plates += dflow_plates(columns, time)
+    if of_plates:
+        plate_time, columns = _on_one_clock(of_plates)
+        plates += dflow_plates(columns, plate_time)
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
-    analog, notes = _analog(rest, (rate, len(position)))
+    # those of the commonest rate and length
+    clocks = {name: (rate, len(samples)) for name, (rate, samples) in rest.items()}
+    commonest = [clock for clock, _ in Counter(clocks.values()).most_common(1)]
+    kept = {name: rest[name] for name in rest if clocks[name] in commonest}
+    analog = None
+    if kept:
+        times, columns = _on_one_clock(kept)
+        values = np.column_stack([*columns.values()])
+        analog = Analog(times, tuple(columns), ("",) * len(columns), values)
+    if left_out := [name for name in rest if name not in kept]:
+        table.said.append(Note.of("parts_left_out", parts=left_out))
     if plates:
-        notes.append(Note.of("force_sign_unconfirmed"))
-    return recording_of(
-        path, stated, markers, np.arange(len(position)) / rate, plates, notes=notes, analog=analog
-    )
+        table.said.append(Note.of("force_sign_unconfirmed"))
+    return recording_of(path, stated, markers, time, plates, notes=table.said, analog=analog)
 
 
-def _channels(content: bytes) -> dict[str, Channel]:
-    """Give the channels by their names."""
+def _channels(content: bytes) -> tuple[dict[str, Channel], dict[str, str]]:
+    """Give the channels by their names, and the header."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -107,56 +112,27 @@ def _channels(content: bytes) -> dict[str, Channel]:
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != ROOT:
         raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
-    count = printable(root.findtext("viewer_header/nr_of_samples", "").strip())
-    channels: dict[str, Channel] = {}
     elements = root.findall("viewer_data/viewer_channel")
     labels = [printable(e.findtext("channel_label", "").strip()) for e in elements]
-    for element, name in zip(elements, told_apart(labels, MARKER), strict=True):
-        if name in channels:
-            raise ValueError(f"several channels have the label {short(name)!r}")
-        words = element.findtext("raw_channel_data/channel_data", "").split()
-        text = element.findtext("raw_channel_data/sampling_frequency", "")
-        rate = read_number(text, f"sampling_frequency of channel {short(name)!r}")
-        try:
-            samples = np.array(words, float)
-        except ValueError:
-            samples = np.array([read_number(word, f"channel {short(name)!r}") for word in words])
-        if not 0 < rate < MAX_RATE_HZ or not (np.abs(samples) < MAX_VALUE).all():
-            raise ValueError(
-                f"channel {short(name)!r} holds a rate or value that cannot be measured"
-            )
-        channels[name] = rate, samples
-    if not channels:
-        raise ValueError("it holds no channels (viewer_data/viewer_channel)")
-    if count and all(str(len(samples)) != count for _, samples in channels.values()):
-        raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
-    return channels
+    labels = told_apart(labels, MARKER)
+    require_unique(labels, "several channels have the same label")
+    channels: dict[str, Channel] = {}
+    for element, name in zip(elements, labels, strict=True):
+        text = element.findtext("raw_channel_data/channel_data", "")
+        rate = element.findtext("raw_channel_data/sampling_frequency", "")
+        where = f"channel {short(name)!r}"
+        samples = np.array([read_number(word, where) for word in text.split()])
+        channels[name] = read_rate(rate, f"sampling_frequency of {where}"), samples
+    return channels, {e.tag: e.text or "" for e in root.findall("viewer_header/*")}
 
 
-def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[float, dict[str, Array]]:
-    """Give rate [Hz] and samples of channels that belong together."""
-    if len(clocks := {(rate, len(samples)) for rate, samples in parts.values()}) > 1:
+def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[Array, dict[str, Array]]:
+    """Give times, (N,) [s], and samples of channels that belong together."""
+    clocks = {(rate, len(samples)) for rate, samples in parts.values()}
+    if len(clocks) > 1:
         raise ValueError(
             f"{short(next(iter(parts)))!r} and the like differ in rate or number of samples; the "
             "file is truncated or mixed"
         )
     ((rate, count),) = clocks
-    if count < 2:
-        raise ValueError(f"{short(next(iter(parts)))!r} holds {count} samples, expected at least 2")
-    return rate, {name: samples for name, (_, samples) in parts.items()}
-
-
-def _analog(
-    channels: Mapping[str, Channel], of_markers: tuple[float, int]
-) -> tuple[Analog | None, list[Note]]:
-    """Give the channels of the commonest rate and length, and note which are left out."""
-    clocks = {name: (rate, len(samples)) for name, (rate, samples) in channels.items()}
-    if not clocks:
-        return None, []
-    counts = Counter(clocks.values())
-    rate, count = clock = max(sorted(counts), key=lambda c: (counts[c], c == of_markers))
-    kept = tuple(name for name in channels if clocks[name] == clock)
-    left = [name for name in channels if clocks[name] != clock]
-    values = np.column_stack([channels[name][1] for name in kept])
-    notes = [Note.of("parts_left_out", parts=left)] if left else []
-    return Analog(np.arange(count) / rate, kept, ("",) * len(kept), values), notes
+    return np.arange(count) / rate, {name: samples for name, (_, samples) in parts.items()}

@@ -1,66 +1,41 @@
 """OpenSim's files: TRC with MOT, STO or Cortex's .forces."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import chain
+from itertools import product
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
     SI_UNITS,
-    FileMarkers,
     PlateColumns,
     file_markers,
     plate_of,
     recording_of,
     wrench_of_torque,
 )
-from pipeline.io.input_file import naming, open_file
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Fact, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import (
-    count_facts,
-    ending_notes,
-    labels_in,
-    parse_rows,
-    read_number,
-    read_rate,
-    regular_rows,
-    table_lines,
-    with_last_gaps,
-)
+from pipeline.io.text_table import TextTable, labels_in, read_number, read_rate, read_table
 
-Trajectories = tuple[FileMarkers, Array, dict[str, Any]]
-"""Markers, times on the file's clock, (T,) [s], and further attributes of the recording."""
 FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
 OTHER_COLUMNS: Final = (
     re.compile(r"(?P<of>[fpm])(?P<number>\d+)_?(?P<what>[vpm]?)(?P<axis>[xyz123])"),
     re.compile(r"(?P<what>[FM]?)(?P<axis>[XYZ])(?P<number>\d+)(?P<of>)"),
 )
 """Of OpenSim's C3DFileAdapter, such as f1_x, p1_2 or f1_vx, and of Cortex, such as FX1, X1, MZ1."""
-TORQUE_COLUMNS: Final = (
-    ("torque", "_"),
-    ("moment", "_"),
-    ("torque", "_m"),
-    ("moment", "_m"),
-    ("force", "_m"),
-)
+TORQUE_COLUMNS: Final = tuple(product(("torque", "moment", "force"), ("_", "_m")))
 """How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
 word in the place of "force", and what stands before the axis."""
-FORCE_SUFFIXES: Final = (".mot", ".sto", ".forces")
-NAMES_OF_FORCES: Final = re.compile(rb"force\w*_[vf]x|\bf1_|\bf1x|\[force data\]", re.IGNORECASE)
-WORD: Final = re.compile(r"[^\W_]+")
 OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
 """Words in names that say what a file holds, not which trial it is of."""
-HEAD_BYTES: Final = 8192
-CORTEX_UNITS: Final = ("N", "Nmm", "mm")
 MAX_REACH_M: Final = 20.0
 """From the origin to a centre of pressure, as of the markers of a walkway."""
 
@@ -75,22 +50,16 @@ class Table:
         Times, (N,) [s].
     columns
         Name -> values, (N,), without the times.
-    lines
-        Number of each row's line in the file.
     units
         Of forces, moments and points of application.
-    notes
-        On how the file ends.
-    facts
-        What was corrected or left out.
+    text
+        The rows as they are written.
     """
 
     time: Array
     columns: Mapping[str, Array]
-    lines: Sequence[int]
     units: tuple[str, str, str]
-    notes: Sequence[Note]
-    facts: Sequence[Fact]
+    text: TextTable
 
 
 def read_sto(path: str | Path) -> Table:
@@ -124,49 +93,33 @@ def read_sto(path: str | Path) -> Table:
     """
     path = Path(path)
     with naming(path):
-        return _table(path)
+        table = read_table(path, "\t ")
+        lines = table.rows
+        firsts = [line.split()[0].lower() for _, line in lines]
+        cortex = is_cortex(lines[0][1])
+        last_of_header = "#sample" if cortex else "endheader"
+        if last_of_header not in firsts and firsts[0] != "time":
+            raise ValueError("not a MOT or STO file: it has no line 'endheader'")
+        start = firsts.index(last_of_header) + 1 if last_of_header in firsts else 0
+        pairs = (line.partition("=") for _, line in lines[:start])
+        header = {key.strip(): value.strip() for key, _, value in pairs}
+        (_, names_line), *table.rows = lines[start - cortex :] or [(0, "")]
+        names = labels_in(names_line, table.width)
+        if [name.lower() for name in names[:1]] not in (["time"], ["#sample"]):
+            raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
+        columns = table.distinct(names, table.numbers(names))
+        counts = dict.fromkeys(("nRows", "NumberOfSamples"), len(table.rows))
+        table.check_counts(header, counts | {"nColumns": len(names)})
+        time = columns.pop(names[0])
+        if not cortex:
+            return Table(time, columns, SI_UNITS, table)
+        time = (time - 1) / read_rate(header.get("SampleRate", ""), "SampleRate")
+        return Table(time, columns, ("N", "Nmm", "mm"), table)
 
 
 def is_cortex(line: str) -> bool:
     """Whether a file whose first line this is is a .forces file."""
     return line.split()[:2] == ["[Force", "Data]"]
-
-
-def _table(path: Path) -> Table:
-    lines, facts = table_lines(path, "\t ")
-    firsts = [line.split()[0].lower() if line.strip() else "" for line in lines]
-    cortex = is_cortex(lines[0]) and "#sample" in firsts
-    if not cortex and "endheader" not in firsts and firsts[0] != "time":
-        raise ValueError("not a MOT or STO file: it has no line 'endheader'")
-    ends = firsts.index("endheader") + 1 if "endheader" in firsts and not cortex else 0
-    start = firsts.index("#sample") if cortex else ends
-    pairs = (line.partition("=") for line in lines[:start])
-    header = {key.strip().lower(): value.strip() for key, _, value in pairs}
-    body = [(k, line) for k, line in enumerate(lines[start:], start + 1) if line.strip()]
-    width = max((len(line.strip().split("\t")) for _, line in body[1:]), default=0)
-    names = labels_in(body[0][1], width) if body else []
-    if names[:1] != ["#Sample"] and [name.lower() for name in names[:1]] != ["time"]:
-        raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
-    values = parse_rows(body[1:], "\t", names)
-    held = {"nRows": len(values), "nColumns": len(names), "NumberOfSamples": len(values)}
-    facts += count_facts(path, {k: (header.get(k.lower(), ""), n) for k, n in held.items()})
-    columns: dict[str, Array] = {}
-    for k, name in enumerate(names):
-        same = name in columns and np.array_equal(columns[name], values[:, k], equal_nan=True)
-        if same:
-            of = f"{path.name}, column {k + 1}"
-            facts.append(Fact("left_out", of, f"it is the same as column {names.index(name) + 1}"))
-        elif name in columns:
-            raise ValueError(
-                f"columns {names.index(name) + 1} and {k + 1} are both named {short(name)}; name "
-                "the columns of each plate differently, such as 1_ground_force_vx"
-            )
-        columns.setdefault(name, values[:, k])
-    time = columns.pop(names[0])
-    if cortex:
-        time = (time - 1) / read_rate(header.get("samplerate", ""), "SampleRate")
-    numbers, units = [k for k, _ in body[1:]], CORTEX_UNITS if cortex else SI_UNITS
-    return Table(time, columns, numbers, units, ending_notes(path), facts)
 
 
 def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
@@ -204,29 +157,44 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     no meaning and is not used. MOT files often print times with so few digits that the steps look
     uneven; force times within a twentieth of a step of even ones become even.
     """
-    markers, time, attributes = _trajectories(path, stated)
+    table = read_table(path)
+    lines = table.rows
+    firsts = [line.split()[0].lower() for _, line in lines]
+    start = next((k for k, first in enumerate(firsts) if first in ("frame#", "frame")), 0)
+    if not firsts[0].startswith("pathfiletype") or start < 3:
+        raise ValueError("not a TRC file: it does not begin with 'PathFileType', keys and 'Frame#'")
+    keys, written = (line.split("\t" if "\t" in line.strip() else None) for _, line in lines[1:3])
+    header = {key.strip(): text.strip() for key, text in zip(keys, written, strict=False)}
+    if missing := [key for key in ("DataRate", "Units") if not header.get(key)]:
+        raise ValueError(f"its header does not say {listed(missing)}")
+    # the line of X1, Y1, … has no numbers
+    body = lines[start + 1 :] or [(0, "X")]
+    table.rows = body[any(letter in body[0][1].upper() for letter in "XYZ") :]
+    # labels of "Frame#", "Time" and three columns each
+    names = labels_in(lines[start][1], 2 + table.width // 3)[2:]
+    if not table.rows or not names:
+        raise ValueError("it holds no frames or names no markers")
+    table.check_counts(header, {"NumMarkers": len(names), "NumFrames": len(table.rows)})
+    rate_hz = read_number(header["DataRate"], "DataRate in the header")
+    first, time, position = table.markers(("Frame", "Time"), names, rate_hz)
+    markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
     plates, of_sto = list[PlateColumns | Fact](), True
     if forces is not None:
         with naming(forces):
-            table = read_sto(forces)
-            held = np.column_stack([table.time, *table.columns.values()])
-            clock, held, facts = regular_rows(forces.name, table.lines, held, 0)
-            of_sto = table.units == SI_UNITS
-            same_span = abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0])
-            if not of_sto and same_span:
-                clock = clock + time[0]
-            spans = [f"{t[0]:.2f}–{t[-1]:.2f} s" for t in (clock, time)]
+            loads = read_sto(forces)
+            held = np.column_stack([loads.time, *loads.columns.values()])
+            clock, held = loads.text.regular(held, 0)
+            of_sto = loads.units == SI_UNITS
+            if not of_sto and abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0]):
+                clock = clock - clock[0] + time[0]
             if clock[-1] < time[0] or clock[0] > time[-1]:
                 raise ValueError(
-                    f"its times {spans[0]} do not overlap the {spans[1]} of {path.name}; are they "
-                    "of the same trial, and is the clock the same?"
+                    f"its times {clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}–"
+                    f"{time[-1]:.2f} s of {path.name}; are they of the same trial and clock?"
                 )
-            columns = dict(zip(table.columns, held.T[1:], strict=True))
-            plates = list(_forces(columns, clock - time[0], table.units, stated))
-        attributes["notes"] += table.notes
-        attributes["facts"] += [*table.facts, *facts]
-    else:
-        attributes["forces_beside"] = forces_beside(path)
+            columns = dict(zip(loads.columns, held.T[1:], strict=True))
+            plates = list(_forces(columns, clock - time[0], loads.units, stated))
+            table.said += loads.text.said
     return recording_of(
         path,
         stated,
@@ -235,64 +203,25 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
         plates,
         on_subject=of_sto,
         locate=wrench_of_torque,
-        **attributes,
+        notes=table.said,
+        first_frame=first,
+        forces_beside=forces_beside(path) if forces is None else None,
     )
 
 
 def forces_beside(path: Path) -> Path | None:
     """Give the file beside a TRC file that holds forces of its trial by its name, if it is one."""
-    found = []
+    of_forces = []
     for file in path.parent.glob("*"):
-        words, others = ({*WORD.findall(f.stem.lower())} - OF_CONTENT for f in (file, path))
-        if file.suffix.lower() in FORCE_SUFFIXES and (words <= others or others <= words):
-            with suppress(OSError), open_file(file) as content:
-                if NAMES_OF_FORCES.search(content.read(HEAD_BYTES)):
-                    found.append(file)
-    return found[0] if len(found) == 1 else None
-
-
-def _trajectories(path: Path, stated: Stated) -> Trajectories:
-    """Read a TRC file in its own axes; empty fields and points at exactly zero are gaps.
-
-    Times are regular from the first one at the file's rate, since files round them.
-    """
-    lines, facts = table_lines(path)
-    notes = ending_notes(path)
-    firsts = [line.split()[0].lower() if line.strip() else "" for line in lines]
-    start = next((k for k, first in enumerate(firsts) if first in ("frame#", "frame")), 0)
-    if not firsts[0].startswith("pathfiletype") or start < 3:
-        raise ValueError("not a TRC file: it does not begin with 'PathFileType', keys and 'Frame#'")
-    keys, written = (line.split("\t" if "\t" in line.strip() else None) for line in lines[1:3])
-    header = {key.strip(): text.strip() for key, text in zip(keys, written, strict=False)}
-    if missing := [key for key in ("DataRate", "Units") if not header.get(key)]:
-        raise ValueError(f"its header does not say {listed(missing)}")
-    # the line of X1, Y1, … has no numbers
-    body = [(k, line) for k, line in enumerate(lines[start + 1 :], start + 2) if line.strip()]
-    rows = body[any(letter in body[0][1].upper() for letter in "XYZ") :] if body else []
-    width = max((len(line.rstrip().split("\t")) for _, line in rows), default=0)
-    names = labels_in(lines[start], 2 + width // 3)[2:]  # of "Frame#", "Time" and three each
-    columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
-    if not rows or not names:
-        raise ValueError("it holds no frames" if names else "it names no markers")
-    if width > len(columns):
-        raise ValueError(
-            f"line {start + 1} names {len(names)} markers, but line {rows[0][0]} has columns for "
-            f"{(width - 2) / 3:.3g}"
+        words, others = (
+            {*re.findall(r"[^\W_]+", f.stem.lower())} - OF_CONTENT for f in (file, path)
         )
-    held = {"NumMarkers": len(names), "NumFrames": len(rows)}
-    facts += count_facts(path, {k: (header.get(k, ""), n) for k, n in held.items()})
-    # a last row that is cut off within a line lacks more than gaps
-    filled = ((k, with_last_gaps(line, len(columns))) for k, line in rows[: -1 if notes else None])
-    values = parse_rows(chain(filled, rows[-1:] if notes else []), "\t", columns)
-    rate_hz = read_number(header["DataRate"], "DataRate in the header")
-    numbers = [k for k, _ in rows]
-    time, values, time_facts = regular_rows(path.name, numbers, values, 1, rate_hz)
-    position = values[:, 2:].reshape(len(values), len(names), 3)
-    markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
-    attributes = {"notes": notes, "facts": [*facts, *time_facts]}
-    if np.isfinite(values[0, 0]):
-        attributes["first_frame"] = int(values[0, 0])
-    return markers, time, attributes
+        alike = words <= others or others <= words
+        if alike and file.suffix.lower() in (".mot", ".sto", ".forces"):
+            with suppress(OSError, ValueError):
+                if any(map(FORCE_COLUMN.fullmatch, map(_usual_name, read_sto(file).columns))):
+                    of_forces.append(file)
+    return of_forces[0] if len(of_forces) == 1 else None
 
 
 def _usual_name(name: str) -> str:
@@ -310,24 +239,19 @@ def _forces(
     """Give each force of a table with its point and torque, or why it is left out."""
     columns = {_usual_name(name): values for name, values in columns.items()}
     if units != SI_UNITS:  # a free moment is vertical
-        for name in [name for name in columns if name.endswith("_mz")]:
-            columns |= {f"{name[:-1]}{axis}": np.zeros(len(time)) for axis in "xy"}
-    found = [match for name in columns if (match := FORCE_COLUMN.fullmatch(name))]
-    stems = dict.fromkeys((match["stem"], match["letter"]) for match in found)
+        stems_of_free = [name.removesuffix("z") for name in columns if name.endswith("_mz")]
+        columns |= {f"{stem}{axis}": np.zeros(len(time)) for stem in stems_of_free for axis in "xy"}
+    matches = filter(None, map(FORCE_COLUMN.fullmatch, columns))
+    stems = dict.fromkeys((match["stem"], match["letter"]) for match in matches)
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(columns)}")
     for k, (stem, letter) in enumerate(stems, start=1):
         name = short(stem)
-        torques = dict.fromkeys(
-            stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
-        )
+        torques = [stem.replace("force", word) + before for word, before in TORQUE_COLUMNS]
         there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
-            raise ValueError(
-                f"the torques of {name} are there twice, as {short(there[0])}x and "
-                f"{short(there[1])}x; remove those that are not free torques"
-            )
-        quantities = [f"{stem}_{letter}", (there or [*torques])[0], f"{stem}_p"]
+            raise ValueError(f"the torques of {name} are there twice: {listed(there)}; remove one")
+        quantities = [f"{stem}_{letter}", (there or torques)[0], f"{stem}_p"]
         name = f"plate {k} ({name})"
         plate = plate_of(k, name, time, columns, quantities, axes="xyz", units=units)
         if isinstance(plate, PlateColumns) and plate.pressure is not None:

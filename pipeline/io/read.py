@@ -12,7 +12,7 @@ from pipeline.io.c3d.data import KEY
 from pipeline.io.c3d.read import read_c3d_file
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import RENAME, UNUSABLE, naming, open_file
-from pipeline.io.mended_plates import reversed_plates, with_mended_plates
+from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
 from pipeline.io.opensim import is_cortex, read_trc
@@ -92,35 +92,26 @@ def read_recording(
     path, stated = Path(path), as_stated(stated)
     kind = file_format(path)
     with naming(path):
-        beside = [*_beside("file of forces", forces, "TRC or Qualisys", kind)]
-        beside += _beside("record file", record, "D-Flow", kind)
+        beside = list[Path]()
+        for what, file, goes_with in (
+            ("file of forces", forces, "TRC or Qualisys"),
+            ("record file", record, "D-Flow"),
+        ):
+            if file is not None and kind not in goes_with:
+                raise ValueError(f"a {what} goes with a {goes_with} file, this is {kind}")
+            beside += [Path(file)] if file is not None else []
         try:
-            return _with_plates(READERS[kind](path, stated.of_file(path.name), *beside))
+            return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *beside))
         except AxesUnknownError:
             if static is None or file_format(static) != kind:
                 raise
         with naming(static):
             axes = READERS[kind](static, stated.of_file(static.name)).axes
         there = replace(stated.of_file(path.name), axes=",".join(axes))
-        recording = _with_plates(READERS[kind](path, there, *beside))
+        recording = with_mended_plates(READERS[kind](path, there, *beside))
     evidence = f"as in the static recording {static.name}; this recording does not show them itself"
     others = (note for note in recording.notes if note.code != "axes")
     return replace(recording, notes=(Note.of("axes", axes=axes, evidence=evidence), *others))
-
-
-def _with_plates(recording: Recording) -> Recording:
-    """Mend plates as is stated, and say which of them stay reversed."""
-    mended = with_mended_plates(recording)
-    facts = reversed_plates(mended)
-    notes = (*mended.notes, *(fact.note for fact in facts))
-    return replace(mended, facts=(*mended.facts, *facts), notes=notes)
-
-
-def _beside(what: str, file: str | Path | None, goes_with: str, kind: str) -> list[Path]:
-    """Give a file that goes with a recording, if there is one; refuse it beside another format."""
-    if file is not None and kind not in goes_with:
-        raise ValueError(f"a {what} goes with a {goes_with} file, this is {kind}")
-    return [Path(file)] if file is not None else []
 
 
 def file_format(path: Path) -> str:
@@ -179,27 +170,26 @@ def _format(head: bytes) -> str:
         text = ""
     lines = text.splitlines() or [""]
     first = [name.strip() for name in lines[0].split("\t")]
-    if lines[0].strip('"').startswith("PathFileType"):
-        return "TRC"
     firsts = {line.split("\t")[0].strip('"') for line in lines[:FIRST_LINES]}
-    if "MARKER_NAMES" in firsts:
-        return "Qualisys"
-    if "FORCE_PLATE_NAME" in firsts:
-        raise ValueError("forces of Qualisys, which have no markers; give the trajectories' file")
-    if is_cortex(lines[0]):
-        raise ValueError("a .forces file of Cortex, which has no markers; give it with a TRC file")
-    if ROOT in text[:MOX_ROOT_CHARACTERS]:
-        return "MOX"
-    if "FrameNumber" in first:
-        return "D-Flow"
-    if is_nexus(lines):
-        return "Nexus"
-    if any(line.strip().lower() == "endheader" for line in lines):
-        raise ValueError("a MOT or STO table, which has no markers; give it with a TRC file")
-    if first[0] == "Time":
-        raise ValueError(
-            "a D-Flow record file, which has no markers; give it with a D-Flow mocap file"
-        )
+    kinds = {
+        "TRC": lines[0].strip('"').startswith("PathFileType"),
+        "Qualisys": "MARKER_NAMES" in firsts,
+        "MOX": ROOT in text[:MOX_ROOT_CHARACTERS],
+        "D-Flow": "FrameNumber" in first,
+        "Nexus": is_nexus(lines),
+    }
+    if any(kinds.values()):
+        return next(kind for kind, shown in kinds.items() if shown)
+    endings = {line.strip().lower() for line in lines}
+    without_markers = {
+        ("forces of Qualisys", "the trajectories' file"): "FORCE_PLATE_NAME" in firsts,
+        ("a .forces file of Cortex", "it with a TRC file"): is_cortex(lines[0]),
+        ("a MOT or STO table", "it with a TRC file"): "endheader" in endings,
+        ("a D-Flow record file", "it with a D-Flow mocap file"): first[0] == "Time",
+    }
+    for (what, remedy), shown in without_markers.items():
+        if shown:
+            raise ValueError(f"{what}, which has no markers; give {remedy}")
     raise ValueError(
         "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox, Vicon Nexus ASCII export, "
         "Qualisys TSV or XDF, which are the formats that are read"

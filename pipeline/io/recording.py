@@ -53,25 +53,15 @@ class Fact:
 
 
 @contextmanager
-def saying(facts: Iterable[Fact]) -> Iterator[None]:
-    """Add to a later error what was found on reading, of which it may be a consequence."""
+def saying(said: Iterable[Note | Fact]) -> Iterator[None]:
+    """Add to a later error the facts that were found on reading: it may be a consequence."""
     try:
         yield
     except ValueError as error:
-        for fact in dict.fromkeys(facts):
-            if str(fact) not in str(error):
+        for fact in dict.fromkeys(said):
+            if isinstance(fact, Fact) and str(fact) not in str(error):
                 error.add_note(f"on reading, {fact}")
         raise
-
-
-def facts_in(said: Iterable[Note | Fact]) -> tuple[Fact, ...]:
-    """Give the facts among what was said on reading."""
-    return tuple(each for each in said if isinstance(each, Fact))
-
-
-def notes_of(said: Iterable[Note | Fact]) -> tuple[Note, ...]:
-    """Give all that was said on reading as notes for people."""
-    return tuple(each.note if isinstance(each, Fact) else each for each in said)
 
 
 PlateFrame = Literal["recorded", "plate", "lab"]

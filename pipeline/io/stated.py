@@ -38,13 +38,6 @@ ASK_FOR_GAINS: Final = (
     "export forces and moments, or ask the laboratory for the plate's calibration matrix and gains "
     "(FORCE_PLATFORM:CAL_MATRIX, TYPE 4); if the numbers are forces, give --plate-units N,Nmm"
 )
-MIN_SPAN_M: Final = 0.05
-MAX_SPAN_M: Final = 20.0
-"""Between the markers of a person and a treadmill, or of a walkway."""
-MAX_POSITION_M: Final = 50.0
-"""From the origin along any axis; no laboratory is larger."""
-
-
 MENDING: Final = re.compile(
     r"\s*(\d{1,2})\s*:\s*(?:(reverse)\s+([FM][xyz]|all)|(turn)\s+(90|180|270)"
     r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz])"
@@ -200,30 +193,6 @@ class Stated:
             for quantity, stated, written in units
             if stated is not None
         ]
-
-    def check_positions(self, position: Array, names: Sequence[str], unit: str) -> list[Note]:
-        """Make gaps of positions, (T, M, 3) [m], that no laboratory has; a note counts them.
-
-        A ValueError where the extent contradicts the file's ``unit``: most positions are so far
-        away, or the markers of the median frame lie within 5 cm of each other or spread over 20 m.
-        """
-        far = (np.abs(position) > MAX_POSITION_M).any(axis=-1)
-        if 2 * np.count_nonzero(far) < np.isfinite(position[..., 0]).sum():
-            position[far] = np.nan
-        notes = impossible_samples(names, far.sum(axis=0))
-        several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
-        if not several.any():
-            return notes
-        highest, lowest = (each.reduce(position, axis=1)[several] for each in (np.fmax, np.fmin))
-        with np.errstate(over="ignore"):
-            span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
-        if not MIN_SPAN_M < span < MAX_SPAN_M:
-            raise ValueError(
-                f"the markers spread over {span:.3g} m if their unit is "
-                f"{short(self.units or unit)!r}, expected {MIN_SPAN_M} to {MAX_SPAN_M:g} m; "
-                f"{self.correct_units}"
-            )
-        return notes
 
     @property
     def correct_units(self) -> str:

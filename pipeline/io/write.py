@@ -143,10 +143,8 @@ def whole_file(path: Path) -> Iterator[Path]:
     file. What killed processes left in the folder is removed first.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.is_dir():
-        raise IsADirectoryError(errno.EISDIR, "is a folder, not a file to write", str(path))
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "is a device or a pipe, not a file to write", str(path))
+        raise OSError(errno.EINVAL, "is a folder, device or pipe, not a file to write", str(path))
     _remove_leftovers_once(path.parent)
     temporary = path.with_name(f".{path.name}.{HOST}{secrets.token_hex(2)}{PART}")
     unlocked = temporary.with_suffix("")
@@ -172,11 +170,10 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 def _locked(file: BinaryIO) -> bool:
     """Lock a file until it is closed or this process ends; whether that was possible."""
-    if sys.platform == "win32":
-        return False
     with suppress(OSError):
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
+        if sys.platform != "win32":
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
     return False
 
 
@@ -218,16 +215,6 @@ def require_writable(out: Path) -> None:
             file.write(bytes(4096))
     except OSError as error:
         raise ValueError(f"--out {out}: cannot write there: {error.strerror}") from error
-
-
-def markdown(table: pd.DataFrame, digits: int = 2) -> str:
-    """Give a table as Markdown, numbers with so many digits after the point."""
-    cells = [
-        [f"{v:.{digits}f}" if isinstance(v, float) else str(v) for v in row]
-        for row in table.itertuples(index=False)
-    ]
-    lines = [list(map(str, table.columns)), ["---"] * len(table.columns), *cells]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def write_text(text: str, path: Path) -> None:

@@ -28,6 +28,7 @@ from hbm.spelling import did_you_mean, listed
 from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, WantedWindow
 from pipeline.config.study import Study
 from pipeline.io.c3d.second_reader import compare_readers
+from pipeline.io.input_file import describe_error
 from pipeline.io.read import file_format
 from pipeline.io.recording import Recording
 from pipeline.trial.gait.contact import require_contacts
@@ -40,7 +41,7 @@ from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import uncertainty_limits
 from pipeline.trial.once import computing_once
-from pipeline.trial.plate_units import require_units
+from pipeline.trial.plate_units import require_units, reversed_plates
 from pipeline.trial.quality import Quality, flagged, settled_frames, settling_s
 from pipeline.trial.study_files import (
     labels_in_none,
@@ -113,7 +114,7 @@ class Findings:
         try:
             return action()
         except (ValueError, OSError) as error:
-            self.fault(place, str(error))
+            self.fault(place, describe_error(error))
             return None
 
 
@@ -260,6 +261,7 @@ class _TrialCheck:
             if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
                 raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
 
+        self.remark(*(fact.note for fact in reversed_plates(self.recording)))
         self.attempt(lambda: require_units(self.recording, self.person.person.mass_kg))
         stated = self.trial.contacts if plates else ()
         for contact in stated:

@@ -8,8 +8,9 @@ import numpy as np
 
 from hbm.body import Body
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, shift_wrench
-from pipeline.io.axes import find_sites
-from pipeline.io.recording import Plate, Recording
+from pipeline.io.axes import MIN_MEAN_LOAD_N, find_sites, mean_force
+from pipeline.io.mended_plates import mended_plates, of_channels
+from pipeline.io.recording import Fact, Plate, Recording
 from pipeline.io.stated import CONVERT, Quantity, correction, parse_plate_units
 
 HALF: Final = 0.5
@@ -25,10 +26,16 @@ MAX_FOOT_M: Final = 0.12
 """Above the lowest markers, a marker is of a foot that stands."""
 BESIDE_M: Final = 0.05
 """By which a foot on a plate may reach over its edge."""
-NEAR_POWER: Final = 0.3, 0.15
-"""Of ten, of lengths and of loads: distances of pressure and feet from the centre of a healthy
-plate have ratios of 0.54 to 1.48, -0.27 to 0.17."""
-MAX_POWER: Final = 3
+NEAR_POWER: Final = 0.3
+"""Of ten: distances of pressure and feet from the centre of a healthy plate have ratios of 0.54 to
+1.48, -0.27 to 0.17."""
+POWERS: Final = (
+    *((k, k) for k in range(-3, 4)),
+    *(pair for k in (-3, -2, 2, 3) for pair in ((k, 0), (0, k))),
+)
+"""Of ten, by which the moments may be too small that show where along x and y the pressure is."""
+SAME: Final = 1.2
+"""Ratio of distances up to which all moments have the same power."""
 MIN_OFF_M: Final = 0.1
 MAX_OFF_M: Final = 0.2
 """RMS distance of the pressure from the feet, 0.05 to 0.13 m on healthy plates: less needs no other
@@ -37,38 +44,31 @@ FAR_M: Final = 1.0
 """RMS distance of the pressure from the feet that no wrong place of a plate explains."""
 MAX_LEFT: Final = 0.7
 """Of that distance with the right power of ten."""
-SAME: Final = 1.2
-"""Ratio of distances up to which all moments have the same power."""
 MAX_GAINS: Final = 6
 """More would hide what is wrong."""
 NEVER_MOVES_M: Final = 1e-3
 """RMS distance of the pressure from the centre of a plate: nobody stands so well."""
 MIN_FOOT_M: Final = 0.02
 """RMS distance of the feet from there, with which it is compared."""
-POWERS: Final = (
-    *((k, k, k) for k in range(-MAX_POWER, MAX_POWER + 1)),
-    *((k, 0, 0) for k in (-3, -2, 2, 3)),
-    *((0, k, 0) for k in (-3, -2, 2, 3)),
-)
-"""Of the moments about x, y and z."""
 SYMBOLS: Final[dict[Quantity, Sequence[str]]] = {
     "force": ("N", "kN"),
     "moment": ("Nmm", "Ncm", "Nm", "kNm"),
     "pressure": ("mm", "cm", "m"),
 }
-
-
 MAX_RESIDUAL: Final = 3.0, 1.5
 """RMS force by body weight and RMS moment by body weight × stature that no body lacks: of all our
 recordings at most 0.2 and 0.05, of a pitching platform without compensation 0.5 and 0.3."""
 
 
 class Factor(NamedTuple):
-    """By which powers of ten forces and each moment of a plate are too small; 0 if right."""
+    """By which powers of ten forces and moments of a plate are too small; 0 if right.
+
+    None for moments of which one has another unit than the others.
+    """
 
     plate: Plate
     force: int
-    moments: tuple[int, int, int]
+    moment: int | None
 
 
 def require_units(recording: Recording, mass_kg: float | None = None) -> None:
@@ -88,27 +88,47 @@ def require_units(recording: Recording, mass_kg: float | None = None) -> None:
         the centre of the plate than the feet on it, or farther. It names units or gains with which
         it is under the feet.
     """
-    mass_kg, markers = mass_kg or recording.metadata.mass_kg, recording.markers
-    feet = markers.position[:, find_sites(markers.names, recording.stated.marker_set).low]
-    factors = [_factor(plate, feet, markers.time, mass_kg) for plate in recording.plates]
-    factors = _with_unsure(factors, feet, markers.time)
-    of_plates = dict[tuple[str, int], list[int]]()
-    for plate, force, moments in factors:
-        alike = len({*moments}) == 1
-        named = zip(("Mx", "My", "Mz"), moments, strict=True)
-        for what in (("forces", force), *([("moments", moments[0])] if alike else named)):
-            of_plates.setdefault(what, []).append(plate.number)
-    wrong = [
-        f"{quantity} of {_plates(numbers, len(factors))} {10 ** abs(power)} times too "
-        f"{'small' if power > 0 else 'large'}"
-        for (quantity, power), numbers in of_plates.items()
-        if power
-    ]
+    mass_kg, time = mass_kg or recording.metadata.mass_kg, recording.markers.time
+    feet = _feet(recording)
+    factors = [_factor(plate, feet, time, mass_kg) for plate in recording.plates]
+    factors = _with_unsure(factors, feet, time)
+    of_plates = dict[str, list[str]]()
+    for plate, force, moment in factors:
+        for quantity, power in (("forces", force), ("moments", moment)):
+            size = "small" if (power or 0) > 0 else "large"
+            fault = f"{10 ** abs(power)} times too {size}" if power else "in different units"
+            if power != 0:
+                of_plates.setdefault(f"{quantity} {fault}", []).append(str(plate.number))
+    wrong = [f"plate {', '.join(numbers)}: {fault}" for fault, numbers in of_plates.items()]
     if wrong:
         raise ValueError(
-            f"{recording.source.name}: {' and '.join(wrong)}, by the subject on them; "
+            f"{recording.source.name}: {', '.join(wrong)}, by the subject on them; "
             f"{_remedy(factors)}"
         )
+
+
+def reversed_plates(recording: Recording) -> list[Fact]:
+    """Say which plates pull the subject down, and how to mend them: as brings them under feet."""
+    facts, feet = list[Fact](), _feet(recording)
+    for plate in recording.plates:
+        pull_n = -float(plate.rotation[2] @ mean_force(plate.wrench_in_plate[:, :3]))
+        if pull_n < MIN_MEAN_LOAD_N:
+            continue
+        off = {
+            deed: _off(*_pressure_and_feet(mended, feet, recording.markers.time), 0)
+            for deed in (f"{plate.number}: reverse {what}" for what in ("all", "Fz"))
+            for mended in mended_plates([plate], [deed])
+        }
+        remedy = correction(min(off, key=lambda deed: off[deed]))
+        doubt = f"it pulls the subject down by {pull_n:.0f} N on average: set {remedy}"
+        facts.append(Fact("in_doubt", f"plate {plate.number}", doubt))
+    return facts
+
+
+def _feet(recording: Recording) -> Array:
+    """Give the markers of the feet, (T, M, 3) [m]."""
+    markers = recording.markers
+    return markers.position[:, find_sites(markers.names, recording.stated.marker_set).low]
 
 
 def require_possible(residual: Array, body: Body) -> None:
@@ -132,22 +152,17 @@ def _with_unsure(factors: Sequence[Factor], feet: Array, time: Array) -> list[Fa
 
     These bring the pressure nearer to the feet, if not by so much that the plate alone shows it.
     """
-    sure = {factor.moments for factor in factors if any(factor.moments)}
-    common = sure.pop() if len(sure) == 1 else (0, 0, 0)
+    sure = {factor.moment for factor in factors if factor.moment}
+    common = sure.pop() if len(sure) == 1 else 0
+    # smaller moments bring any pressure nearer: only one that is far away needs them
+    far_m = FAR_M if common < 0 else 0.0
     given = []
     for factor in factors:
         rows = _pressure_and_feet(factor.plate, feet, time)
-        unsure = not (factor.force or any(factor.moments)) and len(rows[2])
-        # smaller moments bring any pressure nearer: only one that is far away needs them
-        far_m = FAR_M if min(common) < 0 else 0.0
-        nearer = unsure and max(far_m, _off(*rows, common)) < _off(*rows, (0, 0, 0))
-        given.append(factor._replace(moments=common) if nearer else factor)
+        unsure = factor.force == factor.moment == 0
+        nearer = unsure and max(far_m, _off(*rows, common)) < _off(*rows, 0)
+        given.append(factor._replace(moment=common) if nearer else factor)
     return given
-
-
-def _plates(numbers: Sequence[int], every: int) -> str:
-    both = len(numbers) == every == 2
-    return "both plates" if both else f"plate {', '.join(map(str, numbers))}"
 
 
 def _remedy(factors: Sequence[Factor]) -> str:
@@ -155,24 +170,25 @@ def _remedy(factors: Sequence[Factor]) -> str:
     right = {_units(factor) for factor in factors}
     if len(right) == 1 and (units := right.pop()):
         return f'give --plate-units {units}, or plate_units = "{units}" in study.toml'
-    gains, channels = list[str](), "correct the units of channels (ANALOG:UNITS) and export"
-    for plate, force, moments in factors:
-        powers = np.array([*[force] * 3, *moments])
-        named = zip(WRENCH_COMPONENTS, powers.tolist(), strict=True)
-        gains += [f"{plate.number}: gain {name} {10.0**power:g}" for name, power in named if power]
-    if len(gains) > MAX_GAINS:
-        return f"{channels} the file again"
-    return f"{channels} the file again, or set {correction(*gains)}"
+    gains = [
+        f"{plate.number}: gain {name} {10.0**power:g}"
+        for plate, force, moment in factors
+        for name, power in zip(WRENCH_COMPONENTS, (*[force] * 3, *[moment] * 3), strict=True)
+        if power
+    ]
+    remedy = "correct the units of channels (ANALOG:UNITS) and export the file again"
+    if None in {factor.moment for factor in factors} or len(gains) > MAX_GAINS:
+        return remedy
+    return f"{remedy}, or set {correction(*gains)}"
 
 
 def _units(factor: Factor) -> str:
     """Give the units in which a plate is right; empty where they are not known."""
-    power, uniform = factor.moments[0], len({*factor.moments}) == 1
-    if not (factor.plate.units and uniform):
+    if not factor.plate.units or factor.moment is None:
         return ""
     units, right = parse_plate_units(factor.plate.units), list[str]()
     # moments of forces at centres of pressure are in the unit of these
-    powers = (factor.force, power) if len(units) == 2 else (factor.force, 0, power)
+    powers = (factor.force, factor.moment) if len(units) == 2 else (factor.force, 0, factor.moment)
     for (quantity, convert), unit, ten in zip(CONVERT.items(), units, powers, strict=False):
         wanted = convert(unit) * 10.0**ten
         right += [u for u in (unit, *SYMBOLS[quantity]) if np.isclose(convert(u), wanted)][:1]
@@ -184,7 +200,7 @@ def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None) -> Fa
     vertical = np.abs(plate.wrench_in_plate[:, 2])
     vertical = vertical[np.isfinite(vertical)]
     if not vertical.any():
-        return Factor(plate, 0, (0, 0, 0))
+        return Factor(plate, 0, 0)
     highest = np.percentile(vertical, 98)
     load_kg = float(np.median(vertical[vertical >= HALF * highest])) / GRAVITY_MPS2
     change = np.abs(np.diff(vertical))
@@ -192,38 +208,21 @@ def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None) -> Fa
     for power in _load_powers(load_kg, mass_kg):
         # moments of forces at centres of pressure grow with the forces
         scales = 10.0 ** np.repeat([power, power * (plate.units.count(",") == 2)], 3)
-        scaled = replace(
-            plate,
-            wrench_in_plate=_about_centre(plate, _as_stored(plate) * scales),
-        )
-        rows = _pressure_and_feet(scaled, feet, time)
-        moments = _moment_powers(*rows)
-        under_foot = len(rows[2]) and _off(*rows, moments) < MAX_OFF_M
-        if power < 0 or (smooth and under_foot):
-            return Factor(plate, power, moments)
-    return Factor(plate, 0, _moment_powers(*_pressure_and_feet(plate, feet, time)))
+        wrench = of_channels(plate, np.diag(scales), plate.wrench_in_plate)
+        rows = _pressure_and_feet(replace(plate, wrench_in_plate=wrench), feet, time)
+        moment = _moment_power(*rows)
+        if power < 0 or (smooth and _off(*rows, moment) < MAX_OFF_M):
+            return Factor(plate, power, moment)
+    return Factor(plate, 0, _moment_power(*_pressure_and_feet(plate, feet, time)))
 
 
 def _load_powers(load_kg: float, mass_kg: float | None) -> Sequence[int]:
     """Give the powers of ten with which a load is that of a body, if it is not."""
-    if not load_kg:
-        return ()
-    if mass_kg is not None:
-        exponent = float(np.log10(mass_kg / load_kg))
-        power = round(exponent)
-        near = abs(exponent - power) <= NEAR_POWER[power in (-1, 1)]
-        return (power,) if near and power and power != 1 and abs(power) <= MAX_POWER else ()
     powers = (3, 2) if load_kg < MAX_DRIFT_KG else (-3, -2, -1) if load_kg > MAX_LOAD_KG else ()
-    return [p for p in powers if MIN_LOAD_KG <= load_kg * 10.0**p <= MAX_LOAD_KG]
-
-
-def _as_stored(plate: Plate) -> Array:
-    """Give a plate's wrench about its transducer, (N, 6)."""
-    return shift_wrench(plate.wrench_in_plate, plate.transducer)
-
-
-def _about_centre(plate: Plate, stored: Array) -> Array:
-    return shift_wrench(stored, -plate.transducer)
+    low, high = MIN_LOAD_KG, MAX_LOAD_KG
+    if mass_kg is not None:
+        low, high = mass_kg * 10**-NEAR_POWER, mass_kg * 10**NEAR_POWER
+    return [power for power in powers if low <= load_kg * 10.0**power <= high]
 
 
 def _pressure_and_feet(plate: Plate, feet: Array, time: Array) -> tuple[Array, Array, Array]:
@@ -254,43 +253,40 @@ def _pressure_and_feet(plate: Plate, feet: Array, time: Array) -> tuple[Array, A
     return by_stored, in_all - by_stored, foot
 
 
-def _moment_powers(stored: Array, lever: Array, foot: Array) -> tuple[int, int, int]:
-    """Give the powers of ten of the moments about x, y and z, of one alone of 100 and more.
+def _moment_power(stored: Array, lever: Array, foot: Array) -> int | None:
+    """Give the power of ten of the moments; None where one has another than the others.
 
     ``stored`` is where the pressure is by the stored moments, ``lever`` what the transducer's place
     adds, (K, 2) [m].
     """
     if len(foot) < MIN_SAMPLES or not stored.any(axis=0).all():
-        return 0, 0, 0
-    from_transducer = foot - lever
+        return 0
+    at_foot = foot - lever
     if _rms(stored) < NEVER_MOVES_M and _rms(foot) > MIN_FOOT_M:
-        exponent = np.log10(_rms(from_transducer) / _rms(stored))
-        power = round(exponent) if abs(exponent - round(exponent)) < NEAR_POWER[0] else 0
-        return power, power, power
+        exponent = float(np.log10(_rms(at_foot) / _rms(stored)))
+        return round(exponent) if abs(exponent - round(exponent)) < NEAR_POWER else 0
     off = {powers: _off(stored, lever, foot, powers) for powers in POWERS}
-    powers = min(POWERS, key=lambda each: off[each])
-    of_one = powers[0] if powers[0] else powers[1]
-    common = of_one, of_one, of_one
-    sizes = [(_rms(from_transducer[:, [k]]) + MIN_FOOT_M) / _rms(stored[:, [k]]) for k in (0, 1)]
-    alike = np.abs(np.log10(sizes) - of_one).max() < 1
-    if alike and off[common] < SAME * off[powers]:
-        powers = common
-    wrong = [k for k in (0, 1) if powers[1 - k]]  # the moment about x moves the pressure along y
-    if not wrong or off[powers] > MAX_LEFT * off[0, 0, 0]:
-        return 0, 0, 0
-    if of_one > 0:
-        return powers if off[0, 0, 0] > MIN_OFF_M else (0, 0, 0)
-    at_foot, at_pressure = from_transducer[:, wrong], stored[:, wrong]
-    # a wrong zero or place moves the pressure away, but it is no faster there
-    exponent = np.log10(_rms(at_foot) / _rms(at_pressure))
-    moves, foot_moves = (_rms(each - each.mean(axis=0)) for each in (at_pressure, at_foot))
-    too_fast = moves > 10.0 ** (-of_one - 0.5) * foot_moves
-    return powers if too_fast and abs(exponent - of_one) < NEAR_POWER[0] else (0, 0, 0)
+    powers = min(POWERS, key=lambda pair: off[pair])
+    power = powers[0] or powers[1]
+    if off[power, power] < SAME * off[powers]:
+        powers = power, power
+    if not power or off[powers] > MAX_LEFT * off[0, 0]:
+        return 0
+    wrong = np.flatnonzero(powers)
+    certain = off[0, 0] > MIN_OFF_M
+    if power < 0:
+        at_foot, at_pressure = at_foot[:, wrong], stored[:, wrong]
+        # a wrong zero or place moves the pressure away, but it is no faster there
+        moves, foot_moves = (_rms(each - each.mean(axis=0)) for each in (at_pressure, at_foot))
+        too_fast = moves > 10.0 ** (-power - 0.5) * foot_moves
+        near = abs(np.log10(_rms(at_foot) / _rms(at_pressure)) - power) < NEAR_POWER
+        certain = too_fast and near
+    return (power if len(wrong) > 1 else None) if certain else 0
 
 
-def _off(stored: Array, lever: Array, foot: Array, powers: tuple[int, int, int]) -> float:
+def _off(stored: Array, lever: Array, foot: Array, powers: int | tuple[int, int] | None) -> float:
     """Give how far pressures are from feet if moments are larger by powers of ten, RMS [m]."""
-    return _rms(10.0 ** np.array([powers[1], powers[0]]) * stored + lever - foot)
+    return _rms(10.0 ** np.array(powers or 0) * stored + lever - foot) if len(foot) else np.inf
 
 
 def _rms(vectors: Array) -> float:

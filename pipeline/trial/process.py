@@ -39,7 +39,7 @@ from pipeline.trial.plate_faults import (
     weight_of_steps,
     without_explained,
 )
-from pipeline.trial.plate_units import require_possible, require_units
+from pipeline.trial.plate_units import require_possible, require_units, reversed_plates
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import (
@@ -141,7 +141,7 @@ def process_recording(
     choose_engine(settings.engine)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
-    notes += recording.notes
+    notes += (*recording.notes, *(fact.note for fact in reversed_plates(recording)))
 
     # units: what no body does is no geometry
     for each in (recording, standing)[: 2 - (standing is recording)]:
@@ -367,6 +367,8 @@ def _body_mass(
 ) -> BodyMass:
     """Give the body mass, or say all at once that the trial lacks: labels, plates, mass."""
     faults, mass = list[str](), None
+    if len(recording.markers.time) < 2:
+        faults.append(f"{recording.source.name}: it is one frame; residuals need a motion")
     if marker_set is None and settings.marker_set is None:
         try:
             recognise_marker_set(standing.markers.names)

@@ -16,6 +16,7 @@ from pipeline.io.recording import Recording, saying
 from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.once import once
+from pipeline.trial.plate_units import reversed_plates
 
 
 def read_study_file(
@@ -135,7 +136,8 @@ def saying_what_was_read(recording: Recording, *others: Recording | None) -> Ite
     These are facts, and labels to rename that no file has; the error may follow from them.
     """
     unused = [note.text for note in recording.notes if note.code == "rename_without_label"]
-    facts = [fact for each in (recording, *others) if each is not None for fact in each.facts]
+    read = [each for each in (recording, *others) if each is not None]
+    facts = (fact for each in read for fact in (*each.facts, *reversed_plates(each)))
     with saying(facts):
         try:
             yield

@@ -18,7 +18,6 @@ from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.joints import LEG
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import in_style
-from pipeline.io.write import markdown
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
@@ -227,3 +226,13 @@ def trial_summary(result: TrialResult) -> str:
     )
     blocks += ["## Warnings", "\n".join(warnings), "## Provenance", markdown(items)]
     return "\n\n".join(blocks)
+
+
+def markdown(table: pd.DataFrame, digits: int = 2) -> str:
+    """Give a table as Markdown, numbers with so many digits after the point."""
+    cells = [
+        [f"{v:.{digits}f}" if isinstance(v, float) else str(v) for v in row]
+        for row in table.itertuples(index=False)
+    ]
+    lines = [list(map(str, table.columns)), ["---"] * len(table.columns), *cells]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -10,8 +10,8 @@ from statistics import median
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Analog, Plate
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.benchmarks.implementation import ONE_THREAD, ROOT
 from tests.benchmarks.walker import Walk, walk
 from tests.synthetic import MASS_KG, synthetic_t_pose

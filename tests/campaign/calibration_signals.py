@@ -19,7 +19,7 @@ from scipy.stats import t as student
 from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking.ranking import Ranking, rank_platform
 from pipeline.calibration_ranking.trials import RankingSettings, factors, platform_trial
-from pipeline.io.write import markdown
+from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.protocol.calibration_trial import recordings
 from tests.campaign.pages import renew
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from compensation import hammer_delay
-from pipeline.io.write import markdown
+from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.known_weights import strike_belt
 

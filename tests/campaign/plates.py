@@ -21,10 +21,10 @@ import pandas as pd
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.plate_study import AccuracyLimits, read_plates_study
-from pipeline.io.write import markdown
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.response import QUANTITIES, stance_loads
 from pipeline.plate_accuracy.verdict import TOTAL, Answer, judge
+from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, PLATE_CENTERS_M
 from pipeline.virtual_lab.protocol.known_weights import (
     FULL_SCALE_N,

@@ -17,8 +17,8 @@ from hbm.signals.resampling import interpolate
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about, transform_wrench
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Analog, Plate, Recording
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 

@@ -10,8 +10,8 @@ from rerun.chunk import RrdReader
 from pipeline.cli.app import main
 from pipeline.io.c3d import write
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.stated import Stated
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 
 NAMES = ("XANTHIPPE", "ZEBULONSKI", "QUINCYSTON", "WATSONHOLM")
 """Long enough that none occurs in a picture or in packed numbers by chance."""

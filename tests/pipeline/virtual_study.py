@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.campaign.plate_doubts import PERSONS, amplified, moved, virtual
 
 FIRST_SEED = 30

@@ -5,7 +5,7 @@ arrays that are returned, for a trial of any length.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -28,10 +28,6 @@ from pipeline.io.stated import without_impossible
 MAX_COUNT: Final = 65535
 """Of a 16-bit number: frame counts stop there or start over."""
 NEXT: Final = "copy it from its source again, or export it again"
-HEADER: Final = "the header"
-TRIAL: Final = "TRIAL:ACTUAL_END_FIELD"
-FRAMES_BY: Final = "frames by {}"
-"""What is wrong where a place states another number of frames."""
 RATES: Final = "samples per channel by the rates"
 DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
 """Parameters that, like the header, say in which block of the file data begin."""
@@ -116,74 +112,60 @@ def settle_counts(
     data section decides between the numbers that 16 bits may stand for. A file may be longer than
     its frames, if all its counts agree.
     """
+    points = parameters.integer("POINT", "USED", header.points)
+    channels = parameters.integer("ANALOG", "USED", header.channels)
     rates = [parameters.number(group, "RATE", 0.0) for group in ("ANALOG", "POINT")]
     ratio = rates[0] / rates[1] if min(rates) > 0 else np.nan
-    stated = {
-        "points in the header": header.points,
-        "POINT:USED": parameters.integer("POINT", "USED", header.points),
-        "analog samples in the header": header.analog,
-        "samples per channel in the header": header.per_channel,
-        "ANALOG:USED": parameters.integer("ANALOG", "USED", header.channels),
-        RATES: int(ratio) if ratio % 1 == 0 else header.per_channel,
-    }
-    counts = _frame_counts(limits, parameters)
-    sizes = _frame_sizes(header.word_bytes, *stated.values())
-    if not sizes:
-        raise ValueError(
-            f"{header.analog} analog samples per frame are not a multiple of {header.per_channel} "
-            "samples per channel"
-            if header.bytes
-            else "the file holds neither points nor analog channels"
-        )
-    settled = list[tuple[tuple[int, bool, int], FrameSize, int, list[Fact]]]()
-    for frame in sizes:
-        true = frame.points, frame.points, frame.analog, frame.per_channel, frame.channels
-        compared = zip(stated.items(), (*true, frame.per_channel), strict=True)
-        wrong = [
-            correction(place, says, is_true)
-            for (place, says), is_true in compared
-            if says != is_true and (frame.channels or "per channel" not in place)
-        ]
-        for frames in _fitting_frames(path, start, frame, counts):
-            apart = [count for count in counts if not count.allows(frames)]
-            facts = [*wrong]
-            facts += [correction(FRAMES_BY.format(c.place), c.frames, frames) for c in apart]
-            padded = frames != _written_frames(path, start, frame)
-            settled.append(((len(facts), padded, -frames), frame, frames, facts))
-    settled.sort(key=lambda each: each[0])
-    if settled and not any(b[0][:2] == a[0][:2] and b[1] != a[1] for a, b in pairwise(settled[:2])):
-        _, frame, frames, facts = settled[0]
-        # frame_rate_hz says which rate is wrong
-        return frame, frames, [fact for fact in facts if fact.of != RATES]
-    if len({frame.bytes for frame in sizes}) > 1:
-        raise ValueError(
-            f"the header says it has {header.points} points and {header.channels} analog channels, "
-            f"POINT:USED and ANALOG:USED say {stated['POINT:USED']} and {stated['ANALOG:USED']}, "
-            f"and the file's size fits {'several' if settled else 'none'} of them: it is "
-            f"truncated or damaged; {NEXT}"
-        )
-    held = _bytes_of_data(path, start) // sizes[0].bytes
-    frames = _frames_of_longer(held, counts)
-    return sizes[0], frames, [correction("frames by the file's size", held, frames)]
-
-
-def _frame_sizes(
-    word_bytes: int,
-    points: int,
-    points_used: int,
-    analog: int,
-    per_channel: int,
-    channels: int,
-    by_rates: int,
-) -> list[FrameSize]:
-    """Give all that a frame may hold by what a file states, as its header says first."""
+    by_rates = int(ratio) if ratio % 1 == 0 else header.per_channel
     every = [
-        FrameSize(p, samples, per if samples else per_channel, word_bytes)
-        for p, per in product((points, points_used), (per_channel, by_rates))
-        for samples in (analog, channels * per)
+        FrameSize(p, samples, per if samples else header.per_channel, header.word_bytes)
+        for p, per in product((header.points, points), (header.per_channel, by_rates))
+        for samples in (header.analog, channels * per)
     ]
     whole = (size for size in every if size.channels * size.per_channel == size.analog)
-    return [size for size in dict.fromkeys(whole) if size.bytes]
+    data_bytes = max(path.stat().st_size - start, 0)
+    held = {frame: data_bytes // frame.bytes for frame in whole if frame.bytes}
+    counts = _frame_counts(limits, parameters)
+    settled = list[tuple[int, bool, int, FrameSize, list[Fact]]]()
+    for frame in held:
+        places = (
+            ("points in the header", header.points, frame.points),
+            ("POINT:USED", points, frame.points),
+            ("analog samples in the header", header.analog, frame.analog),
+            ("samples per channel in the header", header.per_channel, frame.per_channel),
+            ("ANALOG:USED", channels, frame.channels),
+            (RATES, by_rates, frame.per_channel),
+        )
+        wrong = [
+            correction(place, says, is_true)
+            for place, says, is_true in places
+            if says != is_true and (frame.channels or "per channel" not in place)
+        ]
+        written = _written_frames(path, start, frame, held[frame])
+        complete = not data_bytes % frame.bytes or not (start + data_bytes) % BLOCK_BYTES
+        for frames in {written, held[frame], *(count.frames for count in counts)}:
+            facts = [*wrong]
+            apart = [count for count in counts if not count.allows(frames)]
+            facts += [correction(f"frames by {c.place}", c.frames, frames) for c in apart]
+            rest = data_bytes - frames * frame.bytes
+            if rest > BLOCK_BYTES and len({size.bytes for size in held}) == 1:
+                facts.append(correction("frames by the file's size", held[frame], frames))
+                possible = not apart and not all(count.stopped for count in counts)
+            else:
+                possible = 0 <= rest <= BLOCK_BYTES and _agree(counts, frames, complete)
+            if possible and frames > 0:
+                settled.append((len(facts), frames != written, -frames, frame, facts))
+    best = min(settled, key=lambda candidate: candidate[:3], default=None)
+    if best and all(other[3] == best[3] for other in settled if other[:2] == best[:2]):
+        # frame_rate_hz says which rate is wrong
+        return best[3], -best[2], [fact for fact in best[4] if fact.of != RATES]
+    numbers = [c.frames for c in counts], (header.points, points), (header.channels, channels)
+    every_count = (" or ".join(map(str, sorted({*n}))) for n in (*numbers, held.values()))
+    n_frames, n_points, n_channels, fitting = every_count
+    raise ValueError(
+        f"the file says it has {n_frames} frames of {n_points} points and {n_channels} analog "
+        f"channels, but its size holds {fitting or 'none'}: it is truncated or damaged; {NEXT}"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +193,7 @@ def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[_Fram
     in_header = (last - first + 1) % (MAX_COUNT + 1) or MAX_COUNT + 1
     frames = parameters.integer("POINT", "FRAMES", 0)
     counts = [
-        _FrameCount(HEADER, in_header, short=True, stopped=last == MAX_COUNT),
+        _FrameCount("the header", in_header, short=True, stopped=last == MAX_COUNT),
         _FrameCount("POINT:FRAMES", frames, short=True, stopped=frames == MAX_COUNT),
         _FrameCount("POINT:LONG_FRAMES", parameters.integer("POINT", "LONG_FRAMES", 0)),
     ]
@@ -221,59 +203,26 @@ def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[_Fram
     counts = [count for count in counts if count.frames > 0]
     if start.size == 2 and end.size == 2:
         frames = int((end - start) @ [1, MAX_COUNT + 1]) + 1
-        counts.append(_FrameCount(TRIAL, frames))
+        counts.append(_FrameCount("TRIAL:ACTUAL_END_FIELD", frames))
     return counts
 
 
-def _bytes_of_data(path: Path, start: int) -> int:
-    return max(path.stat().st_size - start, 0)
+def _agree(counts: list[_FrameCount], frames: int, complete: bool) -> bool:
+    """Whether counts agree on a number of frames; if most are larger, the file is truncated."""
+    agreeing = sum(count.confirms(frames) for count in counts)
+    larger = sum(not count.allows(frames) and count.frames > frames for count in counts)
+    unending = complete and all(c.short for c in counts) and any(c.stopped for c in counts)
+    return larger <= agreeing and (agreeing > 0 or unending)
 
 
-def _fitting_frames(
-    path: Path, start: int, frame: FrameSize, counts: list[_FrameCount]
-) -> set[int]:
-    """Give the numbers of frames by a file's counts that fill its size but for part of a block."""
-    size = _bytes_of_data(path, start)
-    held = size // frame.bytes
-    stated = {count.frames for count in counts if count.frames > 0}
-    fitting = {frames for frames in stated if 0 <= size - frames * frame.bytes <= BLOCK_BYTES}
-    if held > MAX_COUNT:  # more than 16 bits count
-        written = _written_frames(path, start, frame)
-        whole = not size % frame.bytes or not (start + size) % BLOCK_BYTES
-        if whole and all(count.short for count in counts) and any(c.stopped for c in counts):
-            fitting.add(written)
-        fitting |= {n for n in (written, held) if any(c.short and c.confirms(n) for c in counts)}
-    # if most counts are larger, the file is truncated
-    return {
-        frames
-        for frames in fitting
-        if sum(not count.allows(frames) and count.frames > frames for count in counts)
-        <= sum(count.confirms(frames) for count in counts)
-    }
-
-
-def _written_frames(path: Path, start: int, frame: FrameSize) -> int:
+def _written_frames(path: Path, start: int, frame: FrameSize, held: int) -> int:
     """Give the number of frames up to the last one that is not all zero, or fills a block."""
-    held = _bytes_of_data(path, start) // frame.bytes
     checked = min(BLOCK_BYTES // frame.bytes + 1, held)
     with path.open("rb") as file:
         file.seek(start + (held - checked) * frame.bytes)
         tail = np.frombuffer(file.read(checked * frame.bytes), np.uint8)
     written = np.flatnonzero(tail.reshape(checked, frame.bytes).any(axis=1))
     return held - checked + (int(written[-1]) + 1 if len(written) else 0)
-
-
-def _frames_of_longer(held: int, counts: list[_FrameCount]) -> int:
-    """Give the number of frames on which all counts of a file agree that is longer than they."""
-    frames = max(count.frames for count in counts)
-    known = not all(count.stopped for count in counts)
-    if known and frames <= held and all(count.allows(frames) for count in counts):
-        return frames
-    stated = " or ".join(map(str, sorted({count.frames for count in counts})))
-    raise ValueError(
-        f"the file says it has {stated} frames, but its size holds {held}: it is truncated or "
-        f"damaged; {NEXT}"
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,6 +239,8 @@ class Header:
         First blocks of the parameter and data sections, from 1.
     frame, frames
         What one frame holds, and how many there are.
+    corrections
+        Which counts the file states wrongly; `settle_counts` gives the true ones.
     first_frame
         Its number as stored, in 16 bits: too small for long recordings.
     scale
@@ -298,8 +249,6 @@ class Header:
         Frame rate [Hz].
     events
         Old-style events: label and time in the file's clock [s].
-    corrections
-        Which counts the file states wrongly; `settle_counts` gives the true ones.
     """
 
     path: Path
@@ -309,11 +258,11 @@ class Header:
     data_block: int
     frame: FrameSize
     frames: int
+    corrections: list[Fact]
     first_frame: int
     scale: float
     rate_hz: float
     events: tuple[tuple[str, float], ...]
-    corrections: list[Fact]
 
     @property
     def channels(self) -> list[tuple[str, str]]:
@@ -353,39 +302,16 @@ def read_header(path: Path) -> Header:
             raise ValueError(f"its header names no data section or no scale: damaged; {NEXT}")
         section = file.read((data_block - first[0]) * BLOCK_BYTES - 4)
     parameters = parse_parameters(section, byte_order)
-    frame, frames, corrections = settle_counts(
-        path,
-        (data_block - 1) * BLOCK_BYTES,
-        FrameSize(words[1], words[2], words[9], 4 if scale < 0 else 2),
-        (words[3], words[4]),
-        parameters,
+    data_start = (data_block - 1) * BLOCK_BYTES
+    in_header = FrameSize(words[1], words[2], words[9], 4 if scale < 0 else 2)
+    counts = settle_counts(path, data_start, in_header, (words[3], words[4]), parameters)
+    n_events = words[150] if words[149] == EVENTS_KEY else 0
+    times = floats(first[304:376], byte_order).tolist()[:n_events]
+    events = tuple(
+        (decoded_text(first[396 + 4 * k : 400 + 4 * k]), time) for k, time in enumerate(times)
     )
-    return Header(
-        path,
-        parameters,
-        byte_order,
-        first[0],
-        data_block,
-        frame,
-        frames,
-        words[3],
-        scale,
-        rate_hz,
-        _header_events(first, words, byte_order),
-        corrections,
-    )
-
-
-def _header_events(
-    block: bytes, words: list[int], byte_order: str
-) -> tuple[tuple[str, float], ...]:
-    """Give label and time of the events that old programs write into the header."""
-    if words[149] != EVENTS_KEY:
-        return ()
-    times = floats(block[304:376], byte_order).tolist()[: words[150]]
-    return tuple(
-        (decoded_text(block[396 + 4 * k : 400 + 4 * k]), time) for k, time in enumerate(times)
-    )
+    places = byte_order, first[0], data_block
+    return Header(path, parameters, *places, *counts, words[3], scale, rate_hz, events)
 
 
 FRAMES_PER_SLICE: Final = 512
@@ -461,8 +387,7 @@ def read_samples(header: Header) -> Samples:
             f"{point_scale:.5g}: one of them is wrong, and with it all positions; export the file "
             "again"
         )
-    unsigned = is_unsigned(header)
-    frames = header.frames
+    frames, real, order = header.frames, header.scale < 0, header.byte_order
     offset, scale, scale_corrections = analog_scaling(header)
     # every coordinate and channel in one piece of memory, as markers have it
     points = np.moveaxis(np.empty((n_points, 3, frames)), -1, 0)
@@ -473,50 +398,26 @@ def read_samples(header: Header) -> Samples:
         file.seek(header.data_start)
         for start in range(0, frames, FRAMES_PER_SLICE):
             stop = min(start + FRAMES_PER_SLICE, frames)
-            data = file.read((stop - start) * header.frame.bytes)
-            raw, raw_analog = _decode(data, header, unsigned, stop - start)
+            data = file.read((stop - start) * frame.bytes)
+            numbers = floats(data, order) if real else np.frombuffer(data, integer_type(order))
+            words: NDArray[np.number] = numbers.reshape(stop - start, -1)
+            raw = words[:, : 4 * n_points].reshape(stop - start, n_points, 4)
+            raw_analog = words[:, 4 * n_points :].reshape(stop - start, per_frame, channels)
+            if not real:
+                raw = raw * np.array([header.scale, header.scale, header.scale, 1])
+                raw_analog = raw_analog.view(integer_type(order, signed=not is_unsigned(header)))
+            x, y, z, residual = np.moveaxis(raw, -1, 0)
+            seen = np.isfinite(x + y + z) & ((x != 0) | (y != 0) | (z != 0)) & (residual >= 0)
             points[start:stop] = raw[..., :3]
-            points[start:stop][_is_missing(raw)] = np.nan
+            points[start:stop][~seen] = np.nan
             values = analog[:, start:stop]
             values[:] = np.moveaxis(raw_analog, -1, 0)
             values -= offset
             values *= scale
             impossible += without_impossible(values)
-    return Samples(
-        points,
-        analog.reshape(channels, frames * per_frame).T,
-        rate,
-        rate * per_frame,
-        [*rate_corrections, *scale_corrections],
-        impossible,
-    )
-
-
-def _decode(
-    data: bytes, header: Header, unsigned: bool, frames: int
-) -> tuple[NDArray[np.number], NDArray[np.number]]:
-    """Give points with their residuals, (T, P, 4), and samples, (T, per channel, channels)."""
-    frame, real = header.frame, header.scale < 0
-    words: NDArray[np.number] = (
-        floats(data, header.byte_order)
-        if real
-        else np.frombuffer(data, integer_type(header.byte_order))
-    )
-    words = words.reshape(frames, -1)
-    points = words[:, : 4 * frame.points].reshape(frames, frame.points, 4)
-    analog = words[:, 4 * frame.points :]
-    if not real:
-        points = points * np.array([header.scale, header.scale, header.scale, 1])
-        analog = analog.view(integer_type(header.byte_order, signed=not unsigned))
-    return points, analog.reshape(frames, frame.per_channel, frame.channels)
-
-
-def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
-    x, y, z, residual = np.moveaxis(points, -1, 0)
-    known: NDArray[np.bool_] = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
-    known &= (x != 0) | (y != 0) | (z != 0)
-    known &= np.greater_equal(residual, 0)
-    return ~known
+    corrections = [*rate_corrections, *scale_corrections]
+    samples = analog.reshape(channels, frames * per_frame).T
+    return Samples(points, samples, rate, rate * per_frame, corrections, impossible)
 
 
 def frame_rate_hz(header: Header) -> tuple[float, list[Fact]]:
@@ -528,24 +429,19 @@ def frame_rate_hz(header: Header) -> tuple[float, list[Fact]]:
     """
     parameters = header.parameters
     places = {"the header": header.rate_hz}
-    if parameters.has("POINT", "RATE"):
+    if parameters.numbers("POINT", "RATE").size:
         places = {"POINT:RATE": parameters.number("POINT", "RATE", np.nan), **places}
-    if header.frame.channels and parameters.has("ANALOG", "RATE"):
+    if header.frame.channels and parameters.numbers("ANALOG", "RATE").size:
         analog_rate = parameters.number("ANALOG", "RATE", np.nan)
         places["ANALOG:RATE and the samples per frame"] = analog_rate / header.frame.per_channel
     shown = {k: f"{hz:g} Hz" if np.isfinite(hz) else "no number" for k, hz in places.items()}
     every = ", ".join(f"{text} by {place}" for place, text in shown.items())
     rates = [hz for hz in places.values() if MIN_RATE_HZ <= hz <= MAX_RATE_HZ]
-    if not rates:
-        raise ValueError(
-            f"no frame rate between {MIN_RATE_HZ:g} and {MAX_RATE_HZ:g} Hz is given ({every}); "
-            "export the file again"
-        )
     agreeing = [sum(abs(hz / other - 1) <= MAX_RATE_DIFFERENCE for hz in rates) for other in rates]
-    if 2 * max(agreeing) <= len(rates) and len(rates) > 1:
+    if len(rates) != 1 and 2 * max(agreeing, default=0) <= len(rates):
         raise ValueError(
-            f"the frame rate is {every}: one of them is wrong, and with it all times; export the "
-            "file again"
+            f"the frame rate is {every}, expected one between {MIN_RATE_HZ:g} and "
+            f"{MAX_RATE_HZ:g} Hz on which most places agree; export the file again"
         )
     rate = rates[agreeing.index(max(agreeing))]
     wrong = [k for k, hz in places.items() if not abs(hz / rate - 1) <= MIN_RATE_DIFFERENCE]
@@ -565,25 +461,22 @@ def analog_scaling(header: Header) -> tuple[NDArray[np.float64], NDArray[np.floa
     or has fewer values than there are channels.
     """
     channels, unsigned, parameters = header.frame.channels, is_unsigned(header), header.parameters
-    general = parameters.number("ANALOG", "GEN_SCALE", 1.0)
-    offset = (parameters.integers if unsigned else parameters.numbers)("ANALOG", "OFFSET")
-    scale = parameters.numbers("ANALOG", "SCALE")
-    corrections = []
-    if channels and not offset.size and not (unsigned and header.scale > 0):
-        offset = np.zeros(channels)
-        corrections.append(correction("ANALOG:OFFSET", "absent", 0))
-    units = list(filter(None, parameters.texts("ANALOG", "UNITS")[:channels]))
-    if not scale.size and header.scale < 0 and len(units) == channels > 0 and general == 1:
-        scale = np.ones(channels)
-        corrections.append(correction("ANALOG:SCALE", "absent", 1))
-    for name, values in (("OFFSET", offset), ("SCALE", scale)):
+    real, general = header.scale < 0, parameters.number("ANALOG", "GEN_SCALE", 1.0)
+    with_units = len([*filter(None, parameters.texts("ANALOG", "UNITS")[:channels])]) == channels
+    settled, corrections = [], []
+    for name, usual, may_lack in (
+        ("OFFSET", 0, real or not unsigned),
+        ("SCALE", 1, real and with_units and general == 1),
+    ):
+        signless = unsigned and name == "OFFSET"
+        values = (parameters.integers if signless else parameters.numbers)("ANALOG", name).ravel()
+        if may_lack and channels and not values.size:
+            values = np.full(channels, usual)
+            corrections.append(correction(f"ANALOG:{name}", "absent", usual))
         if values.size < channels:
             raise ValueError(
                 f"ANALOG:{name} has {values.size} values for {channels} analog channels, so that "
                 "their size is unknown; export the file again"
             )
-    return (
-        offset.ravel()[:channels].astype(float),
-        scale.ravel()[:channels] * general,
-        corrections,
-    )
+        settled.append(values[:channels].astype(float))
+    return settled[0], settled[1] * general, corrections

@@ -15,8 +15,6 @@ def main() -> None:
     _limit(int(memory), int(seconds))
     try:
         _read(source, target, wanted.split(","))
-    except MemoryError:
-        sys.exit("std::bad_alloc")
     except Exception as error:  # of any kind: the file may hold anything
         sys.exit(f"{error}" or type(error).__name__)
 

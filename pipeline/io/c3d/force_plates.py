@@ -1,6 +1,5 @@
 """Force plates of a C3D file, TYPE 1 to 4: how they are described, their channels as wrenches."""
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
@@ -58,13 +57,12 @@ class PlateLayout:
         Its TYPE, 1 to 4.
     channels
         Indices of the analog channels that it consists of.
-    scale
-        One of each channel in SI units; of TYPE 4, of each component after the matrix, (c,).
-    matrix
-        Calibration matrix of TYPE 4, (6, 6); None for the others.
+    to_si
+        One of each channel in SI units, (6,); of TYPE 3 and 4, channels -> wrench about the
+        transducer, (6, c).
     origin
-        From the transducer to the centre of the surface; of TYPE 3 the distances of its sensors,
-        of TYPE 1 zero, (3,) [m].
+        From the transducer to the centre of the surface; of TYPE 3 its height alone, of TYPE 1
+        zero, (3,) [m].
     corners
         Corners of the surface in the file's axes, (4, 3) [m].
     rotation
@@ -76,8 +74,7 @@ class PlateLayout:
     number: int
     kind: int
     channels: tuple[int, ...]
-    scale: Array
-    matrix: Array | None
+    to_si: Array
     origin: Array
     corners: Array
     rotation: Array
@@ -115,13 +112,11 @@ class PlateLayout:
         polynomial for the centre of pressure is not used, since no centre of pressure is. ezc3d
         1.7.2 gives TYPE 1 moments the opposite sign, against its own free moment.
         """
-        if self.matrix is not None:
-            channels = channels @ self.matrix.T
-        values = channels * self.scale
+        values = channels * self.to_si if self.to_si.ndim == 1 else (self.to_si @ channels.T).T
         if self.kind == 1:
-            return _from_centre_of_pressure(values)
-        if self.kind == 3:
-            return _from_eight_sensors(values, self.origin)
+            centre = np.pad(values[:, 3:5], ((0, 0), (0, 1)))
+            free_moment = np.pad(values[:, 5:], ((0, 0), (2, 0)))
+            return np.hstack([values[:, :3], np.cross(centre, values[:, :3]) + free_moment])
         return shift_wrench(values, self.origin)
 
 
@@ -153,30 +148,22 @@ def plate_layouts(
     """
     parameters = header.parameters
     used = parameters.integer("FORCE_PLATFORM", "USED", 0)
-    types = parameters.integers("FORCE_PLATFORM", "TYPE").ravel()
     if used > MAX_PLATES:
         raise ValueError(f"FORCE_PLATFORM:USED says {used} plates: the file is damaged")
     plates: list[PlateLayout] = []
     facts: list[Fact] = []
     for k in range(used):
         try:
-            if k >= len(types):
-                raise Undescribed("FORCE_PLATFORM:TYPE does not name its type")
-            plate, of_corners = _plate_layout(k, int(types[k]), header, stated, position)
+            plate, of_corners = _plate_layout(k, header, stated, position)
             plates.append(plate)
             facts += of_corners
-            halves = plates[-1].corners[:2] + plates[-1].corners[2:]  # equal in a rectangle
-            error_m = np.linalg.norm(halves[0] - halves[1])
-            if error_m > MAX_CORNER_ERROR_M:
-                doubt = f"one corner is {1000 * error_m:.0f} mm from a rectangle's"
-                facts.append(Fact("in_doubt", f"plate {k + 1}", doubt))
         except Undescribed as error:
             facts.append(Fact("left_out", f"plate {k + 1}", str(error)))
         except ValueError as error:
             raise ValueError(f"force plate {k + 1}: {error}") from error
-    for k in range(used, min(len(types), MAX_PLATES)):
+    for k in range(used, parameters.numbers("FORCE_PLATFORM", "TYPE").size):
         with suppress(ValueError):
-            plate, _ = _plate_layout(k, int(types[k]), header, stated, position)
+            plate, _ = _plate_layout(k, header, stated, position)
             if not {*plate.channels} & {c for other in plates for c in other.channels}:
                 reason = f"FORCE_PLATFORM:USED says {used}, though the file describes it"
                 facts.append(Fact("left_out", f"plate {k + 1}", reason))
@@ -184,35 +171,63 @@ def plate_layouts(
 
 
 def _plate_layout(
-    k: int, kind: int, header: Header, stated: Stated, position: Array | None
+    k: int, header: Header, stated: Stated, position: Array | None
 ) -> tuple[PlateLayout, list[Fact]]:
     parameters, labelled = header.parameters, header.channels
+    kind = int(_of_plate(parameters, "TYPE", k, ()))
     if kind not in QUANTITIES:
         raise Undescribed(
             f"plates of TYPE {kind} are not supported, only TYPE 1 to 4; export the file with "
             "TYPE 2 plates"
         )
-    metre = stated.metre(parameters.text("POINT", "UNITS"))
+    quantities, length = QUANTITIES[kind], parameters.text("POINT", "UNITS")
+    metre = stated.metre(length)
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T
     unit, facts = _unit_of_corners(k, corners, metre, position)
     corners = corners * unit
     rotation = plate_axes(corners)
-    numbers = _of_plate(parameters, "CHANNEL", k, (len(QUANTITIES[kind]),)).astype(int) - 1
+    halves = corners[:2] + corners[2:]  # equal in a rectangle
+    error_m = np.linalg.norm(halves[0] - halves[1])
+    if error_m > MAX_CORNER_ERROR_M:
+        doubt = f"one corner is {1000 * error_m:.0f} mm from a rectangle's"
+        facts.append(Fact("in_doubt", f"plate {k + 1}", doubt))
+    numbers = _of_plate(parameters, "CHANNEL", k, (len(quantities),)).astype(int) - 1
     channels = tuple(numbers.tolist())
     if not all(0 <= channel < len(labelled) for channel in channels):
         raise Undescribed(f"it uses channels outside the file's {len(labelled)} analog channels")
-    matrix = _of_plate(parameters, "CAL_MATRIX", k, (6, 6)) if kind == 4 else None
-    units = _units(kind, [labelled[channel][1] for channel in channels], parameters, stated)
-    scale = _scale(kind, [labelled[channel][0] for channel in channels], units, stated)
+    names, units = zip(*(labelled[channel] for channel in channels), strict=True)
+    if kind == 4 and {written.strip().lower() for written in units} <= VOLTS:
+        # the matrix makes of them forces in the plates' unit
+        force = parameters.text("FORCE_PLATFORM", "UNITS") or "N"
+        units = (force,) * 3 + (f"{force}{stated.units or length}",) * 3
+    to_si = np.empty(len(units))
+    for n, (quantity, name, written) in enumerate(zip(quantities, names, units, strict=True)):
+        try:
+            to_si[n] = stated.plate_unit(quantity, written)
+        except ValueError as error:
+            raise ValueError(f"channel {short(name)}: {error}") from error
     origin = np.zeros(3) if kind == 1 else _of_plate(parameters, "ORIGIN", k, (3,))
     # in the unit of the corners where the transducer is not near a plate in that of the markers
     nearer = MIN_ORIGIN_M <= np.linalg.norm(origin) * metre <= MAX_ORIGIN_M
     origin = origin * (metre if nearer else unit)
     origin = -origin if origin[2] > 0 else origin
-    of = dict(zip(QUANTITIES[kind], units, strict=True))
+    if kind == 3:
+        # forces x12, x34, y14, y23, z1, z2, z3, z4 of sensors at the distances ±a and ±b
+        a, b, _ = origin
+        to_si = to_si * [
+            [1, 1, 0, 0, 0, 0, 0, 0],
+            [0, 0, 1, 1, 0, 0, 0, 0],
+            [0, 0, 0, 0, 1, 1, 1, 1],
+            [0, 0, 0, 0, b, b, -b, -b],
+            [0, 0, 0, 0, -a, a, a, -a],
+            [-b, b, a, -a, 0, 0, 0, 0],
+        ]
+        origin = origin * [0, 0, 1]
+    elif kind == 4:
+        to_si = to_si[:, np.newaxis] * _of_plate(parameters, "CAL_MATRIX", k, (6, 6))
+    of = dict(zip(quantities, units, strict=True))
     read_as = ",".join(stated.used_unit(name, of[name]) for name in CONVERT if name in of)
-    place = origin, corners, rotation
-    return PlateLayout(k + 1, kind, channels, scale, matrix, *place, read_as), facts
+    return PlateLayout(k + 1, kind, channels, to_si, origin, corners, rotation, read_as), facts
 
 
 def _unit_of_corners(
@@ -224,18 +239,16 @@ def _unit_of_corners(
     then, or if its size is impossible otherwise.
     """
     edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    smallest, largest = float(edges.min()), float(edges.max())
 
-    def between(unit: float, limits: tuple[float, float]) -> bool:
-        return smallest * unit >= limits[0] and largest * unit <= limits[1]
+    def fits(unit: float, lowest: float, highest: float) -> bool:
+        return bool(lowest <= edges.min() * unit and edges.max() * unit <= highest)
 
-    if between(metre, USUAL_EDGES_M):
+    possible = fits(metre, *POSSIBLE_EDGES_M)
+    if fits(metre, *USUAL_EDGES_M):
         return metre, []
-    possible = between(metre, POSSIBLE_EDGES_M)
     size = f"{1000 * edges[0] * metre:.3g} × {1000 * edges[1] * metre:.3g} mm"
-    right = [(name, unit) for name, unit in LENGTHS.items() if between(unit, LIKELY_EDGES_M)]
-    if len(right) == 1:
-        ((name, unit),) = right
+    likely = {name: unit for name, unit in LENGTHS.items() if fits(unit, *LIKELY_EDGES_M)}
+    for name, unit in likely.items() if len(likely) == 1 else ():
         if not possible or _under_markers(corners * unit, position):
             reason = f"{size} in the markers' unit, {name} used"
             return unit, [Fact("corrected", f"corners of plate {k + 1}", reason)]
@@ -278,45 +291,6 @@ def plate_axes(corners: Array) -> Array:
     return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
 
 
-def _units(kind: int, units: list[str], parameters: Parameters, stated: Stated) -> Sequence[str]:
-    """Give the units of channels, (c,); of TYPE 4, of components.
-
-    Where the channels of TYPE 4 state volts, its force is in the plates' unit.
-    """
-    if kind != 4 or not {unit.strip().lower() for unit in units} <= VOLTS:
-        return units
-    force = parameters.text("FORCE_PLATFORM", "UNITS") or "N"
-    return (force,) * 3 + (f"{force}{stated.units or parameters.text('POINT', 'UNITS')}",) * 3
-
-
-def _scale(kind: int, names: list[str], units: Sequence[str], stated: Stated) -> Array:
-    """Give one of each channel in SI units; of TYPE 4, of each component."""
-    scales = []
-    for quantity, name, unit in zip(QUANTITIES[kind], names, units, strict=True):
-        try:
-            scales.append(stated.plate_unit(quantity, unit))
-        except ValueError as error:
-            raise ValueError(f"channel {short(name)}: {error}") from error
-    return np.array(scales)
-
-
-def _from_centre_of_pressure(values: Array) -> Array:
-    force, centre = values[:, :3], np.pad(values[:, 3:5], ((0, 0), (0, 1)))
-    moment = np.cross(centre, force)
-    moment[:, 2] += values[:, 5]
-    return np.hstack([force, moment])
-
-
-def _from_eight_sensors(values: Array, distances: Array) -> Array:
-    x12, x34, y14, y23, z1, z2, z3, z4 = values.T
-    a, b, height = distances
-    force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
-    moment = np.column_stack(
-        [b * (z1 + z2 - z3 - z4), a * (z2 + z3 - z1 - z4), b * (x34 - x12) + a * (y14 - y23)]
-    )
-    return np.hstack([force, moment + np.cross(force, [0.0, 0.0, height])])
-
-
 def channel_change(plate: PlateLayout, wrench_change: Array) -> Array:
     """Give the change of a plate's channels that changes its wrench.
 
@@ -349,7 +323,7 @@ def channel_change(plate: PlateLayout, wrench_change: Array) -> Array:
     >>> x, y = np.array([[1, -1, -1, 1], [1, 1, -1, -1]]) / 2
     >>> corners = np.column_stack([x, y, np.zeros(4)])
     >>> plate = PlateLayout(
-    ...     1, 2, (0, 1, 2, 3, 4, 5), np.ones(6), None, np.array([0, 0, -0.1]), corners, np.eye(3)
+    ...     1, 2, (0, 1, 2, 3, 4, 5), np.ones(6), np.array([0, 0, -0.1]), corners, np.eye(3)
     ... )
     >>> channel_change(plate, np.array([[10.0, 0, 0, 0, 0, 0]])) + 0.0
     array([[10.,  0.,  0.,  0., -1.,  0.]])

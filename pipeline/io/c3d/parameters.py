@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from typing import Final
 
 import numpy as np
@@ -113,10 +114,6 @@ class Parameters:
     def __init__(self, groups: Mapping[str, Mapping[str, Values]]) -> None:
         self.groups = groups
 
-    def has(self, group: str, name: str) -> bool:
-        """Whether a parameter exists and is not empty."""
-        return self.groups.get(group, {}).get(name, np.empty(0)).size > 0
-
     def numbers(self, group: str, name: str) -> NDArray[np.float64]:
         """Give a numeric parameter with its dimensions, joined with NAME2, … along the last."""
         parts = [part for part in self._parts(group, name) if part.dtype.kind in "if"]
@@ -165,21 +162,16 @@ def parse_parameters(section: bytes, byte_order: str) -> Parameters:
 
     A ValueError also where a parameter's values cannot be understood.
     """
-    names: dict[int, str] = {}
-    members: list[tuple[int, str, Values]] = []
-    for record in parameter_records(section, byte_order):
-        if record.identity < 0:
-            names[-record.identity] = record.name
-        elif record.identity > 0:
+    records = list(parameter_records(section, byte_order))
+    names = {-record.identity: record.name for record in records if record.identity < 0}
+    groups: dict[str, dict[str, Values]] = {name: {} for name in names.values()}
+    for record in records:
+        if record.identity > 0:
             try:
                 values = _parse_values(section, record, byte_order)
             except (struct.error, IndexError, ValueError) as error:
                 raise ValueError(_broken(record.start, str(error))) from error
-            members.append((record.identity, record.name, values))
-    groups: dict[str, dict[str, Values]] = {name: {} for name in names.values()}
-    for identity, name, values in members:
-        if identity in names:
-            groups[names[identity]].setdefault(name, values)
+            groups.get(names.get(record.identity, ""), {}).setdefault(record.name, values)
     return Parameters(groups)
 
 
@@ -259,9 +251,8 @@ def values_of(section: bytes, record: Record) -> tuple[int, list[int], slice]:
     if kind not in (-1, 1, 2, 4) or n_dimensions > 7:
         raise ValueError(f"a parameter of unknown type {kind} with {n_dimensions} dimensions")
     shape = list(section[start + 2 : start + 2 + n_dimensions])
-    count = int(np.prod(shape, dtype=object)) if shape else 1
     start += 2 + n_dimensions
-    stop = start + count * abs(kind)
+    stop = start + prod(shape) * abs(kind)
     if len(shape) < n_dimensions or stop > len(section):
         raise ValueError("a parameter reaches beyond the end of the section")
     return kind, shape, slice(start, stop)
@@ -272,16 +263,13 @@ def _parse_values(section: bytes, record: Record, byte_order: str) -> Values:
     data = section[where]
     if kind == -1:
         width, *rows = shape or [1]
-        n_texts = int(np.prod(rows, dtype=object))
-        if n_texts > len(section):
-            raise ValueError(f"a parameter of {n_texts} texts")
-        texts = [decoded_text(data[k * width : (k + 1) * width]) for k in range(n_texts)]
+        if prod(rows) > len(section):
+            raise ValueError(f"a parameter of {prod(rows)} texts")
+        texts = [decoded_text(data[k * width : (k + 1) * width]) for k in range(prod(rows))]
         return np.array(texts, dtype=str).reshape(rows or 1, order="F")
-    if kind == 4:
-        values: Values = floats(data, byte_order)
-    else:
-        values = np.frombuffer(data, np.int8 if kind == 1 else integer_type(byte_order))
-    return values.reshape(shape, order="F") if shape else values
+    whole = np.dtype(np.int8) if kind == 1 else integer_type(byte_order)
+    values: Values = floats(data, byte_order) if kind == 4 else np.frombuffer(data, whole)
+    return values.reshape(shape or -1, order="F")
 
 
 def parameter_section(groups: Groups, data_block: int) -> bytes:
@@ -428,20 +416,16 @@ def with_values(
     body = section[SECTION_START:]
     records = list(parameter_records(body, byte_order))
     of_group = {-record.identity for record in records if record.name == group}
-    found = [record for record in records if record.identity in of_group and record.name == name]
-    if not found:
-        raise ValueError(f"there is no {group}:{name} to change")
-    kind, _, where = values_of(body, found[0])
-    if kind == 4:
-        numbers = encoded_numbers(values.astype(float), byte_order)
-    elif kind == 2 and (values > -(2**15)).all() and (values < 2**16 - 1).all():
-        numbers = encoded_numbers(np.rint(values).astype(int), byte_order)
-    else:
-        raise ValueError(f"{group}:{name} cannot hold the numbers that it is to hold")
-    if len(numbers) != where.stop - where.start:
-        raise ValueError(f"{group}:{name} does not have {values.size} values")
-    start = SECTION_START + where.start
-    return section[:start] + numbers + section[start + len(numbers) :]
+    for record in records:
+        if record.identity in of_group and record.name == name:
+            kind, _, where = values_of(body, record)
+            whole = kind == 2 and (values > -(2**15)).all() and (values < 2**16 - 1).all()
+            written = np.rint(values).astype(int) if whole else values.astype(float)
+            numbers = encoded_numbers(written, byte_order)
+            if (whole or kind == 4) and len(numbers) == where.stop - where.start:
+                start = SECTION_START + where.start
+                return section[:start] + numbers + section[start + len(numbers) :]
+    raise ValueError(f"there is no {group}:{name} that can hold {values.size} numbers as they are")
 
 
 def length_from_pointer(last: Record, body: bytes) -> int:
@@ -464,32 +448,20 @@ def encoded_numbers(values: NDArray[np.number], byte_order: str) -> bytes:
 def _record(identity: int, name: str, content: bytes, byte_order: str) -> bytes:
     if len(content) + 2 > MAX_RECORD_BYTES:
         raise ValueError(f"parameter {name} has {len(content)} bytes, more than a C3D file allows")
-    label = name.encode("ascii")
-    step = np.array([len(content) + 2])
-    return (
-        struct.pack("<bb", len(label), identity)
-        + label
-        + encoded_numbers(step, byte_order)
-        + content
-    )
+    label = struct.pack("<bb", len(name), identity) + name.encode("ascii")
+    return label + encoded_numbers(np.array([len(content) + 2]), byte_order) + content
 
 
 def _encoded(name: str, value: Value, byte_order: str) -> bytes:
-    if isinstance(value, str):
-        text = value.encode(errors="replace")  # what is no UTF-8
-        return struct.pack("<bBB", -1, 1, _dimension(name, len(text))) + text
     if isinstance(value, np.ndarray):
-        kind = 4 if value.dtype.kind == "f" else 2
-        shape = [_dimension(name, n) for n in value.shape]
-        head = struct.pack(f"<bB{len(shape)}B", kind, len(shape), *shape)
-        return head + encoded_numbers(value, byte_order)
-    texts = [text.encode(errors="replace") for text in value]
-    width = max((len(text) for text in texts), default=1) or 1
-    head = struct.pack("<bBBB", -1, 2, _dimension(name, width), _dimension(name, len(texts)))
-    return head + b"".join(text.ljust(width) for text in texts)
-
-
-def _dimension(name: str, size: int) -> int:
-    if size > MAX_ENTRIES:
-        raise ValueError(f"{name} has a dimension of {size}, more than the {MAX_ENTRIES} of C3D")
-    return size
+        kind, shape = 4 if value.dtype.kind == "f" else 2, list(value.shape)
+        data = encoded_numbers(value, byte_order)
+    else:
+        rows = [value] if isinstance(value, str) else value
+        texts = [text.encode(errors="replace") for text in rows]  # what is no UTF-8
+        kind, width = -1, max((len(text) for text in texts), default=1) or 1
+        shape = [width] if isinstance(value, str) else [width, len(texts)]
+        data = b"".join(text.ljust(width) for text in texts)
+    if max(shape, default=0) > MAX_ENTRIES:
+        raise ValueError(f"{name} has a dimension of {max(shape)}, C3D allows {MAX_ENTRIES}")
+    return struct.pack(f"<bB{len(shape)}B", kind, len(shape), *shape) + data

@@ -11,23 +11,19 @@ import numpy as np
 
 from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.coordinates import SIDES
-from hbm.markers import Markers, recognise_marker_set
+from hbm.markers import recognise_marker_set
 from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
-from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
+from pipeline.io.axes import settle_axes
 from pipeline.io.c3d.data import (
-    FRAMES_BY,
-    HEADER,
-    TRIAL,
     Header,
-    correction,
     read_header,
     read_samples,
 )
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
-from pipeline.io.columns import settle_markers
+from pipeline.io.columns import FileMarkers, recording_of, settle_markers
 from pipeline.io.input_file import naming
 from pipeline.io.labels import numbered, without_prefixes
 from pipeline.io.mended_plates import mended_plates
@@ -40,8 +36,6 @@ from pipeline.io.recording import (
     Plate,
     PlateFrame,
     Recording,
-    facts_in,
-    notes_of,
     saying,
 )
 from pipeline.io.stated import Stated, as_stated, impossible_samples
@@ -147,7 +141,7 @@ def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, s
     }
 
 
-def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note], list[Fact]]:
+def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note | Fact]]:
     """Give the foot strikes and foot offs of a file, on the clock of its first frame.
 
     ``start_s`` is the time of that frame on the file's own clock [s]. The note ``events_left_out``
@@ -169,9 +163,9 @@ def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list
         stated = SIDE_WORDS.get(context.lower(), "")
         if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
             events.append(Event(time - start_s, kind, stated or side))
-    others = len(seconds) - len(events)
     single, facts = merge_events(events)
-    return single, [Note.of("events_left_out", events=others)] if others else [], facts
+    others = len(seconds) - len(events)
+    return single, [*facts, *([Note.of("events_left_out", events=others)] if others else [])]
 
 
 def merge_events(events: Sequence[Event]) -> tuple[tuple[Event, ...], list[Fact]]:
@@ -186,14 +180,13 @@ def merge_events(events: Sequence[Event]) -> tuple[tuple[Event, ...], list[Fact]
     >>> len(events), facts[0].of
     (1, '1 of 2 gait events')
     """
-    single = list[Event]()
-    for sign, label in ((1, "foot_strike"), (-1, "foot_off")):
-        last_s = dict.fromkeys(("left", "right"), -np.inf)
-        of_kind = [event for event in events if event.label == label]
-        for event in sorted(of_kind, key=lambda event: sign * event.time):
-            if sign * event.time - last_s[event.side] >= MIN_SWING_S:
-                last_s[event.side] = sign * event.time
-                single.append(event)
+    last_s, single = dict[tuple[str, str], float](), list[Event]()
+    signs = {"foot_strike": 1, "foot_off": -1}
+    for event in sorted(events, key=lambda event: signs[event.label] * event.time):
+        foot = event.label, event.side
+        if abs(event.time - last_s.get(foot, np.inf)) >= MIN_SWING_S:
+            last_s[foot] = event.time
+            single.append(event)
     reason = f"less than {MIN_SWING_S:g} s from another one of the same kind and foot"
     joined = Fact("joined", f"{len(events) - len(single)} of {len(events)} gait events", reason)
     return tuple(single), [joined] * (len(single) < len(events))
@@ -298,108 +291,79 @@ def read_c3d(path: str | Path, stated: Stated | str | None = None) -> Recording:
 def read_c3d_file(path: Path, stated: Stated) -> Recording:
     """Read a C3D file as `read_c3d` does; errors do not name it."""
     header = read_header(path)
-    facts = [*header.corrections]
-    with saying(facts):  # those that follow too
-        return _recording_of(header, stated, facts)
-
-
-def _recording_of(header: Header, stated: Stated, facts: list[Fact]) -> Recording:
-    """Make a recording of a file whose counts are settled; facts are added as they are found."""
     parameters, channels = header.parameters, header.channels
-    samples = read_samples(header)
-    first_frame, wrong_frame = _first_frame(header)
-    facts += [*samples.corrections, *wrong_frame]
-    labels, outputs, label_notes = sort_labels(header, stated)
-    unit = parameters.text("POINT", "UNITS")
-    markers = settle_markers(labels, unit, samples.points[:, [*labels]], stated, label_notes)
-    position = markers.position
-    impossible = impossible_samples([name for name, _ in channels], samples.impossible)
-    try:
-        layouts, of_plates = plate_layouts(header, stated, position)
-    except ValueError as error:
-        raise _with_faults_of_markers(error, markers.names, position, stated) from error
-    facts += [*facts_in([*markers.notes, *impossible]), *of_plates]
-    analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
-    plates = []
-    for plate in layouts:
-        wrench = frozen(plate.wrench(samples.analog[:, plate.channels]))
-        place = plate.rotation, plate.corners.mean(axis=0), plate.corners, plate.units
-        lever = -plate.origin if plate.kind in (2, 4) else np.zeros(3)
-        plates.append(Plate(plate.number, analog_time, wrench, *place, lever))
-    # mended, plates show the axes; the recording keeps them as they are until it is mended
-    witnesses = mended_plates(plates, stated.mend_plates) if plates else ()
+    said: list[Note | Fact] = [*header.corrections]
+    with saying(said):  # those that follow too
+        samples = read_samples(header)
+        first_frame, wrong_frame = _first_frame(header)
+        said += [*samples.corrections, *wrong_frame]
+        labels, outputs, label_notes = sort_labels(header, stated)
+        unit = parameters.text("POINT", "UNITS")
+        markers = settle_markers(labels, unit, samples.points[:, [*labels]], stated, label_notes)
+        said += markers.notes
+        said += impossible_samples([name for name, _ in channels], samples.impossible)
+        try:
+            layouts, of_plates = plate_layouts(header, stated, markers.position)
+        except ValueError as error:
+            raise _with_faults_of_markers(error, markers, stated) from error
+        said += of_plates
+        analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
+        plates = []
+        for plate in layouts:
+            wrench = frozen(plate.wrench(samples.analog[:, plate.channels]))
+            place = plate.rotation, plate.corners.mean(axis=0), plate.corners, plate.units
+            lever = -plate.origin if plate.kind in (2, 4) else np.zeros(3)
+            plates.append(Plate(plate.number, analog_time, wrench, *place, lever))
+        # mended, plates show the axes; the recording keeps them as they are until it is mended
+        witnesses = mended_plates(plates, stated.mend_plates) if plates else ()
+        events, of_events = read_events(header, (first_frame - 1) / samples.rate_hz)
+        said += of_events
+        if events and any(fact.kind == "in_doubt" for fact in wrong_frame):
+            raise ValueError(
+                f"{wrong_frame[0]}: one of them is wrong, and with it the times of all events; "
+                "correct or delete the events in the capture software and export the file again"
+            )
+        compensation = read_compensation(parameters)
+        said += _plate_notes(parameters, layouts, compensation)
     taken = {channel for plate in layouts for channel in plate.channels}
-
-    axes, axes_notes = settle_axes(
-        stated.axes,
-        position,
-        markers.names,
-        marker_set=stated.marker_set,
-        plate_normals=[plate.rotation[:, 2] for plate in witnesses],
-        plate_forces=[
-            plate.rotation @ mean_force(plate.wrench_in_plate[:, :3]) for plate in witnesses
-        ],
-        screen_up=parameters.text("POINT", "Y_SCREEN"),
-        file=header.path.name,
-    )
-    to_lab = parse_axes(axes)
-    in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
-    time = np.arange(len(position)) / samples.rate_hz
-    for k, witness in enumerate(plates):
-        corners = witness.corners @ to_lab.T
-        plates[k] = replace(
-            witness,
-            rotation=to_lab @ witness.rotation,
-            center=corners.mean(axis=0),
-            corners=corners,
-        )
     rest = [k for k in range(len(channels)) if k not in taken]
     names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
     others = frozen(samples.analog.T.take(rest, axis=0)).T
-    events, event_notes, joined = read_events(header, (first_frame - 1) / samples.rate_hz)
-    if events and any(fact.kind == "in_doubt" for fact in wrong_frame):
-        raise ValueError(
-            f"{wrong_frame[0]}: one of them is wrong, and with it the times of all events; correct "
-            "or delete the events in the capture software and export the file again"
-        )
-    compensation = read_compensation(parameters)
-    written = [channels[k][1] for k in sorted(taken)]
-    said = [
-        *axes_notes,
-        *(note for note in (*markers.notes, *impossible) if isinstance(note, Note)),
-        *stated.unit_notes([unit], written),
-        *event_notes,
-        *facts,
-        *joined,
-        *_plate_notes(parameters, layouts, compensation),
-    ]
-    return Recording(
-        source=header.path,
-        markers=Markers(time, markers.names, in_lab),
-        plates=tuple(plates),
+    return recording_of(
+        path,
+        stated,
+        replace(markers, notes=()),
+        np.arange(header.frames) / samples.rate_hz,
+        placed=lambda to_lab: [
+            replace(
+                plate,
+                rotation=to_lab @ plate.rotation,
+                center=to_lab @ plate.center,
+                corners=plate.corners @ to_lab.T,
+            )
+            for plate in plates
+        ],
+        witnesses=witnesses,
+        units=[channels[k][1] for k in sorted(taken)],
+        screen_up=parameters.text("POINT", "Y_SCREEN"),
+        notes=said,
         analog=Analog(analog_time, names, units, others) if rest else None,
         events=events,
         first_frame=first_frame,
         metadata=_metadata(parameters),
         model_outputs={name: samples.points[:, k] for name, k in outputs.items()},
         compensation=compensation,
-        stated=stated,
-        axes=split_axes(axes),
-        facts=facts_in(said),
-        notes=notes_of(said),
     )
 
 
-def _with_faults_of_markers(
-    plates: ValueError, names: tuple[str, ...], position: Array, stated: Stated
-) -> ValueError:
+def _with_faults_of_markers(plates: ValueError, markers: FileMarkers, stated: Stated) -> ValueError:
     """Give the fault of plates together with those of labels or axes, which come before it."""
-    if len(names) < FEWEST_OF_A_PERSON:
+    if len(markers.names) < FEWEST_OF_A_PERSON:
         return plates
     try:
         if stated.marker_set is None:
-            recognise_marker_set(names)
-        settle_axes(stated.axes, position, names, marker_set=stated.marker_set)
+            recognise_marker_set(markers.names)
+        settle_axes(stated.axes, markers.position, markers.names, marker_set=stated.marker_set)
     except ValueError as error:
         return type(error)(f"{error}; and {plates}")
     return plates
@@ -415,12 +379,11 @@ def _first_frame(header: Header) -> tuple[int, list[Fact]]:
     full = int(start @ [1, 65536]) if start.size == 2 else in_header
     if in_header in (0, full, full % 65536, min(full, 65535)):
         return full, []
-    wrong = {fact.of for fact in header.corrections}
-    by_header, by_trial = (FRAMES_BY.format(place) in wrong for place in (HEADER, TRIAL))
-    if by_header and not by_trial:
-        return full, [correction("first frame by the header", in_header, full)]
-    fact = correction("first frame by TRIAL:ACTUAL_START_FIELD", full, in_header)
-    return in_header, [fact if by_trial and not by_header else replace(fact, kind="in_doubt")]
+    wrong = " ".join(fact.of for fact in header.corrections)
+    by_header, by_trial = ("frames by the header" in wrong, "frames by TRIAL" in wrong)
+    used = full if by_header and not by_trial else in_header
+    places = f"{in_header} by the header, {full} by TRIAL:ACTUAL_START_FIELD, {used} used"
+    return used, [Fact("in_doubt" if by_header == by_trial else "corrected", "first frame", places)]
 
 
 def _metadata(parameters: Parameters) -> Metadata:

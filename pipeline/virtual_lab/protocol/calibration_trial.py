@@ -18,9 +18,9 @@ from compensation.protocol import (
 )
 from compensation.signals import Signal, resample_signal
 from hbm.spatial import Array
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     BELT_CHANNELS,
     InstrumentedTreadmill,

@@ -16,9 +16,9 @@ from scipy.ndimage import gaussian_filter1d
 from hbm.markers import Markers
 from hbm.spatial import GRAVITY_MPS2, Array, shift_wrench, transform_wrench
 from pipeline.config.plate_study import FILE
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.write import write_text
 from pipeline.virtual_lab.faults import CameraFaults
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.machine.instruments import (
     ANALOG_HZ,
     FRAME_HZ,

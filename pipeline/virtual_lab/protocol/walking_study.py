@@ -10,10 +10,10 @@ from joblib import delayed
 from hbm.coordinates import COORDINATES, N_Q
 from hbm.spatial import Array, shift_wrench
 from pipeline.config.toml_file import SIMULATED
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.run.processes import in_processes
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     PITCH_CHANNEL,
     PLATFORM_MARKERS_M,

@@ -14,9 +14,9 @@ from compensation.signals import Signal, resample_signal
 from hbm.coordinates import N_Q
 from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Metadata, Recording
 from pipeline.virtual_lab.faults import CameraFaults
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     BELT_CHANNELS,
     InstrumentedTreadmill,

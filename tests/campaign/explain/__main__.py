@@ -18,7 +18,7 @@ import pandas as pd
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.explain.budget import TOLD
 from pipeline.explain.cause import OF_PERSON
-from pipeline.io.write import markdown
+from pipeline.viewer.trial import markdown
 from tests.campaign.explain.faults import ALWAYS_THERE, KINDS
 from tests.campaign.explain.trial import Outcome, Plan, carried_out, planned
 from tests.campaign.explain.virtual_trial import VirtualLaboratory

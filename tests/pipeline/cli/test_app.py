@@ -10,10 +10,10 @@ from hbm.kernels import native
 from hbm.markers import Markers
 from pipeline.cli import doctor
 from pipeline.cli.app import COMMANDS, main
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.run import one_trial
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import study_files, study_texts
 from tests.synthetic import synthetic_t_pose

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.io.c3d.write import write_c3d
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
 

@@ -9,8 +9,8 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.cli.output import PANELS
-from pipeline.io.c3d.write import write_c3d
 from pipeline.run.store import read_trial
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline import lab
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.cli.recognise import recognise
-from pipeline.io.c3d.write import write_c3d
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
 

@@ -13,9 +13,9 @@ from pipeline.cli.app import main
 from pipeline.config.found_recordings import found_subjects
 from pipeline.config.study import read_study
 from pipeline.config.templates import write_template
-from pipeline.io.c3d.write import write_c3d
 from pipeline.run.check import check_study
 from pipeline.trial.study_files import read_study_file
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 from tests.pipeline.cli.test_app import plate
 from tests.pipeline.other_formats import excerpt, write_opensim

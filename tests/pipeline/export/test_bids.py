@@ -12,9 +12,9 @@ import pytest
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject
 from pipeline.export.bids import write_bids
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Event
 from pipeline.trial.process import process_recording
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 
 VALIDATOR = shutil.which("bids-validator-deno", path=str(Path(sys.executable).parent))
 

@@ -89,8 +89,10 @@ def test_up_is_where_most_witnesses_have_it_whatever_sign_plates_store(axes, sig
     assert settle_axes(axes, position, names, plate_forces=loads, **shown)[0] == axes
 
 
-def test_toes_that_point_backwards_are_exchanged_labels_or_mirrored_coordinates(subject):
-    swapped = tuple({"L": "R", "R": "L"}[name[0]] + name[1:] for name in subject.names)
+@pytest.mark.parametrize("exchanged", [{"L": "R", "R": "L"}, {"HEE": "MT2", "MT2": "HEE"}])
+def test_toes_that_point_backwards_are_exchanged_labels_or_mirrored_coordinates(subject, exchanged):
+    sides_or_sites = ((name[0], name[1:]) for name in subject.names)
+    swapped = tuple(f"{exchanged.get(a, a)}{exchanged.get(b, b)}" for a, b in sides_or_sites)
     with pytest.raises(ValueError, match=r"toes point the other way: all left and .* mirrored"):
         settle_axes(None, subject.position, swapped)
 

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from hbm.notes import Note
 from pipeline.io.dflow import read_record
 from pipeline.io.read import read_recording
 from tests.pipeline.other_formats import excerpt, write_dflow
@@ -61,7 +60,8 @@ def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path)
     assert np.flatnonzero(empty).tolist() == gone
     assert np.flatnonzero(np.isnan(read.plates[0].wrench).all(axis=1)).tolist() == gone
     assert np.flatnonzero(np.isnan(read.analog.channel("Channel13.Anlg"))).tolist() == gone
-    assert Note.of("samples_dropped", of="frames", dropped=3, samples=300) in read.notes
+    (fact,) = read.facts
+    assert (fact.kind, fact.reason) == ("missing", "3 rows are not there, the first after line 51")
     kept = np.delete(np.arange(300), gone)
     np.testing.assert_allclose(read.markers.position[kept], trial.markers.position[kept], atol=1e-6)
 
@@ -135,11 +135,31 @@ def test_a_record_of_another_time_is_refused(trial, tmp_path):
     ("edit", "message"),
     [
         (lambda lines: [lines[0].replace(".PosY", ".PosQ", 1), *lines[1:]], "PosY is absent"),
-        (lambda lines: [*lines[:9], *lines[2:9]], "does not increase"),
-        (lambda lines: [lines[0], *lines[1::9]], "FrameNumber spans"),
+        (lambda lines: [*lines[:9], *lines[2:9]], "FrameNumber 2, expected 9 in steps of 1"),
+        (lambda lines: [lines[0], *lines[1::9]], "FrameNumber 10, expected 2 in steps of 1"),
     ],
 )
 def test_a_broken_mocap_file_is_refused_in_one_line(trial, tmp_path, edit, message):
     path = write_dflow(trial, tmp_path / "t.txt", edit=edit)
     with pytest.raises(ValueError, match=rf"^t\.txt: .*{message}"):
         read_recording(path)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.0])
+def test_a_channel_written_twice_counts_once_only_if_it_is_the_same(trial, tmp_path, offset):
+    values = np.sin(np.arange(300))
+
+    def renamed(lines):
+        return [lines[0].replace("Channel2", "Channel1"), *lines[1:]]
+
+    extra = {"Channel1.Anlg": values, "Channel2.Anlg": values + offset}
+    path = write_dflow(trial, tmp_path / "t.txt", edit=renamed, extra=extra)
+    if offset:
+        with pytest.raises(
+            ValueError, match=r"^t\.txt: columns 159 and 160 are both named Channel1"
+        ):
+            read_recording(path)
+        return
+    read = read_recording(path)
+    assert read.analog.names == ("Channel1.Anlg",)
+    assert [fact.of for fact in read.facts] == ["t.txt, column 160"]

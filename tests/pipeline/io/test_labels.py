@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.markers import Markers, marker_sets
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.columns import settle_markers
 from pipeline.io.labels import without_prefixes
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Analog
 from pipeline.io.stated import Stated
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline import xdf_file
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
 from tests.synthetic import synthetic_t_pose

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from hbm.notes import Note
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.read import read_recording
+from pipeline.trial.process import process_recording
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus
 
 
@@ -61,7 +63,6 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
         (write_nexus, [("Devices\n1000", "Devices\n900")], "do not"),
         (write_nexus, [("Trajectories", "Points")], "no Trajectories block"),
         (write_mox, [("</viewer_data>", "")], "broken or truncated"),
-        (write_mox, [("<nr_of_samples>100", "<nr_of_samples>250")], "nr_of_samples 250"),
         (write_mox, [("frequency>100<", "frequency>50<")], "differ in rate"),
     ],
 )
@@ -89,9 +90,18 @@ def test_a_plate_that_lacks_channels_is_left_out_and_the_other_kept(trial, tmp_p
     assert fact.of.startswith("plate 2")
 
 
-def test_a_single_frame_is_refused(walker, tmp_path):
+def test_a_number_of_samples_that_mox_does_not_hold_is_a_doubt(trial, tmp_path):
+    pair = ("<nr_of_samples>100", "<nr_of_samples>250")
+    (fact,) = read_recording(changed(write_mox(trial, tmp_path / "t.mox"), pair)).facts
+    assert fact.kind == "in_doubt"
+    assert "nr_of_samples 250, but it holds 100" in fact.reason
+
+
+def test_a_pose_of_one_frame_is_read_but_is_no_motion(walker, tmp_path):
     path = write_nexus(excerpt(walker, 500, 502), tmp_path / "t.csv")
     lines = path.read_text(encoding="utf-8").split("\n")
     path.write_text("\n".join(line for line in lines if line[:2] != "2,"), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"^t\.csv: it holds a single frame, expected at least 2"):
-        read_recording(path)
+    pose = read_recording(path)
+    assert len(pose.markers.time) == 1
+    with pytest.raises(ValueError, match=r"^t\.csv: it is one frame; residuals need a motion"):
+        process_recording(pose, Subject(sex="male", mass_kg=80.0), Settings())

@@ -13,13 +13,13 @@ from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.second_reader import SecondReading, installed
-from pipeline.io.c3d.write import write_c3d
-from pipeline.io.recording import Metadata
+from pipeline.io.recording import Fact, Metadata, saying
 from pipeline.run import check
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_laboratory
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.hbm.motions import without
 from tests.pipeline import lab
 from tests.pipeline.lab import edit
@@ -385,3 +385,15 @@ def test_where_a_static_pose_has_no_plates_the_trial_weighs(sway):
     assert found.faults == []
     weighed = [note for note in found.notes["sub01_sway.c3d"] if note.code == "mass_weighed"]
     assert [note.values["file"] for note in weighed] == ["sub01_sway.c3d"]
+
+
+def test_what_was_found_on_reading_stands_with_the_fault_that_follows():
+    found, plate = check.Findings(), Fact("left_out", "plate 2", "no TYPE")
+
+    def read():
+        with saying([plate]):
+            raise ValueError("axes unknown")
+
+    assert found.attempt("walk.c3d", read) is None
+    (fault,) = found.faults
+    assert str(plate) in str(fault)

@@ -12,7 +12,8 @@ from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
-from pipeline.trial.plate_units import require_units
+from pipeline.trial.plate_units import require_units, reversed_plates
+from pipeline.trial.study_files import saying_what_was_read
 
 TIME = np.arange(300) / 100
 SIZE = np.array([[0.5, 0.9, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [0.5, -0.9, 0]]) / 2
@@ -61,7 +62,7 @@ def test_moments_in_another_unit_are_refused_with_the_right_one(mass_kg, lever, 
     said, right, power = units
     wrong = steps(mass_kg, lever, power, units=f"N,{said}")
     with pytest.raises(
-        ValueError, match=rf"moments of both plates .*give --plate-units N,{right},"
+        ValueError, match=rf"plate 1, 2: moments 10.* times .*give --plate-units N,{right},"
     ):
         require_units(wrong)
 
@@ -69,7 +70,7 @@ def test_moments_in_another_unit_are_refused_with_the_right_one(mass_kg, lever, 
 @given(mass_kg=st.floats(30, 120), lever=LEVERS, known=st.booleans())
 def test_forces_in_kilonewtons_are_refused_whoever_says_the_mass(mass_kg, lever, known):
     wrong = steps(mass_kg, lever, force_power=3)
-    with pytest.raises(ValueError, match=r"forces of both plates .*give --plate-units kN,Nmm,"):
+    with pytest.raises(ValueError, match=r"1, 2: forces 1000 .*give --plate-units kN,Nmm,"):
         require_units(wrong, mass_kg if known else None)
     wrong = steps(mass_kg, lever, force_power=-3, units="kN,Nmm")
     with pytest.raises(ValueError, match=r"1000 times too large.*give --plate-units N,Nmm,"):
@@ -80,7 +81,7 @@ def test_forces_in_kilonewtons_are_refused_whoever_says_the_mass(mass_kg, lever,
 def test_one_plate_in_another_unit_is_refused_with_gains_that_mend_it(mass_kg, lever, power):
     sound, wrong = steps(mass_kg, lever), steps(mass_kg, lever, power)
     plates = (sound.plates[0], wrong.plates[1])
-    with pytest.raises(ValueError, match=r"moments of plate 2 1000 times .*\"2: gain Mx") as error:
+    with pytest.raises(ValueError, match=r"plate 2: moments 1000 times .*\"2: gain Mx") as error:
         require_units(replace(sound, plates=plates))
     gains = [f"2: gain {name} {10.0**power:g}" for name in ("Mx", "My", "Mz")]
     assert all(gain in str(error.value) for gain in gains)
@@ -91,6 +92,20 @@ def test_one_plate_in_another_unit_is_refused_with_gains_that_mend_it(mass_kg, l
     np.testing.assert_allclose(
         mended.plates[1].wrench_in_plate, sound.plates[1].wrench_in_plate, atol=0.01 * mass_kg
     )
+
+
+@given(mass_kg=st.floats(20, 150), of_one=st.sampled_from([(3, 1e3), (4, 1e-3)]))
+def test_one_moment_in_another_unit_is_refused_without_a_gain_for_it(mass_kg, of_one):
+    component, factor = of_one
+    recording = steps(mass_kg, np.zeros(3))
+    wrench = recording.plates[0].wrench_in_plate.copy()
+    wrench[:, component] *= factor
+    plates = (replace(recording.plates[0], wrench_in_plate=wrench), recording.plates[1])
+    with pytest.raises(
+        ValueError, match=r"plate 1: moments in different units, .*channels"
+    ) as error:
+        require_units(replace(recording, plates=plates))
+    assert "mend_plates" not in str(error.value)
 
 
 @given(mass_kg=st.floats(20, 150), lever=LEVERS)
@@ -106,3 +121,16 @@ def test_an_empty_or_drifting_plate_is_not_judged():
     for wrench in (0 * noise, 0.1 * noise, noise + 5.0):
         empty = replace(sound.plates[1], wrench_in_plate=wrench)
         require_units(replace(sound, plates=(sound.plates[0], empty)), 70.0)
+
+
+@pytest.mark.parametrize("mending", ["2: reverse all", "2: reverse Fz"])
+def test_a_plate_that_pulls_the_subject_down_is_a_doubt_with_the_mending_that_helps(mending):
+    sound = steps(70.0, np.array([0.0, 0.0, -0.04]))
+    assert reversed_plates(sound) == []
+    pulling = with_mended_plates(replace(sound, stated=Stated(mend_plates=(mending,))))
+    (doubt,) = reversed_plates(pulling)
+    assert (doubt.kind, doubt.of) == ("in_doubt", "plate 2")
+    assert f'set mend_plates = ["{mending}"]' in doubt.reason
+    with pytest.raises(ValueError, match="mass missing") as error, saying_what_was_read(pulling):
+        raise ValueError("mass missing")
+    assert error.value.__notes__ == [f"on reading, {doubt}"]

@@ -14,13 +14,13 @@ from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject, TrialName
 from pipeline.config.study import read_study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.opensim import read_sto
 from pipeline.io.stated import Stated
 from pipeline.run.check import check_study
 from pipeline.run.job import trial_key
 from pipeline.trial.process import process_trial
 from pipeline.trial.subject import subject_body
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.campaign.study_files import SEGMENTS
 from tests.hbm.calibration_pose.test_functional import swings
 from tests.pipeline import lab

@@ -26,7 +26,7 @@ def plate_file(raw_c3d):
         n_plates = len(corners)
         channels = n_channels * n_plates
         analog = rng.normal(200, 50, size=(N_SAMPLES // 4, 4, channels))
-        points = np.ones((N_SAMPLES // 4, 1, 4))
+        points = np.tile(np.arange(1.0, 5), (N_SAMPLES // 4, 1, 1))
         return raw_c3d(
             points,
             analog,

@@ -10,12 +10,12 @@ import pytest
 from compensation import Calibration, to_json
 from hbm.markers import Markers
 from pipeline.config.schema import Treadmill
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.stated import Stated
 from pipeline.trial.ground import laboratory
 from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
 from pipeline.trial.ground.calibrations import read_calibration
 from pipeline.trial.ground.laboratory import bind
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import TREADMILL
 

@@ -3,8 +3,8 @@ import pytest
 
 from hbm.markers import Markers
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Analog, Event, Metadata
+from pipeline.virtual_lab.machine.c3d_file import write_c3d
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 

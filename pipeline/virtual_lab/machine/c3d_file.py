@@ -8,7 +8,7 @@ some readers stop.
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,12 +20,9 @@ from pipeline.io.c3d.parameters import BLOCK_BYTES, MAX_ENTRIES, Groups, Value, 
 from pipeline.io.recording import Analog, Event, Metadata, Plate
 from pipeline.io.write import whole_file
 
-FRAMES_PER_SLICE: Final = 4096
-"""Some megabytes at a time: large enough for NumPy, small beside the trial."""
 MM_PER_M: Final = 1000.0
 MAX_COUNT: Final = 65535
 """Of a 16-bit number."""
-PROGRAM: Final = "hbm-residuals"
 
 
 def write_c3d(
@@ -76,26 +73,21 @@ def write_c3d(
         raise ValueError("a C3D file needs at least two frames, since it has a frame rate")
     to_file = parse_axes(axes).T
     channels = _channels(markers, plates, analog, to_file)
+    height_mm = metadata.height_m and metadata.height_m * MM_PER_M
+    body = {"Bodymass": metadata.mass_kg, "Height": height_mm}
     groups = _marker_groups(markers, to_file, first_frame) | {
         "ANALOG": _analog(channels, markers),
         "FORCE_PLATFORM": _force_platform(plates, to_file),
         "EVENT": _events(events, (first_frame - 1) / markers.rate_hz),
-        "MANUFACTURER": {"SOFTWARE": PROGRAM},
-        "PROCESSING": {
-            name: np.array([float(value)])
-            for name, value in (
-                ("Bodymass", metadata.mass_kg),
-                ("Height", metadata.height_m and metadata.height_m * MM_PER_M),
-            )
-            if value is not None
-        },
+        "MANUFACTURER": {"SOFTWARE": "hbm-residuals"},
+        "PROCESSING": {n: np.array([float(size)]) for n, size in body.items() if size is not None},
     }
     data_block = 2 + -(-len(parameter_section(groups, 0)) // BLOCK_BYTES)
     section = parameter_section(groups, data_block)
     with whole_file(path) as temporary, temporary.open("wb") as file:
         file.write(_header(markers, channels, first_frame, data_block))
         file.write(section.ljust((data_block - 2) * BLOCK_BYTES, b"\0"))
-        _write_samples(file, markers.position @ to_file.T * MM_PER_M, channels.values)
+        file.write(_samples(markers.position @ to_file.T * MM_PER_M, channels.values))
         file.write(bytes(-file.tell() % BLOCK_BYTES))
 
 
@@ -116,7 +108,9 @@ def _channels(
     for plate in plates:
         names += [f"{q}.{q[0]}{axis}{plate.number}" for q in ("Force", "Moment") for axis in "xyz"]
         units += ["N"] * 3 + ["Nmm"] * 3
-        values.append(_wrench_on_disk(plate, to_file) * ([1.0] * 3 + [MM_PER_M] * 3))
+        rotation = to_file.T @ plate_axes(plate.corners @ to_file.T)
+        about_centre = shift_wrench(plate.wrench, plate.corners.mean(axis=0))
+        values.append(rotate_wrench(about_centre, rotation.T) * ([1.0] * 3 + [MM_PER_M] * 3))
     if analog is not None:
         names += analog.names
         units += analog.units
@@ -125,28 +119,21 @@ def _channels(
     return Analog(time, tuple(names), tuple(units), np.hstack(values))
 
 
-def _wrench_on_disk(plate: Plate, to_file: Array) -> Array:
-    try:
-        rotation = to_file.T @ plate_axes(plate.corners @ to_file.T)
-    except ValueError as error:
-        raise ValueError(f"plate {plate.number}: {error}") from error
-    return rotate_wrench(shift_wrench(plate.wrench, plate.corners.mean(axis=0)), rotation.T)
-
-
 def _marker_groups(markers: Markers, to_file: Array, first_frame: int) -> Groups:
     """Give the groups TRIAL and POINT."""
     frames, names = len(markers.time), list(markers.names)
-    last_frame = first_frame + frames - 1
-    ends = (np.array(divmod(frame, MAX_COUNT + 1)[::-1]) for frame in (first_frame, last_frame))
-    screen = [to_file @ direction for direction in np.eye(3)[[0, 2]]]
-    largest = [int(np.argmax(np.abs(vector))) for vector in screen]
-    forward, up = (
-        f"{'+' if vector[k] > 0 else '-'}{'XYZ'[k]}"
-        for vector, k in zip(screen, largest, strict=True)
+    first, last = (
+        np.array(divmod(frame, MAX_COUNT + 1)[::-1])
+        for frame in (first_frame, first_frame + frames - 1)
     )
+    screen = []
+    for direction in to_file.T[[0, 2]]:  # forward and up
+        k = int(np.argmax(np.abs(direction)))
+        screen.append(f"{'+' if direction[k] > 0 else '-'}{'XYZ'[k]}")
     return {
         "TRIAL": {
-            **dict(zip(("ACTUAL_START_FIELD", "ACTUAL_END_FIELD"), ends, strict=True)),
+            "ACTUAL_START_FIELD": first,
+            "ACTUAL_END_FIELD": last,
             "CAMERA_RATE": np.array([markers.rate_hz]),
         },
         "POINT": {
@@ -155,8 +142,8 @@ def _marker_groups(markers: Markers, to_file: Array, first_frame: int) -> Groups
             "LONG_FRAMES": np.array([float(frames)]),
             "SCALE": np.array([-1.0]),
             "RATE": np.array([markers.rate_hz]),
-            "X_SCREEN": forward,
-            "Y_SCREEN": up,
+            "X_SCREEN": screen[0],
+            "Y_SCREEN": screen[1],
             "UNITS": "mm",
             **_paged("LABELS", names),
             **_paged("DESCRIPTIONS", [""] * len(names)),
@@ -212,37 +199,16 @@ def _paged(name: str, values: Sequence[str] | Array) -> dict[str, Value]:
 
 
 def _header(markers: Markers, channels: Analog, first_frame: int, data_block: int) -> bytes:
-    per_frame = len(channels.time) // len(markers.time)
-    last = min(first_frame + len(markers.time) - 1, MAX_COUNT)
-    block = struct.pack(
-        "<BBHHHHHfHHf",
-        2,
-        0x50,
-        len(markers.names),
-        len(channels.names) * per_frame,
-        min(first_frame, MAX_COUNT),
-        last,
-        0,
-        -1.0,
-        data_block,
-        per_frame,
-        markers.rate_hz,
-    )
-    return block.ljust(BLOCK_BYTES, b"\0")
+    frames, per_frame = len(markers.time), len(channels.time) // len(markers.time)
+    counts = len(markers.names), len(channels.names) * per_frame
+    limits = min(first_frame, MAX_COUNT), min(first_frame + frames - 1, MAX_COUNT)
+    words = *counts, *limits, 0, -1.0, data_block, per_frame, markers.rate_hz
+    return struct.pack("<BBHHHHHfHHf", 2, 0x50, *words).ljust(BLOCK_BYTES, b"\0")
 
 
-def _write_samples(file: BinaryIO, position: Array, analog: Array) -> None:
-    n_frames, n_points = position.shape[:2]
-    per_frame = analog.size // n_frames
-    analog = analog.reshape(n_frames, per_frame)
-    for start in range(0, n_frames, FRAMES_PER_SLICE):
-        part = slice(start, start + FRAMES_PER_SLICE)
-        points = position[part]
-        gap = np.isnan(points.sum(axis=-1))
-        block = np.empty((len(points), 4 * n_points + per_frame), "<f4")
-        words = block[:, : 4 * n_points].reshape(len(points), n_points, 4)
-        words[..., :3] = np.where(gap[:, :, np.newaxis], 0, points)
-        words[..., 3] = np.where(gap, -1, 0)
-        block[:, : 4 * n_points] = words.reshape(len(points), -1)
-        block[:, 4 * n_points :] = analog[part]
-        file.write(block.tobytes())
+def _samples(position: Array, analog: Array) -> bytes:
+    frames, points = position.shape[:2]
+    seen = ~np.isnan(position.sum(axis=-1, keepdims=True))
+    words = np.concatenate([np.where(seen, position, 0), np.where(seen, 0, -1)], axis=-1)
+    rows = words.reshape(frames, 4 * points), analog.reshape(frames, analog.size // frames)
+    return np.hstack(rows, dtype="<f4", casting="same_kind").tobytes()
