@@ -6,14 +6,14 @@ Layer shares. Samples have a constant rate, but their time stamps scatter, and s
 
 import re
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import listed, printable, short
@@ -56,36 +56,6 @@ class Channel:
     type: str = ""
     marker: str = ""
     plate: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerLayout:
-    """Where the coordinates of markers are among the channels of a stream.
-
-    Attributes
-    ----------
-    names
-        Of the M markers.
-    columns
-        Columns of x, y and z of each marker, (3 M,).
-    metre
-        One of the channels' unit [m].
-    """
-
-    names: tuple[str, ...]
-    columns: tuple[int, ...]
-    metre: float
-
-    def positions(self, values: Array) -> Array:
-        """Give marker positions, (N, 3 M) [m], from samples of all channels, (N, K).
-
-        A marker at exactly the origin was not seen, as most programs write it; it becomes NaN.
-        """
-        position = np.take(values, self.columns, axis=1).astype(float, copy=False)
-        position *= self.metre
-        of_marker = position.reshape(len(position), -1, 3)
-        of_marker[~of_marker.any(axis=-1)] = np.nan
-        return position
 
 
 def parse_xml(text: str) -> Element:
@@ -176,35 +146,57 @@ def marker_channels(channels: Sequence[Channel]) -> tuple[list[str], Indices, st
     their label names; where no type is stated, labels such as LASIS_X and LASIS.PosX count.
     Positions of rigid bodies do not count where markers are named.
     """
-    found = _coordinates(channels)
-    if not found:
+    typed = any(POSITION.fullmatch(channel.type) for channel in channels)
+    named = any(channel.marker for channel in channels)
+    column_of: dict[tuple[str, str], int] = {}
+    for k, channel in enumerate(channels):
+        label = COORDINATE.fullmatch(channel.label)
+        axis_of = POSITION.fullmatch(channel.type) if typed else label
+        if axis_of is None or (typed and named and not channel.marker):
+            continue
+        stem = channel.marker or (label[1] if label else channel.label)
+        axis = axis_of[axis_of.re.groups].upper()
+        while (stem, axis) in column_of:
+            stem += AGAIN
+        column_of[stem, axis] = k
+    if not column_of:
         raise ValueError(
             "no markers: no channel of type PositionX and no label such as LASIS_X; labels there: "
             f"{listed([channel.label for channel in channels][:5])}"
         )
-    stems = list(dict.fromkeys(stem for stem, _ in found))
-    if absent := [(stem, axis) for stem in stems for axis in AXES if (stem, axis) not in found]:
-        stem, axis = absent[0]
-        several = "several channels, but one" if stem.endswith(AGAIN) else "no channel"
-        raise ValueError(f"marker {short(stem.rstrip(AGAIN))!r} has {several} for {axis}")
-    units = dict.fromkeys(channels[k].unit for k in found.values())
+    stems = list(dict.fromkeys(stem for stem, _ in column_of))
+    for stem, axis in ((stem, axis) for stem in stems for axis in AXES):
+        if (stem, axis) not in column_of:
+            several = "several channels, but one" if stem.endswith(AGAIN) else "no channel"
+            raise ValueError(f"marker {short(stem.rstrip(AGAIN))!r} has {several} for {axis}")
+    units = dict.fromkeys(channels[k].unit for k in column_of.values())
     if len(units) > 1:
         raise ValueError(f"the markers' channels have several units: {listed(units)}")
-    (unit,) = units
-    return stems, np.array([[found[stem, axis] for axis in AXES] for stem in stems]), unit
+    columns = np.array([[column_of[stem, axis] for axis in AXES] for stem in stems])
+    return stems, columns, next(iter(units))
 
 
-def marker_layout(channels: Sequence[Channel], stated: Stated) -> MarkerLayout:
+def marker_layout(
+    channels: Sequence[Channel], stated: Stated
+) -> tuple[tuple[str, ...], Callable[[Array], Array]]:
     """Give the markers wanted of a stream whose samples are still to come.
 
-    A ValueError as `marker_channels`, `Stated.metre` and those of `pipeline.io.labels`.
+    Also give what turns samples of all channels, (N, K), to positions, (N, M, 3) [m]. A marker at
+    exactly the origin was not seen, as most programs write it; it becomes NaN. A ValueError as
+    `marker_channels`, `Stated.metre` and those of `pipeline.io.labels`.
     """
     labels, columns, unit = marker_channels(channels)
     bare, _ = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
     require_unique(bare.values(), "several markers have the same label")
     markers, _ = rename_markers({label: k for k, label in bare.items()}, stated)
-    wanted = columns[[*markers.values()]]
-    return MarkerLayout(tuple(markers), tuple(wanted.ravel().tolist()), stated.metre(unit))
+    wanted, metre = columns[[*markers.values()]], stated.metre(unit)
+
+    def positions(values: Array) -> Array:
+        position = np.take(values, wanted, axis=1) * metre
+        position[~position.any(axis=-1)] = np.nan
+        return position
+
+    return tuple(markers), positions
 
 
 def si_units(channels: Sequence[Channel]) -> tuple[tuple[str, ...], Array]:
@@ -227,24 +219,6 @@ def _si_unit(unit: str) -> tuple[str, float]:
         except ValueError:
             continue
     return unit, 1.0
-
-
-def _coordinates(channels: Sequence[Channel]) -> dict[tuple[str, str], int]:
-    """Give marker and axis -> column."""
-    typed = any(POSITION.fullmatch(channel.type) for channel in channels)
-    named = any(channel.marker for channel in channels)
-    found: dict[tuple[str, str], int] = {}
-    for k, channel in enumerate(channels):
-        label = COORDINATE.fullmatch(channel.label)
-        axis = POSITION.fullmatch(channel.type) if typed else label
-        if axis is None or (typed and named and not channel.marker):
-            continue
-        stem = channel.marker or (label[1] if label else channel.label)
-        key = stem, axis[axis.re.groups].upper()
-        while key in found:
-            key = key[0] + AGAIN, key[1]
-        found[key] = k
-    return found
 
 
 COMPONENTS: Final = ("ForceX", "ForceY", "ForceZ", "MomentX", "MomentY", "MomentZ")
@@ -281,14 +255,9 @@ class PlateChannels:
 
         ``to_lab`` turns the axes in which its place is stated to the lab's, (3, 3).
         """
-        return Plate(
-            self.number,
-            time,
-            values[:, list(self.columns)] * self.factors,
-            to_lab @ self.rotation,
-            to_lab @ self.center,
-            self.corners @ to_lab.T,
-        )
+        wrench = values[:, list(self.columns)] * self.factors
+        place = to_lab @ self.rotation, to_lab @ self.center, self.corners @ to_lab.T
+        return Plate(self.number, time, wrench, *place)
 
 
 def find_plates(
@@ -310,69 +279,62 @@ def find_plates(
     left_out
         Number of each of the others, as it is written -> why.
     """
-    found: dict[str, dict[str, int]] = {}
-    of_plates = [(c.plate, c.type) for c in channels]
-    for k, (number, kind) in enumerate(of_plates):
-        if number and kind in COMPONENTS:
-            found.setdefault(number, {})[kind] = k
-    elements = info.findall("desc/plates/plate")
-    numbers = [(element.findtext("number") or "").strip() for element in elements]
-    places = dict(zip(numbers, elements, strict=True))
+    columns_of: dict[str, list[int]] = {}
+    for k, channel in enumerate(channels):
+        if channel.plate and channel.type in COMPONENTS:
+            columns_of.setdefault(channel.plate, []).append(k)
     plates, left_out = [], {}
-    for number, columns in found.items():
+    for number, columns in columns_of.items():
+        columns.sort(key=lambda k: COMPONENTS.index(channels[k].type))
+        elements = info.findall("desc/plates/plate")
+        elements = [e for e in elements if (e.findtext("number") or "").strip() == number]
         try:
-            place = _place(places[number]) if number in places else None
-            if place is None:
-                raise ValueError("the stream has no place of its plate (desc/plates/plate)")
-            if absent := [name for name in COMPONENTS if name not in columns]:
-                raise ValueError(f"it has no channel for {listed(absent)}")
-            if numbers.count(number) > 1 or any(of_plates.count((number, c)) > 1 for c in columns):
-                raise ValueError("several plates have its number")
             if not number.isdecimal():
                 raise ValueError("its number is no number")
-            of_plate = [columns[component] for component in COMPONENTS]
-            units, factors = si_units([channels[k] for k in of_plate])
+            if len(elements) != 1:
+                raise ValueError(f"the stream has {len(elements)} places of it, expected 1")
+            for component in COMPONENTS:
+                of_it = [str(k + 1) for k in columns if channels[k].type == component]
+                if len(of_it) != 1:
+                    there = listed(of_it) or "none"
+                    raise ValueError(f"its channels of type {component}: {there}, expected one")
+            units, factors = si_units([channels[k] for k in columns])
             if units != ("N",) * 3 + ("N·m",) * 3:
                 raise ValueError(f"its units are {listed(units)}, expected N and N·m")
+            place = _place(elements[0])
         except ValueError as error:
             left_out[number] = str(error)
             continue
-        plates.append(PlateChannels(int(number), tuple(of_plate), factors, *place))
+        plates.append(PlateChannels(int(number), tuple(columns), factors, *place))
     return plates, left_out
 
 
 def _place(described: Element) -> tuple[Array, Array, Array]:
     """Give corners, rotation and centre of a plate."""
-    found = []
+    numbers = []
     for part, shape in PLACE.items():
         words = (described.findtext(part) or "").split()
         try:
-            numbers = np.array(words, float).reshape(shape)
+            numbers.append(np.array(words, float).reshape(shape))
         except ValueError:
             raise ValueError(f"its {part} are not {np.prod(shape)} numbers") from None
-        if part != "corners" and not np.isfinite(numbers).all():
-            raise ValueError(f"its {part} has numbers that are not finite")
-        if part == "rotation" and not np.allclose(numbers @ numbers.T, np.eye(3), atol=1e-6):
-            raise ValueError("its rotation is no rotation")
-        found.append(numbers)
-    corners, rotation, center = found
+    corners, rotation, center = numbers
+    finite = np.isfinite([*rotation.flat, *center]).all()
+    if not finite or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
+        raise ValueError("its rotation is no rotation, or its center is not finite")
     return corners, rotation, center
 
 
-NEIGHBOURS: Final = 5
-"""Of so many stamps, the median shows which one is out of order."""
-OUT_OF_ORDER_FRAMES: Final = 1.5
-"""One stamp that is out of order moves the median by one frame."""
-MIN_CONFIRMED: Final = 3
-"""So many samples that follow each other are on another clock; fewer have wrong time stamps."""
 MAX_BACK_S: Final = 0.5
 """Samples that are farther back than this are not out of order, their clock was set."""
 SAME_TIME_FRAMES: Final = 0.1
-"""Samples that are less apart are at the same time, where time stamps are in order."""
-MOST_AGAIN: Final = 5
-"""Samples in a row with the same values; of more, the signal stays as it is."""
-CLEAR_FRAMES: Final = 0.2
-"""Time stamps whose steps scatter by less about whole frames show which sample came late."""
+"""Samples that are less apart are at the same time."""
+MAX_SAME: Final = 0.1
+"""Of samples at the same time; where more are, they were sent in chunks."""
+CLEAR_FRAMES: Final = 0.15
+"""Time stamps whose steps are off whole frames by less show which sample came late or again."""
+MIN_STEP_S: Final = 1e-9
+"""Time stamps that differ by less do not advance."""
 USUAL_HZ: Final = 100.0
 MAX_RATE_DIFFERENCE: Final = 0.02
 """Relative; beyond it the nominal rate is not that of the samples."""
@@ -495,7 +457,7 @@ def find_clock(
     Before a rate is fitted, samples that came late are put in order, and repeated ones and those on
     another clock are left out. A stamp may be late, but not early: of the stamps of a quarter of a
     second some are on time. Where even these come later by a whole number of frames, and stay so,
-    frames were dropped. One or two stamps amid others that agree do not count.
+    frames were dropped. A sample whose stamp contradicts its place, and fills no gap, is left out.
 
     Examples
     --------
@@ -503,7 +465,7 @@ def find_clock(
 
     >>> import numpy as np
     >>> frames = np.insert(np.delete(np.arange(1000), slice(300, 305)), 500, 504)
-    >>> clock = find_clock(7.0 + frames / 100, 100.0)
+    >>> clock = find_clock(7.0 + frames / 100, 100.0, frames[:, None])
     >>> clock.frames, round(clock.rate_hz, 6), bool(np.all(clock.index == np.unique(frames)))
     (1000, 100.0, True)
     >>> print(*clock.facts, sep="\n")
@@ -514,13 +476,10 @@ def find_clock(
     different = np.arange(len(stamps), dtype=float)[:, None]
     samples, stamps, reasons = _settle(stamps, different if values is None else values, nominal_hz)
     period = _period(stamps, nominal_hz)
-    stamps = _in_order(stamps, period)
     index = _find_frames(stamps, period, nominal_hz)
     if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
     slope = _slope(stamps, index)
-    if not slope > 0:
-        raise ValueError("its time stamps do not advance")
     residual = stamps - index * slope
     scatter = float(np.std(residual))
     if scatter > MAX_SCATTER_FRAMES * slope:
@@ -557,108 +516,96 @@ def _settle(
 ) -> tuple[Indices, Array, list[tuple[FactKind, str]]]:
     """Give which samples count, in order, (M,), their time stamps [s], and what became of others.
 
-    Stamps that jitter by a frame do not show the order; there, samples came late that are farther
-    back than most.
+    Most samples advance; late ones fill a gap of these, others are on another clock.
     """
     count, steps = len(stamps), np.diff(stamps)
-    if not (steps > 0).any():
+    if not (steps > MIN_STEP_S).any():
         raise ValueError("its time stamps do not advance")
-    rate_hz = nominal_hz or 1 / float(np.median(steps[steps > 0]))
-    steps *= rate_hz
+    steps *= nominal_hz or 1 / float(np.median(steps[steps > MIN_STEP_S]))
     if ((steps > 0.5) & (steps < count)).all():
         return np.arange(count), stamps, []
-    remembered, width = Remembered(), max(1, round(MIN_BURST_S * rate_hz))
-    again = np.array(list(map(remembered.again, stamps.tolist(), values)))
-    newest = maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
-    first, behind, in_order = np.flatnonzero(~again), newest - stamps, True
-    usual_s = 12 * float(np.median(behind[behind > 0])) if behind.any() else 0.0
-    for jitter_s in (SAME_TIME_FRAMES / rate_hz, min(usual_s, MIN_BURST_S)):
-        times = np.where(behind <= jitter_s, newest, stamps)
-        wrong, strange, by_place, sure = _sort_out(times, first, nominal_hz)
-        in_order = in_order and sure
-        if sure:
-            break
-    if 2 * len(strange) >= len(first):
+    again = np.array(list(map(Remembered().again, stamps.tolist(), values)))
+    period = 1 / nominal_hz if nominal_hz else _period(np.sort(stamps[~again]), 0.0)
+    repeated = _repeated(stamps, values, again, period)
+    there = np.flatnonzero(~repeated)
+    times = _in_order(stamps[there], period)
+    advancing = _longest_advance(times)
+    period = _period(times[advancing], nominal_hz)
+    # a step over more frames than there are samples is to another clock
+    far = np.diff(times[advancing]) > count * period
+    pieces = np.split(advancing, 1 + np.flatnonzero(far))
+    if 2 * len(longest := max(pieces, key=len)) > len(there):
+        advancing = longest
+    time, k = times[advancing], np.arange(len(there))
+    beyond = np.minimum(k - advancing[0], 0) + np.maximum(k - advancing[-1], 0)
+    off_s = times - np.interp(k, advancing, time) - beyond * period
+    gap_s = np.diff(time, prepend=-np.inf, append=np.inf)[np.searchsorted(time, times, "right")]
+    strange = (np.abs(off_s) > MAX_BACK_S) | (gap_s < MAX_STEP_FRAMES * period)
+    strange[advancing] = False
+    frames = np.diff(time) / period
+    same = frames < SAME_TIME_FRAMES
+    if np.median(np.abs(frames - np.rint(frames))) < CLEAR_FRAMES and np.mean(same) < MAX_SAME:
+        strange[advancing[1:][same]] = True
+    if 2 * np.count_nonzero(strange) >= len(there):
         raise ValueError(
-            f"time stamps of {len(strange)} of its {count} samples contradict the others, so that "
-            "it has no clock; correct its sender and record again"
+            f"time stamps of {np.count_nonzero(strange)} of its {count} samples contradict the "
+            "others, so that it has no clock; correct its sender and record again"
         )
-    stamps = stamps.copy()
-    stamps[wrong] = times[wrong] = by_place[wrong]
-    every = np.setdiff1d(np.arange(count), strange)
-    every = every[np.argsort(times[every], kind="stable")]
-    repeated = _repeated(times[every], values[every], again[every], nominal_hz, in_order)
-    kept = every[~repeated]
+    kept = np.flatnonzero(~strange)
+    kept = kept[np.argsort(times[kept], kind="stable")]
     late = kept[:-1] > np.minimum.accumulate(kept[:0:-1])[::-1]  # a later one came before
     counted: list[tuple[FactKind, int, str]] = [
-        ("joined", int(np.count_nonzero(repeated)), "samples came again"),
-        ("corrected", int(np.count_nonzero(late)), "samples came late, put in order"),
-        ("corrected", len(wrong), "time stamps were out of order"),
+        ("joined", int(repeated.sum()), "samples came again"),
+        ("corrected", int(late.sum()), "samples came late, put in order"),
     ]
     reasons = [(kind, f"{number} of {count} {what}") for kind, number, what in counted if number]
-    if len(strange):
-        blocks = np.split(strange, 1 + np.flatnonzero(np.diff(strange) > 1))
-        seconds = by_place - by_place[kept[0]]
+    if strange.any():
+        seconds = times - off_s - times[kept[0]]
+        left_out = np.flatnonzero(strange)
+        blocks = np.split(left_out, 1 + np.flatnonzero(np.diff(left_out) > 1))
         places = listed((f"{seconds[b[0]]:.2f} to {seconds[b[-1]]:.2f} s" for b in blocks), 3)
-        off = f"with time stamps {np.median((stamps - by_place)[strange]):+.6g} s off"
-        reasons.append(("left_out", f"{len(strange)} of {count} samples, {places}, {off}"))
-    return kept, stamps[kept], reasons
+        off = f"with time stamps {np.median(off_s[strange]):+.6g} s off"
+        reasons.append(("left_out", f"{len(left_out)} of {count} samples, {places}, {off}"))
+    return there[kept], times[kept], reasons
 
 
-def _sort_out(
-    times: Array, first: Indices, nominal_hz: float
-) -> tuple[Indices, Indices, Array, bool]:
-    """Give which of the first samples have wrong stamps, and which are on another clock.
+def _repeated(stamps: Array, values: Array, again: Mask, period: float) -> Mask:
+    """Find samples, (N,), that came before; equal ones of a chunk with one stamp did not."""
+    begins = np.append(True, np.diff(stamps) != 0)
+    repeated = again & again[begins][np.cumsum(begins) - 1]
+    order = np.flatnonzero(~repeated)
+    order = order[np.argsort(stamps[order], kind="stable")]
+    stamps, values, again = stamps[order], values[order], again[order]
+    same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
+    alike = np.append(False, same.all(axis=1))
+    frames = np.diff(stamps, prepend=stamps[0]) / period
+    clear = np.median(np.abs(frames - np.rint(frames))) < CLEAR_FRAMES
+    candidate = again | (clear & alike & (frames < 0.5))
+    # those of a chunk fill the frames that are missing without them
+    others = stamps[~candidate]
+    gap = np.diff(others, append=others[-1])[np.cumsum(~candidate)[candidate] - 1]
+    if 2 * np.count_nonzero(gap > MAX_STEP_FRAMES * period) <= len(gap):
+        repeated[order[candidate]] = True
+    return np.asarray(repeated)
 
-    Most samples advance; late ones fill a gap of these by their time, one or two with wrong stamps
-    by their place, others none. Also the times by place, (N,) [s], and whether
-    times show the order.
+
+def _in_order(stamps: Array, period: float) -> Array:
+    """Give times of samples, (N,) [s]: stamps, or that of the newest where they only jitter.
+
+    Stamps that are whole frames behind show the order, else only those that are behind by more.
     """
-    advancing = first[_longest_advance(times[first])]
-    if len(advancing) < 2:
-        raise ValueError("its time stamps do not advance")
-    period = _period(times[advancing], nominal_hz)
-    longest_s = len(times) * period  # of a pause
-    pieces = np.split(advancing, 1 + np.flatnonzero(np.diff(times[advancing]) > longest_s))
-    if len(pieces) > 1 and 2 * len(longest := max(pieces, key=len)) > len(first):
-        begin_s, end_s = times[longest[[0, -1]]] + [-longest_s, longest_s]
-        near = first[(times[first] > begin_s) & (times[first] < end_s)]
-        advancing = near[_longest_advance(times[near])]
-    others, time, k = np.setdiff1d(first, advancing), times[advancing], np.arange(len(times))
-    beyond = np.minimum(k - advancing[0], 0) + np.maximum(k - advancing[-1], 0)
-    by_place, steps = np.interp(k, advancing, time) + beyond * period, np.diff(time) / period
-    # by time: in a gap, near an end, or where there is one already, which is judged later
-    at = np.searchsorted(time, times[others], "right")
-    gap = np.concatenate([[np.inf], steps, [np.inf]])[at]
-    end = np.clip(times[others], time[0], time[-1])
-    off_s = np.abs(times[others] - end)  # before all others, or after them
-    near = (off_s == 0) | (off_s + np.abs(by_place[others] - end) < MAX_BACK_S)
-    fits = near & (gap > MAX_STEP_FRAMES + np.median(np.abs(steps - 1)))
-    ends = np.stack([time[np.maximum(at - 1, 0)], time[np.minimum(at, len(time) - 1)]])
-    meets = np.abs(ends - times[others]).min(axis=0) < SAME_TIME_FRAMES * period
-    apart = (np.diff(others) > 1) | (np.abs(np.diff(times[others])) > MAX_BACK_S)
-    block = np.cumsum(np.append(False, apart)[: len(others)])
-    few = (np.bincount(block) < MIN_CONFIRMED)[block]  # more in a row fit as a whole
-    fits &= few | (np.bincount(block, fits) > np.bincount(block) / 2)[block]
-    # by place: one or two where so many are missing
-    place = np.searchsorted(advancing, others)
-    together = np.bincount(place, minlength=1)[place]
-    gap = np.concatenate([[0], steps, [0]])[place]
-    is_wrong = ~fits & (together < MIN_CONFIRMED) & (gap > together + 0.5)
-    fits |= meets & few & ~is_wrong
-    late, wrong, strange = others[fits], others[is_wrong], others[~fits & ~is_wrong]
-    # where time stamps show the order, steps are whole frames, and few samples are off by a little
-    settled, steps = len(late) + len(wrong), np.diff(np.sort(times[np.append(advancing, late)]))
-    clear = np.median(np.abs(steps / period - np.rint(steps / period))) < CLEAR_FRAMES
-    unsure = np.count_nonzero(np.abs(times[strange] - by_place[strange]) < MAX_BACK_S)
-    sure = unsure <= settled and (clear or not settled)
-    return wrong, strange, by_place, bool(sure)
+    width = max(1, round(MIN_BURST_S / period))
+    newest = maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
+    behind = (newest - stamps) / period
+    late = behind[(behind > 0.5) & (behind < width)]
+    jitter = 0.5
+    if len(late) and np.median(np.abs(late - np.rint(late))) > CLEAR_FRAMES:
+        jitter = np.clip(3 * np.quantile(behind, 0.8), 2, width)
+    return np.asarray(np.where(behind <= jitter, newest, stamps))
 
 
 def _longest_advance(times: Array) -> Indices:
     """Give the places of the longest series of times that never go back, (M,), of (N,) [s]."""
-    if (np.diff(times) >= 0).all():
-        return np.arange(len(times))
     # of the series of each length that ends first; the place before each in its series
     ends, at, before = list[float](), list[int](), list[int]()
     for k, time in enumerate(times.tolist()):
@@ -668,38 +615,9 @@ def _longest_advance(times: Array) -> Indices:
     series = at[-1:]
     while (k := before[series[-1]]) >= 0:
         series.append(k)
-    return np.array(series[::-1])
-
-
-def _repeated(times: Array, values: Array, again: Mask, nominal_hz: float, in_order: bool) -> Mask:
-    """Find samples, (N,), that came before: without them no frame is missing in their place."""
-    if not times[-1] > times[0]:
+    if len(series) < 2:
         raise ValueError("its time stamps do not advance")
-    steps = np.diff(times, prepend=-np.inf)
-    steps *= nominal_hz or 1 / np.median(steps[1:][steps[1:] > 0])
-    same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-    alike = np.append(False, same.all(axis=1))
-    run = np.cumsum(~alike)
-    stays = np.bincount(run)[run] > MOST_AGAIN  # such as a plate that nobody stands on
-    alike = again | (alike & ~stays & (steps < 0.5))
-    candidate = alike | (steps < SAME_TIME_FRAMES) & (in_order and nominal_hz > 0)
-    others = np.flatnonzero(~candidate)
-    # a chunk with one stamp fills the frames that are missing without it, those alike last
-    missing = np.diff(lost_before(times[others], nominal_hz))
-    missing = np.append(missing, missing.max(initial=0))
-    last = np.cumsum(~candidate) - 1
-    by_doubt, number = np.lexsort((candidate & alike, last)), np.empty(len(times), int)
-    number[by_doubt] = np.arange(len(times)) - others[last[by_doubt]]
-    fills = candidate & (number <= missing[last])
-    in_chunks = 2 * fills.sum() > candidate.sum()
-    repeated = candidate & ~(in_chunks & (fills | stays | ~alike))
-    if np.count_nonzero(~repeated) < 2:
-        return np.zeros(len(times), bool)
-    with_them, without = (
-        _cost(t, _find_frames(t, _period(t, nominal_hz), nominal_hz))
-        for t in (times, times[~repeated])
-    )
-    return np.asarray(repeated & (without < with_them))
+    return np.array(series[::-1])
 
 
 def lost_before(stamps: Array, nominal_hz: float) -> Indices:
@@ -717,16 +635,6 @@ def lost_before(stamps: Array, nominal_hz: float) -> Indices:
     period = _period(stamps, nominal_hz)
     period = period if period * nominal_hz < MAX_STEP_FRAMES else 1 / nominal_hz
     return _find_frames(stamps, period, nominal_hz) - np.arange(len(stamps))
-
-
-def _in_order(stamps: Array, period: float) -> Array:
-    """Give stamps with those between their neighbours that are out of order, (N,) [s]."""
-    usual = median_filter(stamps, NEIGHBOURS, mode="nearest")
-    right = np.abs(stamps - usual) < OUT_OF_ORDER_FRAMES * period
-    if right.all() or np.count_nonzero(right) < 2:
-        return stamps
-    k = np.arange(len(stamps))
-    return np.where(right, stamps, np.interp(k, k[right], stamps[right]))
 
 
 def _find_frames(stamps: Array, period: float, nominal_hz: float) -> Indices:
@@ -776,18 +684,18 @@ def _slope(stamps: Array, index: Indices) -> float:
 
 
 def _period(stamps: Array, nominal_hz: float) -> float:
-    """Give the time per frame [s]: the nominal one where stamps agree with it."""
+    """Give the time per frame [s]: of clear steps, else the nominal one where stamps agree."""
     count = len(stamps)
     step = max(1, min(round(MIN_BURST_S * (nominal_hz or USUAL_HZ)), count // 4))
     usual = float(np.median(stamps[step:] - stamps[:-step])) / step
     mean = float(stamps[-1] - stamps[0]) / (count - 1)
-    if not mean > 0 or not usual > 0:
+    if min(mean, usual) < MIN_STEP_S:
         raise ValueError("its time stamps do not advance")
     steps, single = np.diff(stamps), 1 / (nominal_hz or 1 / usual)
     for _ in range(5):  # until it is the mean of the steps about it, from one frame to the next
         about = steps[np.abs(steps / single - 1) < 0.5]
         single = float(about.mean()) if len(about) else single
-    clear = min(usual, mean) < MAX_STEP_FRAMES * single and 2 * len(about) > len(steps)
-    shown = [single] if clear else [usual, mean]
-    near = any(abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in shown)
-    return 1 / nominal_hz if near else min(shown)
+    if min(usual, mean) < MAX_STEP_FRAMES * single and 2 * len(about) > len(steps):
+        return single
+    near = any(abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in (usual, mean))
+    return 1 / nominal_hz if near else min(usual, mean)

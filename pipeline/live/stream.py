@@ -16,7 +16,6 @@ from pipeline.io.stated import Stated
 from pipeline.io.streams import (
     AXES,
     MAX_BACK_S,
-    MIN_CONFIRMED,
     Channel,
     Remembered,
     find_plates,
@@ -136,7 +135,8 @@ LARGEST: Final = 1e9
 MAX_AHEAD_S: Final = 1.0
 """The same for samples ahead of the time that has passed and of all other streams."""
 CONFIRMED_S: Final = 0.05
-"""Of samples that follow each other on another clock; fewer have wrong time stamps."""
+MIN_CONFIRMED: Final = 3
+"""Samples that follow each other on another clock; fewer have wrong time stamps."""
 COUNTED: Final = 700
 """Samples at least that show together which of them are missing."""
 REMEMBERED_S: Final = 10.0
@@ -332,7 +332,7 @@ def describe_markers(
     `pipeline.io.streams.marker_layout`.
     """
     _require_rate(name, rate_hz)
-    layout = marker_layout(channels, stated)
+    names, positions = marker_layout(channels, stated)
     known = stated.axes or axes
     if not known:
         raise ValueError(
@@ -343,11 +343,11 @@ def describe_markers(
 
     def convert(values: Array) -> Array:
         with np.errstate(invalid="ignore"):  # infinite ones
-            found = layout.positions(values).reshape(-1, 3) @ to_lab.T
+            found = positions(values) @ to_lab.T
         return np.asarray(found).reshape(len(values), -1)
 
-    units = ("m",) * len(layout.names)
-    return StreamDescription(name, "markers", layout.names, units, rate_hz), convert
+    units = ("m",) * len(names)
+    return StreamDescription(name, "markers", names, units, rate_hz), convert
 
 
 def describe_signals(

@@ -41,6 +41,14 @@ def test_rate_and_losses_are_told_apart_whatever_the_stated_rate(seed, rate_hz, 
     assert clock.rate_hz == pytest.approx(rate_hz, rel=1e-4)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_rate_that_is_just_near_the_stated_one_hides_no_loss(seed):
+    rng = np.random.default_rng(seed)
+    frames = np.flatnonzero(np.append(True, rng.random(2999) >= 0.01))
+    stamps = 5000 + (frames + rng.uniform(-0.19, 0.19, len(frames))) / 101.9
+    np.testing.assert_array_equal(find_clock(stamps, 100.0).index, frames)
+
+
 @pytest.mark.parametrize("jitter", [0.5, 1.0])
 @pytest.mark.parametrize("lost", [0.0, 0.01, 0.1])
 def test_at_the_stated_rate_losses_are_found_under_jitter_of_frames(jitter, lost):
@@ -67,12 +75,22 @@ def test_a_rate_that_is_not_stated_is_found(burst):
 
 
 @pytest.mark.parametrize("by_s", [-8.0, -0.05, 0.3, 8.0])
-def test_a_single_stamp_out_of_order_moves_no_frame(by_s):
+def test_a_sample_whose_stamp_is_out_of_order_is_a_gap_whose_place_is_said(by_s):
     stamps = 5000 + np.arange(1000) / 100
     stamps[500] += by_s
     clock = find_clock(stamps, 100.0)
-    np.testing.assert_array_equal(clock.index, np.arange(1000))
+    np.testing.assert_array_equal(clock.index, np.delete(np.arange(1000), 500))
+    off = f"1 of 1000 samples, 5.00 to 5.00 s, with time stamps {by_s:+g} s off"
+    assert off in [fact.reason for fact in clock.facts]
     assert clock.rate_hz == pytest.approx(100, rel=1e-9)
+
+
+def test_another_sample_at_the_same_time_moves_no_frame():
+    """As of a sender that corrects a sample."""
+    frames = np.insert(np.arange(1000), 500, 499)
+    clock = find_clock(5000 + frames / 100, 100.0)
+    np.testing.assert_array_equal(clock.index, frames[clock.samples])
+    assert [fact.kind for fact in clock.facts] == ["left_out"]
 
 
 def test_a_rate_that_is_not_the_nominal_one_is_found():

@@ -185,7 +185,7 @@ def test_faults_of_streams_are_one_line(trial, tmp_path):
     second = cameras | {"name": "B", "values": cameras["values"] + 0.001}
     refused(
         xdf.write_xdf(path, [cameras, second]),
-        match="2 streams hold markers .*: choose one, for example --marker-stream 'Cameras'",
+        match="2 streams hold markers; .*: 'Cameras', 'B'; choose one, .*--marker-stream 'Cameras'",
     )
     chosen = read_recording(path, Stated(marker_stream="B")).markers.position
     np.testing.assert_allclose(chosen, trial.markers.position + 0.001, atol=1e-9)
@@ -262,31 +262,36 @@ def test_streams_of_one_name_that_overlap_or_differ_are_refused_with_both_named(
     cameras, plates, _ = xdf.recorded(trial)
     path, count = tmp_path / "a.xdf", len(plates["stamps"])
     halves = [part(plates, np.arange(count - 9)), part(plates, np.arange(count - 10, count))]
-    match = r"2 streams called 'Plates' \(0.00 to .* s and 1.99 to .* s\) {}; rename one"
-    refused(xdf.write_xdf(path, [cameras, *halves]), match=match.format("overlap in time"))
+    match = r"2 streams called 'Plates' \(0.00 to .* s and 1.99 to .* s\) overlap .*; rename one"
+    refused(xdf.write_xdf(path, [cameras, *halves]), match=match)
     halves[1] = part(plates, np.arange(count - 9, count), rate=500)
-    refused(xdf.write_xdf(path, [cameras, *halves]), match=match.format("are described diff.*"))
+    refused(xdf.write_xdf(path, [cameras, *halves]), match=match)
 
 
-def with_channel(of, channels, column, values):
-    """A stream with another channel like that of a column, at its end."""
-    both = np.column_stack([of["values"], values])
-    return of | {"values": both, "desc": xdf.described([*channels, channels[column]], AXES)}
+def test_a_component_that_is_described_twice_is_no_plate_and_both_channels_are_named(
+    trial, tmp_path
+):
+    cameras, plates, _ = xdf.recorded(trial)
+    path, place = tmp_path / "a.xdf", f"<plates>{xdf.plate_place(trial.plates[0])}</plates>"
+    values = np.column_stack([plates["values"][:, :6], 2 * plates["values"][:, 2]])
+    components = xdf.plate_channels(1)
+    forces = [{"label": f"FP1.For{axis}", "unit": "N"} for axis in "XYZ"]
+    dflow = [*forces, *({"label": f"FP1.Mom{axis}", "unit": "Nm"} for axis in "XYZ")]
+    for channels in [*components, components[2]], [*dflow, dflow[2]]:
+        xdf.write_xdf(path, [cameras, plates | {"values": values, "desc": xdf.described(channels)}])
+        refused(path, match="channels 3 and 7 have the label 'FP1.F.*Z'; rename one")
+    desc = xdf.described([*components, components[2] | {"label": "Other"}], place)
+    xdf.write_xdf(path, [cameras, plates | {"values": values, "desc": desc}])
+    read = read_recording(path)
+    assert not read.plates
+    said = "its channels of type ForceZ: 3, 7, expected one"
+    assert Fact("left_out", "plate 1", said) in read.facts
 
 
-AXES = xdf.tags(axes="forward,left,up")
-
-
-def test_channels_of_one_description_are_one_or_refused(trial, tmp_path):
-    cameras, path = xdf.recorded(trial)[0], tmp_path / "a.xdf"
+def test_a_coordinate_that_is_described_twice_is_refused_with_its_marker(trial, tmp_path):
+    cameras = xdf.recorded(trial)[0]
     channels = xdf.marker_channels(trial.markers.names)
-    column = cameras["values"][:, 4].copy()
-    same = with_channel(cameras, channels, 4, column)
-    later = with_channel(cameras, channels, 4, np.where(np.arange(200) < 90, np.nan, column))
-    later["values"][90:, 4] = np.nan
-    for of in (same, later):
-        read = read_recording(xdf.write_xdf(path, [of]))
-        np.testing.assert_array_equal(read.markers.position, trial.markers.position)
-        assert [fact.kind for fact in read.facts] == ["joined"]
-    other = with_channel(cameras, channels, 4, column + 0.1)
-    refused(xdf.write_xdf(path, [other]), match=r"channels 5 and \d+ contradict each other; rename")
+    values = np.column_stack([cameras["values"], cameras["values"][:, 4]])
+    desc = xdf.described([*channels, channels[4]], xdf.tags(axes="forward,left,up"))
+    path = xdf.write_xdf(tmp_path / "a.xdf", [cameras | {"values": values, "desc": desc}])
+    refused(path, match=f"marker '{trial.markers.names[1]}' has several channels, but one for X")

@@ -116,7 +116,8 @@ def test_a_description_is_in_the_axes_of_the_markers(walker):
 def test_a_damaged_description_is_no_place_and_says_why(walker):
     plate = walker.plates[0]
     (turned,) = described([replace(plate, rotation=np.ones((3, 3)))])
-    assert (turned.place, turned.problem) == (None, "its rotation is no rotation")
+    assert turned.place is None
+    assert turned.problem.startswith("its rotation is no rotation")
     (nowhere,) = described([replace(plate, center=np.full(3, np.nan))])
     assert nowhere.place is None
 
