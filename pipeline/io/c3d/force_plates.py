@@ -183,9 +183,9 @@ def _plate_layout(
     quantities, length = QUANTITIES[kind], parameters.text("POINT", "UNITS")
     metre = stated.metre(length)
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T
-    unit, facts = _unit_of_corners(k, corners, metre, position)
-    corners = corners * unit
     rotation = plate_axes(corners)
+    unit, facts = unit_of_corners(k + 1, corners, metre, position)
+    corners = corners * unit
     halves = corners[:2] + corners[2:]  # equal in a rectangle
     error_m = np.linalg.norm(halves[0] - halves[1])
     if error_m > MAX_CORNER_ERROR_M:
@@ -230,13 +230,13 @@ def _plate_layout(
     return PlateLayout(k + 1, kind, channels, to_si, origin, corners, rotation, read_as), facts
 
 
-def _unit_of_corners(
-    k: int, corners: Array, metre: float, position: Array | None
+def unit_of_corners(
+    number: int, corners: Array, metre: float, position: Array | None
 ) -> tuple[float, list[Fact]]:
-    """Give the unit of a plate's corners, (4, 3), in metres: that of the markers, if it can be.
+    """Give the unit of a plate's corners, (4, 3), in metres: that of the file, if it can be.
 
     A plate of an odd size is in the one unit in which it has a usual size, if markers are above it
-    then, or if its size is impossible otherwise.
+    then, or if its size is impossible otherwise. A ValueError where no unit makes it possible.
     """
     edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
 
@@ -250,10 +250,11 @@ def _unit_of_corners(
     likely = {name: unit for name, unit in LENGTHS.items() if fits(unit, *LIKELY_EDGES_M)}
     for name, unit in likely.items() if len(likely) == 1 else ():
         if not possible or _under_markers(corners * unit, position):
-            reason = f"{size} in the markers' unit, {name} used"
-            return unit, [Fact("corrected", f"corners of plate {k + 1}", reason)]
-    doubt = Fact("in_doubt", f"plate {k + 1}", f"it is {size} large: check FORCE_PLATFORM:CORNERS")
-    return metre, [] if possible else [doubt]
+            reason = f"{size} in the unit of the file, {name} used"
+            return unit, [Fact("corrected", f"corners of plate {number}", reason)]
+    if not possible:
+        raise Undescribed(f"its corners are {size} apart, and not one of m, cm and mm mends that")
+    return metre, []
 
 
 def _under_markers(corners: Array, position: Array | None) -> bool:
