@@ -29,7 +29,7 @@ MAX_POSITION_M: Final = 50.0
 MIN_AWAY_M: Final = 0.05
 """Of a code of missing samples from the marker's median; nearer, the marker itself is there."""
 MIN_FORCE_RATIO: Final = 1e-3
-"""To the largest force of a plate; with less a centre of pressure has no meaning."""
+"""To the largest force of a plate; with less, noise alone is far away."""
 MIN_VERTICAL_FORCE_N: Final = 100.0
 """Below it the centre of pressure is too noisy to compare with."""
 MIN_LOADED_SAMPLES: Final = 10
@@ -173,14 +173,14 @@ def _require_extent(position: Array, unit: str) -> None:
         span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
     if not MIN_SPAN_M < span < MAX_SPAN_M:
         spans = {name: span / length_in_m(unit) * metre for name, metre in LENGTHS.items()}
-        right = min(spans, key=lambda name: abs(np.log(max(spans[name], 1e-9) / USUAL_SPAN_M)))
-        remedy = f'{spans[right]:.3g} m in {right}: give --units {right}, or units = "{right}"'
-        if not MIN_SPAN_M < spans[right] < MAX_SPAN_M:
-            remedy = "no unit m, cm or mm mends that: correct the positions"
-        raise ValueError(
-            f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
-            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; {remedy}"
-        )
+        right, metres = min(spans.items(), key=lambda of: abs(np.log(of[1] / USUAL_SPAN_M + 1e-9)))
+        stating = f'--units {right}, or units = "{right}" in study.toml'
+        remedy = f"{metres:.3g} m in {right}: give {stating}"
+        likely = MIN_SPAN_M < metres < MAX_SPAN_M
+        remedy = remedy if likely else "no unit m, cm or mm mends that: correct the positions"
+        limits = f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m"
+        fault = f"{span:.3g} m if their unit is {short(unit)!r}, expected {limits}"
+        raise ValueError(f"the markers spread over {fault}; {remedy}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,15 +223,16 @@ class PlateColumns:
 
     def without_codes(self) -> list[Note | Fact]:
         """Make centres of pressure that are none gaps, and zeros without force; in SI units."""
-        if (pressure := self.pressure) is None:
+        if self.pressure is None:
             return []
-        size = np.linalg.norm(self.force, axis=1)
+        size, of = np.linalg.norm(self.force, axis=1), "centres of pressure"
         small = size <= MIN_FORCE_RATIO * np.nanmax(size, initial=0)
+        self.pressure[size == 0] = 0
         # noise by hardly a force is far away too, but not the same in x, y and z
-        pressure[small & ((size == 0) | (pressure != pressure[:, :1]).any(axis=1))] = 0
-        of = "centres of pressure"
+        judged = ~small | (self.pressure == self.pressure[:, :1]).all(axis=1)
+        pressure = self.pressure[judged]
         said = [*without_impossible_positions([self.name], pressure[:, None], 1.0, of)]
-        pressure[small] = 0
+        self.pressure[judged] = np.where(small[judged, None], np.nan_to_num(pressure), pressure)
         return said
 
 
@@ -333,8 +334,7 @@ def recording_of(
     mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
     with saying(said):
         columns = [plate.in_si(stated) for plate in found]
-        for plate in columns:
-            said += plate.without_codes()
+        said += [fact for plate in columns for fact in plate.without_codes()]
         forces = [mean_force(p.force) * (p.number not in mended) for p in columns if on_subject]
         forces += [p.rotation @ mean_force(p.wrench_in_plate[:, :3]) for p in witnesses]
         settled, axes_notes = settle_axes(
@@ -355,10 +355,8 @@ def recording_of(
         # gravity acts along up, whoever stores its reaction or the load on the plates
         total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
         if not on_subject and np.linalg.norm(total) > max(MIN_VERTICAL_FORCE_N, 2 * abs(total[2])):
-            raise ValueError(
-                "the plates' mean force is level in the axes of the markers: forces and markers "
-                "have different axes; export both in the same ones"
-            )
+            why = "forces and markers have different axes; export both in the same ones"
+            raise ValueError(f"the plates' mean force is level in the axes of the markers: {why}")
         if not on_subject and total[2] < 0:
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
             said.append(Note.of("forces_reversed"))
@@ -428,10 +426,8 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
     center = np.zeros(3) if plate.place is None else plate.place.center
     loaded = np.abs(force @ up) > MIN_VERTICAL_FORCE_N
     if loaded.any() and not (moment[loaded] @ up).any():
-        raise ValueError(
-            f"{plate.name}: the vertical moment is zero while the plate is loaded, so it was not "
-            "exported; export all three moments"
-        )
+        why = "the vertical moment is zero while the plate is loaded; export all three moments"
+        raise ValueError(f"{plate.name}: {why}")
     rows = _loaded(plate, up)
     if not len(rows[0]):
         at = "origin of the file's axes" if plate.place is None else "centre of its surface"

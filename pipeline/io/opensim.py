@@ -151,9 +151,9 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     Notes
     -----
     Moment about the origin of force f at point p with torque t: p × f + t, unless t turns out to be
-    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point has
-    no meaning and is not used. MOT files often print times with so few digits that the steps look
-    uneven; force times within a twentieth of a step of even ones become even.
+    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point
+    has no meaning and is not used. MOT files often print times with so few digits that the steps
+    look uneven; force times within a twentieth of a step of even ones become even.
     """
     table = read_table(path)
     lines = table.rows
@@ -186,10 +186,8 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
             if not of_sto and abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0]):
                 clock = clock - clock[0] + time[0]
             if clock[-1] < time[0] or clock[0] > time[-1]:
-                raise ValueError(
-                    f"its times {clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}–"
-                    f"{time[-1]:.2f} s of {path.name}; are they of the same trial and clock?"
-                )
+                times = f"{clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}"
+                raise ValueError(f"its times {times}–{time[-1]:.2f} s of {path.name}; same clock?")
             columns = dict(zip(loads.columns, held.T[1:], strict=True))
             plates = list(_forces(columns, clock - time[0], loads.units))
             table.said += loads.text.said
@@ -244,11 +242,10 @@ def _forces(
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(columns)}")
     for k, (stem, letter) in enumerate(stems, start=1):
-        name = short(stem)
+        name = f"plate {k} ({short(stem)})"
         torques = [stem.replace("force", word) + before for word, before in TORQUE_COLUMNS]
         there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
             raise ValueError(f"the torques of {name} are there twice: {listed(there)}; remove one")
         quantities = [f"{stem}_{letter}", (there or torques)[0], f"{stem}_p"]
-        name = f"plate {k} ({name})"
         yield plate_of(k, name, time, columns, quantities, axes="xyz", units=units)

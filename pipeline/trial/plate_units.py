@@ -103,7 +103,7 @@ def require_units(recording: Recording, mass_kg: float | None = None) -> None:
     """
     mass_kg, time = mass_kg or recording.metadata.mass_kg, recording.markers.time
     feet = _feet(recording)
-    ten = _tenfold(recording, mass_kg)
+    ten = _tenfold(recording.plates, time, mass_kg)
     factors = [_factor(plate, feet, time, mass_kg, ten) for plate in recording.plates]
     factors = [_with_torque(factor) for factor in _with_unsure(factors, feet, time)]
     of_plates = dict[str, list[str]]()
@@ -156,8 +156,7 @@ def require_possible(residual: Array, body: Body) -> None:
     if force_n > most_n or moment_nm > most_nm:
         raise ValueError(
             f"the residual is {force_n:,.0f} N and {moment_nm:,.0f} N·m RMS, more than any body "
-            f"has (expected below {most_n:,.0f} N and {most_nm:,.0f} N·m): the units or the places "
-            "of plates are wrong; compare them with the capture software"
+            f"has ({most_n:,.0f} N, {most_nm:,.0f} N·m): units or places of the plates are wrong"
         )
 
 
@@ -229,10 +228,9 @@ def _load_kg(vertical: Array) -> float:
     return float(np.median(vertical[vertical >= HALF * highest])) / GRAVITY_MPS2
 
 
-def _tenfold(recording: Recording, mass_kg: float | None) -> int:
+def _tenfold(plates: Sequence[Plate], time: Array, mass_kg: float | None) -> int:
     """Give the power of ten, 1 or -1, by which all plates together miss a body's mass; or 0."""
-    time = recording.markers.time
-    loads = [np.interp(time, p.time, np.abs(p.wrench_in_plate[:, 2])) for p in recording.plates]
+    loads = [np.interp(time, p.time, np.abs(p.wrench_in_plate[:, 2])) for p in plates]
     load_kg = _load_kg(np.nan_to_num(np.sum(loads, axis=0))) if loads else 0.0
     if mass_kg is None:
         return int(MAX_DRIFT_KG <= load_kg < MIN_LOAD_KG)

@@ -176,10 +176,7 @@ def _plate_layout(
     parameters, labelled = header.parameters, header.channels
     kind = int(_of_plate(parameters, "TYPE", k, ()))
     if kind not in QUANTITIES:
-        raise Undescribed(
-            f"plates of TYPE {kind} are not supported, only TYPE 1 to 4; export the file with "
-            "TYPE 2 plates"
-        )
+        raise Undescribed(f"plates of TYPE {kind} are not supported; export it with TYPE 2 plates")
     quantities, length = QUANTITIES[kind], parameters.text("POINT", "UNITS")
     metre = stated.metre(length)
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T
@@ -330,16 +327,12 @@ def channel_change(plate: PlateLayout, wrench_change: Array) -> Array:
     array([[10.,  0.,  0.,  0., -1.,  0.]])
     """
     if plate.kind == 1:
-        raise ValueError(
-            f"force plate {plate.number}: plates of TYPE 1 store a centre of pressure in place of "
-            "moments, which a compensated force may not have; export the file with TYPE 2 plates"
-        )
+        why = "TYPE 1 stores a centre of pressure, which a compensated force may not have"
+        raise ValueError(f"force plate {plate.number}: {why}; export it with TYPE 2 plates")
     to_wrench = plate.wrench(np.eye(len(plate.channels))).T
     if not np.linalg.cond(to_wrench) < MAX_CONDITION:
-        raise ValueError(
-            f"force plate {plate.number}: its channels do not determine its wrench; check "
-            f"FORCE_PLATFORM:{'CAL_MATRIX' if plate.kind == 4 else 'ORIGIN'}"
-        )
+        check = f"check FORCE_PLATFORM:{'CAL_MATRIX' if plate.kind == 4 else 'ORIGIN'}"
+        raise ValueError(f"force plate {plate.number}: no wrench by its channels; {check}")
     if plate.kind == 3:
         return wrench_change @ np.linalg.pinv(to_wrench).T
     return np.asarray(np.linalg.solve(to_wrench, wrench_change.T).T)
