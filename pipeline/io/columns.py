@@ -17,14 +17,19 @@ from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import join_trajectories, rename_markers, require_unique, without_prefixes
 from pipeline.io.recording import Fact, Plate, Recording, saying
 from pipeline.io.stated import CONVERT, Stated, impossible_samples, parse_mending
+from pipeline.io.units import LENGTHS, length_in_m
 
 MIN_SPAN_M: Final = 0.05
 MAX_SPAN_M: Final = 20.0
 """Between the markers of a person and a treadmill, or of a walkway."""
+USUAL_SPAN_M: Final = 1.5
+"""To which the unit comes nearest that is said instead of a wrong one."""
 MAX_POSITION_M: Final = 50.0
 """From the origin along any axis; no laboratory is larger."""
 MIN_AWAY_M: Final = 0.05
 """Of a code of missing samples from the marker's median; nearer, the marker itself is there."""
+MIN_FORCE_RATIO: Final = 1e-3
+"""To the largest force of a plate; with less, noise alone is far away."""
 MIN_VERTICAL_FORCE_N: Final = 100.0
 """Below it the centre of pressure is too noisy to compare with."""
 MIN_LOADED_SAMPLES: Final = 10
@@ -123,12 +128,12 @@ def settle_markers(
         markers, renamed = rename_markers(columns, stated)
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
-        _require_extent(position, stated.units or unit, stated.correct_units)
+        _require_extent(position, stated.units or unit)
     return FileMarkers(tuple(markers), position, unit, [*said, *renamed])
 
 
 def without_impossible_positions(
-    names: Sequence[str], position: Array, metre: float
+    names: Sequence[str], position: Array, metre: float, of: str = "markers"
 ) -> Iterator[Note | Fact]:
     """Make gaps of positions, (T, M, 3), that cannot have been measured, and count them.
 
@@ -149,16 +154,16 @@ def without_impossible_positions(
             written[:, column] &= away * metre > MIN_AWAY_M
         position[written] = np.nan
         by_name = zip(names, written.sum(axis=0), strict=True)
-        if of := [f"{short(name)} {n}" for name, n in by_name if n]:
-            reason = f"samples at {code:.7g} in x, y and z, a code of missing ones: {listed(of)}"
-            yield Fact("missing", "markers", reason)
+        if counted := [f"{short(name)} {n}" for name, n in by_name if n]:
+            reason = f"samples at {code:.7g} in x, y and z, a code of missing ones"
+            yield Fact("missing", of, f"{reason}: {listed(counted)}")
     far = (np.abs(position) > MAX_POSITION_M / metre).any(axis=-1)
-    if 2 * np.count_nonzero(far) < np.isfinite(x).sum():
+    if 2 * np.count_nonzero(far) < np.count_nonzero(np.isfinite(x) & position.any(axis=-1)):
         position[far] = np.nan
         yield from impossible_samples(names, far.sum(axis=0))
 
 
-def _require_extent(position: Array, unit: str, remedy: str) -> None:
+def _require_extent(position: Array, unit: str) -> None:
     """Refuse positions, (T, M, 3) [m], whose extent in the median frame is that of no person."""
     several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
     if not several.any():
@@ -167,10 +172,15 @@ def _require_extent(position: Array, unit: str, remedy: str) -> None:
     with np.errstate(over="ignore"):
         span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
     if not MIN_SPAN_M < span < MAX_SPAN_M:
-        raise ValueError(
-            f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
-            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; {remedy}"
-        )
+        spans = {name: span / length_in_m(unit) * metre for name, metre in LENGTHS.items()}
+        right, metres = min(spans.items(), key=lambda of: abs(np.log(of[1] / USUAL_SPAN_M + 1e-9)))
+        stating = f'--units {right}, or units = "{right}" in study.toml'
+        remedy = f"{metres:.3g} m in {right}: give {stating}"
+        likely = MIN_SPAN_M < metres < MAX_SPAN_M
+        remedy = remedy if likely else "no unit m, cm or mm mends that: correct the positions"
+        limits = f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m"
+        fault = f"{span:.3g} m if their unit is {short(unit)!r}, expected {limits}"
+        raise ValueError(f"the markers spread over {fault}; {remedy}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +220,20 @@ class PlateColumns:
             if getattr(self, quantity) is not None
         }
         return replace(self, **in_si)
+
+    def without_codes(self) -> list[Note | Fact]:
+        """Make centres of pressure that are none gaps, and zeros without force; in SI units."""
+        if self.pressure is None:
+            return []
+        size, of = np.linalg.norm(self.force, axis=1), "centres of pressure"
+        small = size <= MIN_FORCE_RATIO * np.nanmax(size, initial=0)
+        self.pressure[size == 0] = 0
+        # noise by hardly a force is far away too, but not the same in x, y and z
+        judged = ~small | (self.pressure == self.pressure[:, :1]).all(axis=1)
+        pressure = self.pressure[judged]
+        said = [*without_impossible_positions([self.name], pressure[:, None], 1.0, of)]
+        self.pressure[judged] = np.where(small[judged, None], np.nan_to_num(pressure), pressure)
+        return said
 
 
 def vectors(columns: Mapping[str, Array], stems: Iterable[str], axes: str = "XYZ") -> Array:
@@ -310,6 +334,7 @@ def recording_of(
     mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
     with saying(said):
         columns = [plate.in_si(stated) for plate in found]
+        said += [fact for plate in columns for fact in plate.without_codes()]
         forces = [mean_force(p.force) * (p.number not in mended) for p in columns if on_subject]
         forces += [p.rotation @ mean_force(p.wrench_in_plate[:, :3]) for p in witnesses]
         settled, axes_notes = settle_axes(
@@ -330,10 +355,8 @@ def recording_of(
         # gravity acts along up, whoever stores its reaction or the load on the plates
         total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
         if not on_subject and np.linalg.norm(total) > max(MIN_VERTICAL_FORCE_N, 2 * abs(total[2])):
-            raise ValueError(
-                "the plates' mean force is level in the axes of the markers: forces and markers "
-                "have different axes; export both in the same ones"
-            )
+            why = "forces and markers have different axes; export both in the same ones"
+            raise ValueError(f"the plates' mean force is level in the axes of the markers: {why}")
         if not on_subject and total[2] < 0:
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
             said.append(Note.of("forces_reversed"))
@@ -403,21 +426,17 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
     center = np.zeros(3) if plate.place is None else plate.place.center
     loaded = np.abs(force @ up) > MIN_VERTICAL_FORCE_N
     if loaded.any() and not (moment[loaded] @ up).any():
-        raise ValueError(
-            f"{plate.name}: the vertical moment is zero while the plate is loaded, so it was not "
-            "exported; export all three moments"
-        )
+        why = "the vertical moment is zero while the plate is loaded; export all three moments"
+        raise ValueError(f"{plate.name}: {why}")
     rows = _loaded(plate, up)
     if not len(rows[0]):
         at = "origin of the file's axes" if plate.place is None else "centre of its surface"
         return np.hstack([force, moment + np.cross(center, force)]), f"about the {at}, unchecked"
     point, misfit = _simplest(*rows, up, center)
     if misfit > MAX_MISFIT_M:
-        raise ValueError(
-            f"{plate.name}: moments and centres of pressure disagree by {1000 * misfit:.0f} mm "
-            f"about any point, expected less than {1000 * MAX_MISFIT_M:.0f} mm: the units, axes or "
-            "signs of its columns are not those of one plate"
-        )
+        fault = f"moments and centres of pressure disagree by {1000 * misfit:.0f} mm about any"
+        limit = f"expected less than {1000 * MAX_MISFIT_M:.0f} mm: units, axes or signs are wrong"
+        raise ValueError(f"{plate.name}: {fault} point, {limit}")
     return _about(plate, point, misfit)
 
 

@@ -36,8 +36,6 @@ TORQUE_COLUMNS: Final = tuple(product(("torque", "moment", "force"), ("_", "_m")
 word in the place of "force", and what stands before the axis."""
 OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
 """Words in names that say what a file holds, not which trial it is of."""
-MAX_REACH_M: Final = 20.0
-"""From the origin to a centre of pressure, as of the markers of a walkway."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +151,9 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     Notes
     -----
     Moment about the origin of force f at point p with torque t: p × f + t, unless t turns out to be
-    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point has
-    no meaning and is not used. MOT files often print times with so few digits that the steps look
-    uneven; force times within a twentieth of a step of even ones become even.
+    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point
+    has no meaning and is not used. MOT files often print times with so few digits that the steps
+    look uneven; force times within a twentieth of a step of even ones become even.
     """
     table = read_table(path)
     lines = table.rows
@@ -188,12 +186,10 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
             if not of_sto and abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0]):
                 clock = clock - clock[0] + time[0]
             if clock[-1] < time[0] or clock[0] > time[-1]:
-                raise ValueError(
-                    f"its times {clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}–"
-                    f"{time[-1]:.2f} s of {path.name}; are they of the same trial and clock?"
-                )
+                times = f"{clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}"
+                raise ValueError(f"its times {times}–{time[-1]:.2f} s of {path.name}; same clock?")
             columns = dict(zip(loads.columns, held.T[1:], strict=True))
-            plates = list(_forces(columns, clock - time[0], loads.units, stated))
+            plates = list(_forces(columns, clock - time[0], loads.units))
             table.said += loads.text.said
     return recording_of(
         path,
@@ -234,7 +230,7 @@ def _usual_name(name: str) -> str:
 
 
 def _forces(
-    columns: Mapping[str, Array], time: Array, units: tuple[str, str, str], stated: Stated
+    columns: Mapping[str, Array], time: Array, units: tuple[str, str, str]
 ) -> Iterator[PlateColumns | Fact]:
     """Give each force of a table with its point and torque, or why it is left out."""
     columns = {_usual_name(name): values for name, values in columns.items()}
@@ -246,21 +242,10 @@ def _forces(
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(columns)}")
     for k, (stem, letter) in enumerate(stems, start=1):
-        name = short(stem)
+        name = f"plate {k} ({short(stem)})"
         torques = [stem.replace("force", word) + before for word, before in TORQUE_COLUMNS]
         there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
             raise ValueError(f"the torques of {name} are there twice: {listed(there)}; remove one")
         quantities = [f"{stem}_{letter}", (there or torques)[0], f"{stem}_p"]
-        name = f"plate {k} ({name})"
-        plate = plate_of(k, name, time, columns, quantities, axes="xyz", units=units)
-        if isinstance(plate, PlateColumns) and plate.pressure is not None:
-            plate.pressure[~plate.force.any(axis=1)] = 0  # it has no meaning there
-            far = (np.abs(plate.pressure) > MAX_REACH_M).any(axis=1)
-            unstated = units == SI_UNITS and stated.plate_units is None
-            if unstated and 2 * np.count_nonzero(far) > np.count_nonzero(plate.force.any(axis=1)):
-                raise ValueError(
-                    f"{name}: its points of application are more than {MAX_REACH_M:g} m from the "
-                    "origin if they are in m; give the units, for example --plate-units N,Nmm,mm"
-                )
-        yield plate
+        yield plate_of(k, name, time, columns, quantities, axes="xyz", units=units)

@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
+from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
-from pipeline.io.c3d.force_plates import plate_axes
+from pipeline.io.c3d.force_plates import plate_axes, unit_of_corners
 from pipeline.io.c3d.read import kind_and_side
 from pipeline.io.columns import PlateColumns, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
@@ -109,11 +110,11 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     table.check_counts(header, {"NO_OF_MARKERS": len(names), "NO_OF_FRAMES": len(table.rows)})
     first, time, position = table.markers(clock, names, _rate_hz(header, "Time" in clock))
     markers = file_markers(names, "mm", lambda kept: position[:, kept], stated)
-    plates = list[PlateColumns | Fact]()
+    plates, start_s = list[PlateColumns | Fact](), time[0] if "Time" in clock else None
     files = plate_files(forces or path) or ([] if forces is None else [forces])
     for file in files:
         with naming(file):
-            plates.append(_plate(file, time[0] if "Time" in clock else None, table.said))
+            plates.append(_plate(file, start_s, markers.position, table.said))
     if files:
         table.said.append(Fact("joined", path.name, f"with {listed(file.name for file in files)}"))
     return recording_of(
@@ -140,10 +141,13 @@ def _events(header: Header, start_s: float, said: list[Note | Fact]) -> Iterator
             said.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
 
 
-def _plate(path: Path, start_s: float | None, said: list[Note | Fact]) -> PlateColumns | Fact:
+def _plate(
+    path: Path, start_s: float | None, position: Array, said: list[Note | Fact]
+) -> PlateColumns | Fact:
     """Give the plate of a file in the axes of the markers, or why it is left out.
 
-    Its clock begins with the markers', at ``start_s`` where both files have times.
+    Its clock begins with the markers', at ``start_s`` where both files have times. Where markers
+    are, ``position``, shows corners in another unit.
     """
     header, table = _export(path)
     of_name = PLATE_FILE.fullmatch(path.stem)
@@ -156,7 +160,7 @@ def _plate(path: Path, start_s: float | None, said: list[Note | Fact]) -> PlateC
     time, values = table.regular(table.numbers(columns), timed, rate_hz)
     said += table.said
     clock = time - (time[0] if start_s is None or timed is None else start_s)
-    place, axes = _place(header, number), header["DESCRIPTION"].lower()
+    place, axes = _place(header, number, position, said), header["DESCRIPTION"].lower()
     try:
         parts = vectors(dict(zip(columns, values.T, strict=True)), PARTS)
     except ValueError as error:
@@ -165,24 +169,24 @@ def _plate(path: Path, start_s: float | None, said: list[Note | Fact]) -> PlateC
         parts = parts @ place.rotation.T
         parts[:, 2] += 1000 * place.center  # in mm, as the file
     elif "local" in axes or not any(word in axes for word in ("lab", "world", "global")):
-        why = (
-            "its header does not say whether its axes are local, or states no rectangle of corners"
-        )
-        return Fact("left_out", name, why)
+        why = "does not say whether its axes are local, or states no rectangle of corners"
+        return Fact("left_out", name, f"its header {why}")
     force, moment, pressure = parts.transpose(1, 0, 2)
     units = ("N", "Nm", "mm")
     return PlateColumns(number, name, clock, force, moment, pressure, units=units, place=place)
 
 
-def _place(header: Header, number: int) -> Plate | None:
-    """Give where a plate lies [m]; None where its file states no rectangle."""
+def _place(header: Header, number: int, position: Array, said: list[Note | Fact]) -> Plate | None:
+    """Give where a plate lies [m]; None where its file states no rectangle of a plate's size."""
     keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in CORNERS for axis in "XYZ")
     try:
-        corners = np.array([header[key] for key in keys], float).reshape(4, 3) / 1000
-        rotation = plate_axes(corners)
+        corners = np.array([header[key] for key in keys], float).reshape(4, 3)
+        unit, facts = unit_of_corners(number, corners, 1e-3, position)
+        corners, rotation = corners * unit, plate_axes(corners)
     except ValueError:
         return None
     if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < MAX_CORNER_ERROR_M:
         return None
-    empty = np.empty(0)
-    return Plate(number, empty, empty.reshape(0, 6), rotation, corners.mean(axis=0), corners)
+    said += facts
+    wrench, center = np.empty((0, 6)), corners.mean(axis=0)
+    return Plate(number, np.empty(0), wrench, rotation, center, corners)

@@ -28,7 +28,6 @@ CONVERT: Final[dict[Quantity, Callable[[str], float]]] = {
     "moment": moment_in_nm,
     "pressure": length_in_m,
 }
-STATE_UNITS: Final = 'give it: --units mm, or units = "mm" in study.toml'
 STATE_PLATE_UNITS: Final = 'give them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
 RAW_SIGNALS: Final = dict.fromkeys(("v", "mv", "uv", "volt", "volts"), "volts") | dict.fromkeys(
     ("adc", "adu", "bit", "bits", "count", "counts"), "numbers of the converter"
@@ -157,7 +156,7 @@ class Stated:
         try:
             return length_in_m(self.units or unit)
         except ValueError as error:
-            raise ValueError(f"{error}; {STATE_UNITS}") from error
+            raise ValueError(f"{error}; give it: --units, or units in study.toml") from error
 
     def used_unit(self, quantity: Quantity, unit: str) -> str:
         """Give the stated unit of a plate's quantity, else that of the file."""
@@ -193,13 +192,6 @@ class Stated:
             for quantity, stated, written in units
             if stated is not None
         ]
-
-    @property
-    def correct_units(self) -> str:
-        """How to correct a wrong unit of the markers, for messages."""
-        if self.units is not None:
-            return "correct --units, or units in study.toml"
-        return f"correct the unit in the file, or {STATE_UNITS}"
 
 
 def without_impossible(values: Array) -> Indices:

@@ -29,6 +29,12 @@ BESIDE_M: Final = 0.05
 NEAR_POWER: Final = 0.3
 """Of ten: distances of pressure and feet from the centre of a healthy plate have ratios of 0.54 to
 1.48, -0.27 to 0.17."""
+NEAR_TENFOLD: Final = 0.1
+"""The same of what all plates carry, by the body mass: a foot that grazes a plate carries less."""
+MAX_ARM_M: Final = 0.3
+"""Free torque by vertical force: a foot that turns on the floor has up to 0.1 m, walking 0.02 m."""
+MIN_ARM_OF_NMM_M: Final = 2.0
+"""The same where the unit is N·mm; below it is N·cm."""
 POWERS: Final = (
     *((k, k) for k in range(-3, 4)),
     *(pair for k in (-3, -2, 2, 3) for pair in ((k, 0), (0, k))),
@@ -63,12 +69,19 @@ recordings at most 0.2 and 0.05, of a pitching platform without compensation 0.5
 class Factor(NamedTuple):
     """By which powers of ten forces and moments of a plate are too small; 0 if right.
 
-    None for moments of which one has another unit than the others.
+    None for moments of which one has another unit than the others. Of a force at a centre of
+    pressure, ``moment`` is of the latter and ``torque`` of the free torque.
     """
 
     plate: Plate
     force: int
     moment: int | None
+    torque: int = 0
+
+    @property
+    def at_pressure(self) -> bool:
+        """Whether moments are of forces at centres of pressure."""
+        return self.plate.units.count(",") == 2
 
 
 def require_units(recording: Recording, mass_kg: float | None = None) -> None:
@@ -90,21 +103,22 @@ def require_units(recording: Recording, mass_kg: float | None = None) -> None:
     """
     mass_kg, time = mass_kg or recording.metadata.mass_kg, recording.markers.time
     feet = _feet(recording)
-    factors = [_factor(plate, feet, time, mass_kg) for plate in recording.plates]
-    factors = _with_unsure(factors, feet, time)
+    ten = _tenfold(recording.plates, time, mass_kg)
+    factors = [_factor(plate, feet, time, mass_kg, ten) for plate in recording.plates]
+    factors = [_with_torque(factor) for factor in _with_unsure(factors, feet, time)]
     of_plates = dict[str, list[str]]()
-    for plate, force, moment in factors:
-        for quantity, power in (("forces", force), ("moments", moment)):
+    for factor in factors:
+        plate, force, moment, torque = factor
+        arm = "centres of pressure" if factor.at_pressure else "moments"
+        for quantity, power in (("forces", force), (arm, moment), ("free torques", torque)):
             size = "small" if (power or 0) > 0 else "large"
             fault = f"{10 ** abs(power)} times too {size}" if power else "in different units"
             if power != 0:
                 of_plates.setdefault(f"{quantity} {fault}", []).append(str(plate.number))
     wrong = [f"plate {', '.join(numbers)}: {fault}" for fault, numbers in of_plates.items()]
     if wrong:
-        raise ValueError(
-            f"{recording.source.name}: {', '.join(wrong)}, by the subject on them; "
-            f"{_remedy(factors)}"
-        )
+        found = f"{', '.join(wrong)}, by the subject{f' of {mass_kg:.3g} kg' if mass_kg else ''}"
+        raise ValueError(f"{recording.source.name}: {found} on them; {_remedy(factors)}")
 
 
 def reversed_plates(recording: Recording) -> list[Fact]:
@@ -142,8 +156,7 @@ def require_possible(residual: Array, body: Body) -> None:
     if force_n > most_n or moment_nm > most_nm:
         raise ValueError(
             f"the residual is {force_n:,.0f} N and {moment_nm:,.0f} N·m RMS, more than any body "
-            f"has (expected below {most_n:,.0f} N and {most_nm:,.0f} N·m): the units or the places "
-            "of plates are wrong; compare them with the capture software, or give --plate-units"
+            f"has ({most_n:,.0f} N, {most_nm:,.0f} N·m): units or places of the plates are wrong"
         )
 
 
@@ -170,16 +183,17 @@ def _remedy(factors: Sequence[Factor]) -> str:
     right = {_units(factor) for factor in factors}
     if len(right) == 1 and (units := right.pop()):
         return f'give --plate-units {units}, or plate_units = "{units}" in study.toml'
+    wrong = [factor for factor in factors if factor[1:] != (0, 0, 0)]
     gains = [
         f"{plate.number}: gain {name} {10.0**power:g}"
-        for plate, force, moment in factors
+        for plate, force, moment, _ in wrong
         for name, power in zip(WRENCH_COMPONENTS, (*[force] * 3, *[moment] * 3), strict=True)
         if power
     ]
-    remedy = "correct the units of channels (ANALOG:UNITS) and export the file again"
-    if None in {factor.moment for factor in factors} or len(gains) > MAX_GAINS:
-        return remedy
-    return f"{remedy}, or set {correction(*gains)}"
+    # a gain of moments changes free torques too
+    mixed = any(factor.at_pressure or factor.moment is None for factor in wrong)
+    gain = "" if mixed or len(gains) > MAX_GAINS else f", or set {correction(*gains)}"
+    return f"correct these channels or columns and export the file again{gain}"
 
 
 def _units(factor: Factor) -> str:
@@ -188,24 +202,55 @@ def _units(factor: Factor) -> str:
         return ""
     units, right = parse_plate_units(factor.plate.units), list[str]()
     # moments of forces at centres of pressure are in the unit of these
-    powers = (factor.force, factor.moment) if len(units) == 2 else (factor.force, 0, factor.moment)
+    powers = (factor.force, factor.torque, factor.moment)[:: 1 if factor.at_pressure else 2]
     for (quantity, convert), unit, ten in zip(CONVERT.items(), units, powers, strict=False):
         wanted = convert(unit) * 10.0**ten
         right += [u for u in (unit, *SYMBOLS[quantity]) if np.isclose(convert(u), wanted)][:1]
     return ",".join(right) if len(right) == len(units) else ""
 
 
-def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None) -> Factor:
-    """Find the powers of ten of a plate: of its load, then of where its pressure is."""
+def _with_torque(factor: Factor) -> Factor:
+    """Give a plate with the power of ten of its free torques, which only friction limits."""
+    wrench = factor.plate.wrench_in_plate[np.isfinite(factor.plate.wrench_in_plate).all(axis=1)]
+    if not factor.at_pressure or not wrench[:, 2].any():
+        return factor
+    size = np.abs(wrench[:, 2])
+    force, moment = np.split(wrench[size > HALF * np.percentile(size, 98)].T, 2)
+    # along the line of the force, where p × f is zero
+    torque = (force * moment).sum(axis=0) / force[2]
+    arm_m = float(np.median(np.abs(torque / force[2]))) * 10.0**-factor.force
+    return factor._replace(torque=-2 - (arm_m > MIN_ARM_OF_NMM_M) if arm_m > MAX_ARM_M else 0)
+
+
+def _load_kg(vertical: Array) -> float:
+    """Give what a plate carries while it is loaded, from the size of its vertical force [N]."""
+    highest = np.percentile(vertical, 98)
+    return float(np.median(vertical[vertical >= HALF * highest])) / GRAVITY_MPS2
+
+
+def _tenfold(plates: Sequence[Plate], time: Array, mass_kg: float | None) -> int:
+    """Give the power of ten, 1 or -1, by which all plates together miss a body's mass; or 0."""
+    loads = [np.interp(time, p.time, np.abs(p.wrench_in_plate[:, 2])) for p in plates]
+    load_kg = _load_kg(np.nan_to_num(np.sum(loads, axis=0))) if loads else 0.0
+    if mass_kg is None:
+        return int(MAX_DRIFT_KG <= load_kg < MIN_LOAD_KG)
+    power = np.log10(mass_kg / load_kg) if load_kg > MAX_DRIFT_KG else 0.0
+    return round(power) if abs(abs(power) - 1) < NEAR_TENFOLD else 0
+
+
+def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None, ten: int) -> Factor:
+    """Find the powers of ten of a plate: of its load, then of where its pressure is.
+
+    ``ten`` is that of all plates together, where they miss a body.
+    """
     vertical = np.abs(plate.wrench_in_plate[:, 2])
     vertical = vertical[np.isfinite(vertical)]
     if not vertical.any():
         return Factor(plate, 0, 0)
-    highest = np.percentile(vertical, 98)
-    load_kg = float(np.median(vertical[vertical >= HALF * highest])) / GRAVITY_MPS2
+    highest, load_kg = np.percentile(vertical, 98), _load_kg(vertical)
     change = np.abs(np.diff(vertical))
     smooth = change.any() and highest > MIN_SMOOTH * np.median(change[change > 0])
-    for power in _load_powers(load_kg, mass_kg):
+    for power in [ten] if ten else _load_powers(load_kg, mass_kg):
         # moments of forces at centres of pressure grow with the forces
         scales = 10.0 ** np.repeat([power, power * (plate.units.count(",") == 2)], 3)
         wrench = of_channels(plate, np.diag(scales), plate.wrench_in_plate)

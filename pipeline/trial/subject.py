@@ -385,7 +385,7 @@ def subject_body(
                 overrides=segments,
             )
         except ImplausibleLegs as error:
-            remedy = pose.stated.correct_units
+            remedy = "correct the unit in the file, or give it: --units, or units in study.toml"
             raise ValueError(f"{pose.source.name}: {error}; {remedy}") from error
         except ValueError as error:
             with suppress(ValueError):  # of labels of no set

@@ -176,16 +176,13 @@ def _plate_layout(
     parameters, labelled = header.parameters, header.channels
     kind = int(_of_plate(parameters, "TYPE", k, ()))
     if kind not in QUANTITIES:
-        raise Undescribed(
-            f"plates of TYPE {kind} are not supported, only TYPE 1 to 4; export the file with "
-            "TYPE 2 plates"
-        )
+        raise Undescribed(f"plates of TYPE {kind} are not supported; export it with TYPE 2 plates")
     quantities, length = QUANTITIES[kind], parameters.text("POINT", "UNITS")
     metre = stated.metre(length)
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T
-    unit, facts = _unit_of_corners(k, corners, metre, position)
-    corners = corners * unit
     rotation = plate_axes(corners)
+    unit, facts = unit_of_corners(k + 1, corners, metre, position)
+    corners = corners * unit
     halves = corners[:2] + corners[2:]  # equal in a rectangle
     error_m = np.linalg.norm(halves[0] - halves[1])
     if error_m > MAX_CORNER_ERROR_M:
@@ -230,13 +227,13 @@ def _plate_layout(
     return PlateLayout(k + 1, kind, channels, to_si, origin, corners, rotation, read_as), facts
 
 
-def _unit_of_corners(
-    k: int, corners: Array, metre: float, position: Array | None
+def unit_of_corners(
+    number: int, corners: Array, metre: float, position: Array | None
 ) -> tuple[float, list[Fact]]:
-    """Give the unit of a plate's corners, (4, 3), in metres: that of the markers, if it can be.
+    """Give the unit of a plate's corners, (4, 3), in metres: that of the file, if it can be.
 
     A plate of an odd size is in the one unit in which it has a usual size, if markers are above it
-    then, or if its size is impossible otherwise.
+    then, or if its size is impossible otherwise. A ValueError where no unit makes it possible.
     """
     edges = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
 
@@ -250,10 +247,11 @@ def _unit_of_corners(
     likely = {name: unit for name, unit in LENGTHS.items() if fits(unit, *LIKELY_EDGES_M)}
     for name, unit in likely.items() if len(likely) == 1 else ():
         if not possible or _under_markers(corners * unit, position):
-            reason = f"{size} in the markers' unit, {name} used"
-            return unit, [Fact("corrected", f"corners of plate {k + 1}", reason)]
-    doubt = Fact("in_doubt", f"plate {k + 1}", f"it is {size} large: check FORCE_PLATFORM:CORNERS")
-    return metre, [] if possible else [doubt]
+            reason = f"{size} in the unit of the file, {name} used"
+            return unit, [Fact("corrected", f"corners of plate {number}", reason)]
+    if not possible:
+        raise Undescribed(f"its corners are {size} apart, and not one of m, cm and mm mends that")
+    return metre, []
 
 
 def _under_markers(corners: Array, position: Array | None) -> bool:
@@ -329,16 +327,12 @@ def channel_change(plate: PlateLayout, wrench_change: Array) -> Array:
     array([[10.,  0.,  0.,  0., -1.,  0.]])
     """
     if plate.kind == 1:
-        raise ValueError(
-            f"force plate {plate.number}: plates of TYPE 1 store a centre of pressure in place of "
-            "moments, which a compensated force may not have; export the file with TYPE 2 plates"
-        )
+        why = "TYPE 1 stores a centre of pressure, which a compensated force may not have"
+        raise ValueError(f"force plate {plate.number}: {why}; export it with TYPE 2 plates")
     to_wrench = plate.wrench(np.eye(len(plate.channels))).T
     if not np.linalg.cond(to_wrench) < MAX_CONDITION:
-        raise ValueError(
-            f"force plate {plate.number}: its channels do not determine its wrench; check "
-            f"FORCE_PLATFORM:{'CAL_MATRIX' if plate.kind == 4 else 'ORIGIN'}"
-        )
+        check = f"check FORCE_PLATFORM:{'CAL_MATRIX' if plate.kind == 4 else 'ORIGIN'}"
+        raise ValueError(f"force plate {plate.number}: no wrench by its channels; {check}")
     if plate.kind == 3:
         return wrench_change @ np.linalg.pinv(to_wrench).T
     return np.asarray(np.linalg.solve(to_wrench, wrench_change.T).T)

@@ -210,11 +210,11 @@ def test_a_marker_on_the_diagonal_of_the_axes_is_a_marker(column, frame):
     assert found.notes == []
 
 
-@pytest.mark.parametrize("factor", [10.0, 1000.0])
-def test_a_wrong_unit_is_named_as_such_beside_codes_of_missing_samples(factor):
+@pytest.mark.parametrize(("factor", "unit"), [(100.0, "cm"), (1000.0, "mm")])
+def test_a_wrong_unit_is_named_with_the_right_one_beside_codes_of_missing_samples(factor, unit):
     position = factor * NOISY
     position[:5, 2] = 9999.0
-    with pytest.raises(ValueError, match=r"spread over .* correct the unit"):
+    with pytest.raises(ValueError, match=rf"spread over .* m in {unit}: give --units {unit},"):
         settled(POSE.names, position)
 
 

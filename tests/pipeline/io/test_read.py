@@ -250,21 +250,23 @@ def test_a_table_shows_the_axes_in_every_format_and_has_to_fit(formats, trial, t
 
 
 @pytest.mark.parametrize(
-    ("name", "scale"),
+    ("name", "scale", "remedy"),
     [
-        ("C3D", 1e3),
-        ("TRC", 1e-3),
-        ("D-Flow", 1e3),
-        ("MOX", 1e-3),
-        ("Nexus", 1e3),
-        ("Qualisys", 1e3),
+        ("C3D", 1e3, "no unit"),
+        ("TRC", 1e3, "give --units mm,"),
+        ("D-Flow", 1e3, "give --units mm,"),
+        ("MOX", 1e-3, "no unit"),
+        ("Nexus", 1e-3, "give --units m,"),
+        ("Qualisys", 1e3, "no unit"),
     ],
 )
-def test_a_length_unit_that_contradicts_the_markers_is_refused(trial, tmp_path, name, scale):
+def test_a_length_unit_that_contradicts_the_markers_is_refused_with_the_one_that_does_not(
+    trial, tmp_path, name, scale, remedy
+):
     markers = replace(trial.markers, position=scale * trial.markers.position)
     path = tmp_path / "unit.dat"
     WRITERS[name](replace(trial, markers=markers), path)
-    with pytest.raises(ValueError, match=r"^unit\.dat: .*correct the unit in the file"):
+    with pytest.raises(ValueError, match=rf"^unit\.dat: .*{remedy}"):
         read_recording(path)
 
 

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -304,18 +303,23 @@ def test_forces_are_found_under_the_names_of_the_c3d_adapter(plain, tmp_path, na
         np.testing.assert_array_equal(ours.wrench, true.wrench)
 
 
-def test_points_of_application_in_millimetres_are_refused_with_the_option_that_reads_them(
-    plain, tmp_path
-):
-    trc, mot, _ = plain
+def test_codes_of_missing_centres_of_pressure_are_gaps(plain, tmp_path):
+    """A gap under load; without force the centre has no meaning."""
+    trc, mot, read = plain
     lines = lines_of(mot)
     rows = [line.split("\t") for line in lines[HEADER_LINES + 1 :]]
-    for row, k in zip(rows, count()):
-        row[4:7] = f"{300 + k}", "0", "500"
+    for row in rows:
+        row[4:7] = "0.3", "0", "0.5"
+    for k in range(5):
+        rows[k][4:7] = ["-9999"] * 3
+        rows[k][1:4] = ["0" if k < 2 else "700"] * 3
     lines[HEADER_LINES + 1 :] = map("\t".join, rows)
-    path = written(tmp_path / "case.mot", lines)
-    with pytest.raises(ValueError, match=r"^case\.mot: plate 1 .*--plate-units N,Nmm,mm"):
-        read_recording(trc, forces=path)
+    again = read_recording(trc, forces=written(tmp_path / "case.mot", lines))
+    wrench = again.plates[0].wrench
+    assert np.flatnonzero(np.isnan(wrench).any(axis=1)).tolist() == [2, 3, 4]
+    (fact,) = (fact for fact in again.facts if fact not in read.facts)
+    assert (fact.kind, fact.of) == ("missing", "centres of pressure")
+    assert "samples at -9999 in x, y and z" in fact.reason
 
 
 def test_a_header_written_twice_is_refused_with_both_columns(plain, tmp_path):
@@ -421,6 +425,23 @@ def test_a_plate_of_qualisys_that_is_not_described_is_left_out(trial, tmp_path, 
     (fact,) = (fact for fact in read.facts if fact.kind == "left_out")
     assert fact.of.startswith("plate 2")
     assert message in fact.reason
+
+
+@pytest.mark.parametrize(("per_mm", "corrected"), [(1e-3, True), (1 / 25.4, False)])
+def test_corners_in_another_unit_are_those_of_the_plate_or_none(trial, tmp_path, per_mm, corrected):
+    path = write_qualisys(trial, tmp_path / "walk.tsv")
+    file = plate_files(path)[1]
+    lines = [
+        f"{key}\t{float(text) * per_mm:.6f}" if "CORNER" in key else line
+        for line in file.read_text(encoding="utf-8").splitlines()
+        for key, _, text in [line.partition("\t")]
+    ]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    read = read_recording(path)
+    (fact,) = (fact for fact in read.facts if fact.kind in ("corrected", "left_out"))
+    assert fact.kind == ("corrected" if corrected else "left_out")
+    for ours, true in zip(read.plates, trial.plates, strict=corrected):
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-3)
 
 
 def test_corners_in_another_order_are_refused(trial, tmp_path):

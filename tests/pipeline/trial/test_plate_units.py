@@ -115,6 +115,41 @@ def test_centres_of_pressure_in_another_unit_are_refused_with_the_third_unit(mas
         require_units(wrong)
 
 
+@given(mass_kg=st.floats(30, 150), known=st.booleans())
+def test_plates_that_weigh_a_tenth_of_a_body_are_refused_with_the_factor(mass_kg, known):
+    wrong = steps(mass_kg, np.zeros(3), power=1, force_power=1)
+    if known or 1.1 * mass_kg < 90:
+        with pytest.raises(ValueError, match=r"1, 2: forces 10 times too small, .*channels"):
+            require_units(wrong, mass_kg if known else None)
+
+
+@given(mass_kg=st.floats(20, 150), power=st.sampled_from([-3, -2]), fault=st.integers(0, 3))
+def test_faults_of_forces_at_centres_of_pressure_name_columns_or_a_unit_that_mends_them(
+    mass_kg, power, fault
+):
+    sound = steps(mass_kg, np.zeros(3), units="N,Nm,m")
+    unit = {-3: "mm", -2: "cm"}[power]
+    plates = list(sound.plates)
+    for k, plate in enumerate(sound.plates[: 1 if fault == 3 else 2]):
+        wrench = plate.wrench_in_plate.copy()
+        if fault == 0:  # free torques, the centres of pressure right
+            wrench[:, 5] += 10.0**-power * 0.01 * wrench[:, 2] * (4.0 if power == -3 else 1.0)
+        elif fault == 1:  # forces tenfold, and moments with them
+            wrench *= 10.0
+        else:  # centres of pressure, of both plates or of one
+            wrench[:, 3:] *= 10.0**-power
+        plates[k] = replace(plate, wrench_in_plate=wrench)
+    expected = [
+        rf"free torques .*give --plate-units N,N{unit},m,",
+        r"plate 1, 2: forces 10 times too large.* correct these channels or columns",
+        rf"plate 1, 2: centres of pressure .*give --plate-units N,Nm,{unit},",
+        r"plate 1: centres of pressure .* correct these channels or columns",
+    ][fault]
+    with pytest.raises(ValueError, match=expected) as error:
+        require_units(replace(sound, plates=tuple(plates)), mass_kg)
+    assert "mend_plates" not in str(error.value)
+
+
 def test_an_empty_or_drifting_plate_is_not_judged():
     sound = steps(70.0, np.zeros(3))
     noise = np.random.default_rng(5).normal(size=(len(TIME), 6))

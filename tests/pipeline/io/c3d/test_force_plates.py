@@ -187,6 +187,14 @@ def test_corners_in_another_unit_make_the_same_plate(raw_c3d, width, length, wri
     assert corrected == ["corners of plate 1"] * (written != unit)
 
 
+def test_corners_that_are_a_plate_in_no_unit_leave_the_plate_out(plate_file):
+    corners = [[18.2, 0, 0], [0, 0, 0], [0, 20, 0], [18.2, 20, 0]]
+    recording = read_c3d(plate_file(2, origin=[0, 0, -40], corners=corners), AXES)
+    (fact,) = recording.facts
+    assert (recording.plates, fact.kind) == ((), "left_out")
+    assert "18.2 × 20 mm" in fact.reason
+
+
 @pytest.mark.parametrize("edge_mm", [60.0, 120.0])
 def test_a_small_sensor_beside_the_walkway_keeps_its_size(plate_file, edge_mm):
     corners = edge_mm * np.array([[1.0, 0, 9], [0, 0, 9], [0, 1, 9], [1, 1, 9]])
