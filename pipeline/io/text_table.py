@@ -196,7 +196,7 @@ class TextTable:
         Raises
         ------
         ValueError
-            A row has no time or one that occurs twice with other values, or the times are those of no rate.
+            A row has no time, or that of another with other values, or the times have no rate.
         """
         if column is None:
             return np.arange(len(values)) / rate_hz, values

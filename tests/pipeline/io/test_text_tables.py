@@ -118,7 +118,9 @@ def test_rows_written_twice_are_left_out_only_if_they_are_the_same(rows, at, cou
     doubled[at + count, 1] += not same
     numbers = range(10, 10 + rows + count)
     if not same:
-        with pytest.raises(ValueError, match=f"^line {10 + at + count}: time {values[at, 0]:.9g} occurs"):
+        with pytest.raises(
+            ValueError, match=f"^line {10 + at + count}: time {values[at, 0]:.9g} occurs"
+        ):
             regular_rows("t.mot", numbers, doubled, 0)
         return
     time, kept, (fact,) = regular_rows("t.mot", numbers, doubled, 0)
@@ -152,6 +154,16 @@ def test_times_of_no_rate_are_refused_with_their_line(rows, seed):
     time = np.cumsum(np.random.default_rng(seed).uniform(0.001, 0.003, rows))
     with pytest.raises(ValueError, match=r"^line \d+: time .*, expected .* in steps"):
         regular_rows("t.mot", range(rows), np.column_stack([time, time]), 0)
+
+
+def test_times_of_forces_in_milliseconds_are_recognised_by_those_of_the_markers(plain, tmp_path):
+    trc, mot, read = plain
+    head, rows = lines_of(mot)[: HEADER_LINES + 1], lines_of(mot)[HEADER_LINES + 1 :]
+    fields = (row.split("\t") for row in rows)
+    in_ms = ["\t".join([f"{1000 * float(t):.3f}", *others]) for t, *others in fields]
+    again = read_recording(trc, forces=written(tmp_path / "ms.mot", [*head, *in_ms]))
+    np.testing.assert_allclose(again.plates[0].time, read.plates[0].time, atol=1e-6)
+    assert ("corrected", "ms.mot") in [(fact.kind, fact.of) for fact in again.facts]
 
 
 @pytest.mark.parametrize("shift_s", [-100.0, 0.5, 1000.0])
@@ -365,6 +377,21 @@ def test_forces_on_the_plate_or_the_subject_begin_with_the_markers(
         loaded = true.wrench[:, 2] > 20
         np.testing.assert_allclose(ours.time, true.time, atol=1e-9)
         np.testing.assert_allclose(ours.wrench[loaded], true.wrench[loaded], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "doubt"),
+    [
+        ("NumberOfForcePlates=2", "3", "its header says NumberOfForcePlates 3, but it holds 2"),
+        ("SampleRate=1000.000000", "240", r"it lasts [\d.]+ s by its SampleRate, the markers"),
+    ],
+)
+def test_a_wrong_header_of_forces_is_a_doubt(trial, plain, tmp_path, key, value, doubt):
+    path = write_forces(trial, tmp_path / "walk.forces")
+    path.write_text(path.read_text().replace(key, f"{key.partition('=')[0]}={value}"))
+    (fact,) = read_recording(plain[0], forces=path).facts
+    assert fact.kind == "in_doubt"
+    assert re.match(doubt, fact.reason)
 
 
 def test_forces_in_other_axes_than_the_markers_are_refused(trial, plain, tmp_path):
