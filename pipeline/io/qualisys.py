@@ -165,9 +165,7 @@ def _plate(path: Path, start_s: float | None, said: list[Note | Fact]) -> PlateC
         parts = parts @ place.rotation.T
         parts[:, 2] += 1000 * place.center  # in mm, as the file
     elif "local" in axes or not any(word in axes for word in ("lab", "world", "global")):
-        why = (
-            "its header does not say whether its axes are local, or states no rectangle of corners"
-        )
+        why = "its header does not say in which axes it is, or states no rectangle of corners"
         return Fact("left_out", name, why)
     force, moment, pressure = parts.transpose(1, 0, 2)
     units = ("N", "Nm", "mm")
