@@ -167,9 +167,8 @@ def _plate(path: Path, start_s: float | None, said: list[Note | Fact]) -> PlateC
     elif "local" in axes or not any(word in axes for word in ("lab", "world", "global")):
         why = "its header does not say in which axes it is, or states no rectangle of corners"
         return Fact("left_out", name, why)
-    force, moment, pressure = parts.transpose(1, 0, 2)
     units = ("N", "Nm", "mm")
-    return PlateColumns(number, name, clock, force, moment, pressure, units=units, place=place)
+    return PlateColumns(number, name, clock, *parts.transpose(1, 0, 2), units=units, place=place)
 
 
 def _place(header: Header, number: int) -> Plate | None:

@@ -318,7 +318,8 @@ class Recording:
     @property
     def why_no_plates(self) -> str:
         """Why it has no plates, for messages where it has none."""
-        unused = [str(fact) for fact in self.facts if fact.kind == "left_out"]
+        left_out = (fact for fact in self.facts if fact.kind == "left_out")
+        unused = [str(fact) for fact in left_out if fact.of.startswith("plate ")]
         if not unused:
             file = self.forces_beside
             beside = f"; {file.name} beside it seems to: --forces {file.name}" if file else ""

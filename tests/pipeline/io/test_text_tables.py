@@ -14,6 +14,7 @@ from hbm.markers import Markers
 from pipeline.io.opensim import forces_beside
 from pipeline.io.qualisys import plate_files
 from pipeline.io.read import read_recording
+from pipeline.io.recording import Fact
 from pipeline.io.text_table import TextTable
 from tests.pipeline.other_formats import excerpt, write_forces, write_opensim, write_qualisys
 
@@ -139,12 +140,17 @@ def test_a_last_row_at_the_time_of_the_one_before_it_is_left_out(rows):
     assert fact.of == f"t.mot, line {rows - 1}"
 
 
-@given(rows=st.integers(40, 200), at=st.integers(1, 19), lost=st.integers(1, 12))
-def test_rows_that_are_missing_are_gaps(rows, at, lost):
-    values = np.column_stack([np.arange(rows) / 100, np.arange(rows)])
+@given(
+    rows=st.integers(400, 1500),
+    at=st.integers(1, 190),
+    lost=st.integers(1, 120),
+    rate_hz=st.sampled_from([100.0, 600.0]),
+)
+def test_rows_that_are_missing_are_gaps_also_where_times_are_rounded(rows, at, lost, rate_hz):
+    values = np.column_stack([np.round(np.arange(rows) / rate_hz, 4), np.arange(rows)])
     less = np.delete(values, slice(at, at + lost), axis=0)
     time, kept, (fact,) = regular_rows("t.mot", range(len(less)), less, 0)
-    np.testing.assert_allclose(time, values[:, 0], atol=1e-9)
+    np.testing.assert_allclose(time, values[:, 0], atol=0.1 / rate_hz)
     assert np.flatnonzero(np.isnan(kept[:, 1])).tolist() == [*range(at, at + lost)]
     assert (fact.kind, fact.reason.split()[0]) == ("missing", str(lost))
 
@@ -364,6 +370,11 @@ def test_the_file_of_forces_beside_a_trc_file_is_named_if_there_is_one(plain, tr
     assert read_recording(tmp_path / "walk1.trc").why_no_plates == "the file has no force plates"
 
 
+def test_a_row_that_is_left_out_is_no_plate(trial):
+    row = Fact("left_out", "walk.trc, line 9", "time occurs twice")
+    assert replace(trial, plates=(), facts=(row,)).why_no_plates == "the file has no force plates"
+
+
 # Cortex and Qualisys
 
 
@@ -436,7 +447,7 @@ def test_every_export_of_qualisys_holds_the_same_trial(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("in local (force plate)", "in some", "does not say whether its axes"),
+        ("in local (force plate)", "in some", "does not say in which axes"),
         ("CORNER_POSX_POSY_X\t", "CORNER_POSX_POSY_X\t9", "states no rectangle"),
         ("Moment_Y", "Torque_Y", "Moment_Y is absent"),
     ],
