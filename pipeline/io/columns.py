@@ -389,12 +389,11 @@ def _placed(plate: PlateColumns, wrench: Array, to_lab: Array, units: str) -> Pl
     """Give a plate by its wrench in the lab about its origin, (N, 6), at its place if known."""
     if plate.place is None:
         return Plate.at_origin(plate.number, plate.time, wrench, units)
-    rotation, center = to_lab @ plate.place.rotation, to_lab @ plate.place.center
-    if rotation[2, 2] > 0:
+    place = plate.place.turned(to_lab)
+    if place.rotation[2, 2] > 0:
         raise ValueError(f"{plate.name}: its corners are not in the order of its axes: z is up")
-    in_plate = transform_wrench(wrench, rotation.T, -rotation.T @ center)
-    corners = plate.place.corners @ to_lab.T
-    return Plate(plate.number, plate.time, in_plate, rotation, center, corners, units)
+    in_plate = transform_wrench(wrench, place.rotation.T, -place.rotation.T @ place.center)
+    return replace(place, time=plate.time, wrench_in_plate=in_plate, units=units)
 
 
 def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:

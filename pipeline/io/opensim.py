@@ -29,13 +29,17 @@ FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
 OTHER_COLUMNS: Final = (
     re.compile(r"(?P<of>[fpm])(?P<number>\d+)_?(?P<what>[vpm]?)(?P<axis>[xyz123])"),
     re.compile(r"(?P<what>[FM]?)(?P<axis>[XYZ])(?P<number>\d+)(?P<of>)"),
+    re.compile(r"(?i:fp|plate)(?P<number>\d+)_(?P<what>[vpm])(?P<axis>[xyz])"),
 )
-"""Of OpenSim's C3DFileAdapter, such as f1_x, p1_2 or f1_vx, and of Cortex, such as FX1, X1, MZ1."""
+"""Of OpenSim's C3DFileAdapter, such as f1_x, p1_2 or f1_vx, of Cortex, such as FX1, X1, MZ1, and
+of others, such as FP1_vx."""
 TORQUE_COLUMNS: Final = tuple(product(("torque", "moment", "force"), ("_", "_m")))
 """How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
 word in the place of "force", and what stands before the axis."""
 OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
 """Words in names that say what a file holds, not which trial it is of."""
+MIN_SPAN_IN_MS: Final = 100.0
+"""Of the markers' span: no file of forces is so much longer, but in ms it would be 1000."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +111,7 @@ def read_sto(path: str | Path) -> Table:
             raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
         columns = table.distinct(names, table.numbers(names))
         counts = dict.fromkeys(("nRows", "NumberOfSamples"), len(table.rows))
+        counts["NumberOfForcePlates"] = sum(name.upper().startswith("FX") for name in names)
         table.check_counts(header, counts | {"nColumns": len(names)})
         time = columns.pop(names[0])
         if not cortex:
@@ -181,10 +186,19 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
         with naming(forces):
             loads = read_sto(forces)
             held = np.column_stack([loads.time, *loads.columns.values()])
+            if np.ptp(held[:, 0]) > MIN_SPAN_IN_MS * np.ptp(time):
+                held[:, 0] /= 1000
+                in_ms = (
+                    "its times are read as ms: in s they would last much longer than the markers"
+                )
+                table.said.append(Fact("corrected", forces.name, in_ms))
             clock, held = loads.text.regular(held, 0)
-            of_sto = loads.units == SI_UNITS
-            if not of_sto and abs(np.ptp(clock) - np.ptp(time)) < 2 * (time[1] - time[0]):
+            of_sto, lasts_s, last_s = loads.units == SI_UNITS, np.ptp(clock), np.ptp(time)
+            if not of_sto and abs(lasts_s - last_s) < 2 * (time[1] - time[0]):
                 clock = clock - clock[0] + time[0]
+            elif not of_sto:
+                doubt = f"it lasts {lasts_s:.2f} s by its SampleRate, the markers {last_s:.2f} s"
+                table.said.append(Fact("in_doubt", forces.name, doubt))
             if clock[-1] < time[0] or clock[0] > time[-1]:
                 times = f"{clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}"
                 raise ValueError(f"its times {times}–{time[-1]:.2f} s of {path.name}; same clock?")

@@ -169,11 +169,10 @@ def _plate(
         parts = parts @ place.rotation.T
         parts[:, 2] += 1000 * place.center  # in mm, as the file
     elif "local" in axes or not any(word in axes for word in ("lab", "world", "global")):
-        why = "does not say whether its axes are local, or states no rectangle of corners"
-        return Fact("left_out", name, f"its header {why}")
-    force, moment, pressure = parts.transpose(1, 0, 2)
+        why = "its header does not say in which axes it is, or states no rectangle of corners"
+        return Fact("left_out", name, why)
     units = ("N", "Nm", "mm")
-    return PlateColumns(number, name, clock, force, moment, pressure, units=units, place=place)
+    return PlateColumns(number, name, clock, *parts.transpose(1, 0, 2), units=units, place=place)
 
 
 def _place(header: Header, number: int, position: Array, said: list[Note | Fact]) -> Plate | None:

@@ -131,6 +131,11 @@ class Plate:
         """The same plate without samples: where it lies."""
         return replace(self, time=np.empty(0), wrench_in_plate=np.empty((0, 6)))
 
+    def turned(self, to_lab: Array) -> "Plate":
+        """Give the same plate where its place is turned by a rotation, (3, 3)."""
+        rotation, center = to_lab @ self.rotation, to_lab @ self.center
+        return replace(self, rotation=rotation, center=center, corners=self.corners @ to_lab.T)
+
     @property
     def wrench(self) -> Array:
         """Action on the subject in lab axes about the lab origin, platform in neutral, (N, 6)."""
@@ -313,7 +318,8 @@ class Recording:
     @property
     def why_no_plates(self) -> str:
         """Why it has no plates, for messages where it has none."""
-        unused = [str(fact) for fact in self.facts if fact.kind == "left_out"]
+        left_out = (fact for fact in self.facts if fact.kind == "left_out")
+        unused = [str(fact) for fact in left_out if fact.of.startswith("plate ")]
         if not unused:
             file = self.forces_beside
             beside = f"; {file.name} beside it seems to: --forces {file.name}" if file else ""

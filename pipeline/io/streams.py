@@ -543,9 +543,12 @@ def _settle(
     strange = (np.abs(off_s) > MAX_BACK_S) | (gap_s < MAX_STEP_FRAMES * period)
     strange[advancing] = False
     frames = np.diff(time) / period
-    same = frames < SAME_TIME_FRAMES
-    if np.median(np.abs(frames - np.rint(frames))) < CLEAR_FRAMES and np.mean(same) < MAX_SAME:
-        strange[advancing[1:][same]] = True
+    first = np.append(True, frames >= SAME_TIME_FRAMES)
+    if np.median(np.abs(frames - np.rint(frames))) < CLEAR_FRAMES and np.mean(~first) < MAX_SAME:
+        # those of a chunk fill the frames that are missing before their time
+        before = np.diff(time[first], prepend=time[0])[np.cumsum(first) - 1]
+        chunk = (before > MAX_STEP_FRAMES * period) & (before < MIN_BURST_S)
+        strange[advancing[~first & ~chunk]] = True
     if 2 * np.count_nonzero(strange) >= len(there):
         raise ValueError(
             f"time stamps of {np.count_nonzero(strange)} of its {count} samples contradict the "
@@ -564,7 +567,8 @@ def _settle(
         left_out = np.flatnonzero(strange)
         blocks = np.split(left_out, 1 + np.flatnonzero(np.diff(left_out) > 1))
         places = listed((f"{seconds[b[0]]:.2f} to {seconds[b[-1]]:.2f} s" for b in blocks), 3)
-        off = f"with time stamps {np.median(off_s[strange]):+.6g} s off"
+        same = "with the time stamp of another, but other values"
+        off = f"with time stamps {by_s:+.6g} s off" if (by_s := np.median(off_s[strange])) else same
         reasons.append(("left_out", f"{len(left_out)} of {count} samples, {places}, {off}"))
     return there[kept], times[kept], reasons
 

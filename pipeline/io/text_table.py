@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
-from itertools import islice
+from itertools import compress, islice
 from pathlib import Path
 from typing import Final
 
@@ -13,7 +13,7 @@ import pandas as pd
 
 from hbm.notes import Note
 from hbm.spatial import Array, Indices
-from hbm.spelling import printable, short
+from hbm.spelling import listed, printable, short
 from pipeline.io.input_file import open_file
 from pipeline.io.recording import Fact, FactKind
 from pipeline.io.units import MAX_VALUE
@@ -196,7 +196,7 @@ class TextTable:
         Raises
         ------
         ValueError
-            A row has no time or one that occurs twice, or the times are those of no rate.
+            A row has no time, or that of another with other values, or the times have no rate.
         """
         if column is None:
             return np.arange(len(values)) / rate_hz, values
@@ -205,17 +205,18 @@ class TextTable:
             raise ValueError(f"it holds {len(time)} rows of numbers, expected at least 2")
         if not np.isfinite(time).all():
             raise ValueError(f"line {lines[int(np.isfinite(time).argmin())]}: it has no {of}")
-        grid, again = _grid(time, rate_hz), np.flatnonzero(np.diff(time) == 0) + 1
-        if grid is None and len(again):  # rows written twice: the same again, or the last one
-            for k in again.tolist():
-                where, what = f"line {lines[k]}", f"{of} {time[k]:.9g} occurs twice"
-                last = k == len(time) - 1
-                if not (last or np.array_equal(values[k], values[k - 1], equal_nan=True)):
-                    raise ValueError(f"{where}: {what}; delete one of the rows, or export it again")
-                self.said.append(Fact("left_out", f"{file}, {where}", what))
-            dropped = {*again.tolist()}
-            self.rows = [row for k, row in enumerate(self.rows) if k not in dropped]
-            return self.regular(np.delete(values, again, axis=0), column, rate_hz, of)
+        grid, (_, first, place) = _grid(time, rate_hz), np.unique(time, True, True)
+        new = first[place] == np.arange(len(time))
+        if grid is None and not new.all():  # rows written twice: the same again, or the last one
+            for k in np.flatnonzero(~new).tolist():
+                last, before = k == len(time) - 1, values[first[place[k]]]
+                if not (last or np.array_equal(values[k], before, equal_nan=True)):
+                    what = f"{of} {time[k]:.9g} occurs twice with other values"
+                    raise ValueError(f"line {lines[k]}: {what}; delete one row, or export it again")
+            where = f"{file}, line {listed(compress(lines, ~new), 3)}"
+            self.said.append(Fact("left_out", where, f"{of} occurs twice"))
+            self.rows = [*compress(self.rows, new)]
+            return self.regular(values[new], column, rate_hz, of)
         if grid is None:
             step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
             k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > MAX_TIME_ERROR * step))

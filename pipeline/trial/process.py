@@ -375,10 +375,14 @@ def _body_mass(
         except ValueError as unknown:
             faults.append(f"{standing.source.name}: {unknown}")
     if not recording.plates:
+        file = recording.source
+        plates = {
+            ".trc": "give its file of forces, MOT or .forces (--forces, forces of the trial)",
+            ".tsv": f"put its files of forces, {file.stem}_f_1.tsv and so on, beside it",
+        }.get(file.suffix.lower(), "export it with its plates")
         faults.append(
-            f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
-            "reaction wrench: export it with its plates, or give the MOT file of a TRC file "
-            "(--forces, forces of the trial)"
+            f"{file.name}: {recording.why_no_plates}; residuals need the ground reaction wrench: "
+            f"{plates}"
         )
     try:
         mass = body_mass(subject, standing, recording)

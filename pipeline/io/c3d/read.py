@@ -16,11 +16,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import settle_axes
-from pipeline.io.c3d.data import (
-    Header,
-    read_header,
-    read_samples,
-)
+from pipeline.io.c3d.data import Header, read_header, read_samples
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.columns import FileMarkers, recording_of, settle_markers
@@ -72,13 +68,8 @@ and mm, and bounds beyond which it is not stated (zero) or in another unit [kg o
 
 
 OUTPUT_GROUPS: Final = (
-    "ANGLES",
-    "FORCES",
-    "MOMENTS",
-    "POWERS",
-    "REACTIONS",
-    "SCALARS",
-    "MODELED_MARKERS",
+    *("ANGLES", "FORCES", "MOMENTS", "POWERS"),
+    *("REACTIONS", "SCALARS", "MODELED_MARKERS"),
 )
 OUTPUT_NAME: Final = re.compile(r"(Angles?|Moments?|Forces?|Powers?|NormalisedGRF)$")
 SEGMENT_FRAME_SUFFIXES: Final = ("O", "A", "L", "P")
@@ -124,21 +115,13 @@ def sort_labels(
 
 
 def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, str]) -> set[int]:
-    listed = {name for group in OUTPUT_GROUPS for name in parameters.texts("POINT", group)}
-    names = set(bare.values())
-    stems = {
-        name[:-1]
-        for name in names
-        if len(name) > 1 and all(name[:-1] + suffix in names for suffix in SEGMENT_FRAME_SUFFIXES)
-    }
-    return {
-        k
-        for k, name in bare.items()
-        if labels[k] in listed
-        or name in listed
-        or OUTPUT_NAME.search(name)
-        or (name[-1:] in SEGMENT_FRAME_SUFFIXES and name[:-1] in stems)
-    }
+    computed = {name for group in OUTPUT_GROUPS for name in parameters.texts("POINT", group)}
+    names = {*bare.values()}
+    for stem in {name[:-1] for name in names if len(name) > 1}:
+        frame = {stem + suffix for suffix in SEGMENT_FRAME_SUFFIXES}
+        computed |= frame if frame <= names else set()
+    computed |= {*filter(OUTPUT_NAME.search, names)}
+    return {k for k, name in bare.items() if {labels[k], name} & computed}
 
 
 def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note | Fact]]:
@@ -334,15 +317,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         stated,
         replace(markers, notes=()),
         np.arange(header.frames) / samples.rate_hz,
-        placed=lambda to_lab: [
-            replace(
-                plate,
-                rotation=to_lab @ plate.rotation,
-                center=to_lab @ plate.center,
-                corners=plate.corners @ to_lab.T,
-            )
-            for plate in plates
-        ],
+        placed=lambda to_lab: [plate.turned(to_lab) for plate in plates],
         witnesses=witnesses,
         units=[channels[k][1] for k in sorted(taken)],
         screen_up=parameters.text("POINT", "Y_SCREEN"),

@@ -68,6 +68,16 @@ def test_samples_that_arrive_in_bursts_are_frames_in_a_row():
     assert clock.rate_hz == pytest.approx(100, rel=1e-3)
 
 
+@pytest.mark.parametrize("burst", [2, 12])
+def test_a_few_bursts_with_one_stamp_lose_no_sample(burst):
+    stamps = 1000 + np.arange(1300) / 100
+    for begin in (100, 400, 1100):
+        stamps[begin : begin + burst] = stamps[begin + burst - 1]
+    clock = find_clock(stamps, 100.0)
+    np.testing.assert_array_equal(clock.index, np.arange(1300))
+    assert not clock.facts
+
+
 @pytest.mark.parametrize("burst", [1, 2])
 def test_a_rate_that_is_not_stated_is_found(burst):
     stamps = np.ceil((np.arange(4000) + 1) / burst) * burst / 2000
@@ -90,7 +100,9 @@ def test_another_sample_at_the_same_time_moves_no_frame():
     frames = np.insert(np.arange(1000), 500, 499)
     clock = find_clock(5000 + frames / 100, 100.0)
     np.testing.assert_array_equal(clock.index, frames[clock.samples])
-    assert [fact.kind for fact in clock.facts] == ["left_out"]
+    (fact,) = clock.facts
+    place = "4.99 to 4.99 s, with the time stamp of another, but other values"
+    assert (fact.kind, fact.reason) == ("left_out", f"1 of 1001 samples, {place}")
 
 
 def test_a_rate_that_is_not_the_nominal_one_is_found():

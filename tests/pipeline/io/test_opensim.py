@@ -82,6 +82,7 @@ NAMINGS = {
     "1_ground_force_vx": ("1_ground_force_v", "1_ground_force_p", "1_ground_torque_"),
     "ground_force_1_vx": ("ground_force_1_v", "ground_force_1_p", "ground_torque_1_"),
     "ground_force_1_vx, mx": ("ground_force_1_v", "ground_force_1_p", "ground_force_1_m"),
+    "FP1_vx, mx": ("FP1_v", "FP1_p", "FP1_m"),
     "ground_force_1_fx, mx": ("ground_force_1_f", "ground_force_1_p", "ground_force_1_m"),
     "ground_force_l_vx, moment": ("ground_force_l_v", "ground_force_l_p", "ground_moment_l_m"),
 }

@@ -13,6 +13,7 @@ from hbm.markers import Markers
 from pipeline.io.opensim import forces_beside
 from pipeline.io.qualisys import plate_files
 from pipeline.io.read import read_recording
+from pipeline.io.recording import Fact
 from pipeline.io.text_table import TextTable
 from tests.pipeline.other_formats import excerpt, write_forces, write_opensim, write_qualisys
 
@@ -105,24 +106,28 @@ def test_a_wrong_rate_gives_way_to_the_times(rate_hz, error, rows):
 
 
 @given(
-    rows=st.integers(20, 200),
+    rows=st.integers(30, 200),
     at=st.integers(1, 18),
+    count=st.integers(1, 9),
     same=st.booleans(),
     digits=st.sampled_from([3, 4, 6]),
 )
-def test_a_row_written_twice_is_left_out_only_if_it_is_the_same(rows, at, same, digits):
+def test_rows_written_twice_are_left_out_only_if_they_are_the_same(rows, at, count, same, digits):
     values = np.column_stack([np.round(np.arange(rows) / 500, digits), np.arange(rows)])
-    doubled = np.insert(values, at, values[at], axis=0)
-    doubled[at, 1] += not same
-    numbers = range(10, 11 + rows)
+    doubled = np.concatenate([values[: at + count], values[at:]])
+    doubled[at + count, 1] += not same
+    numbers = range(10, 10 + rows + count)
     if not same:
-        with pytest.raises(ValueError, match=f"^line {11 + at}: time {values[at, 0]:.9g} occurs"):
+        with pytest.raises(
+            ValueError, match=f"^line {10 + at + count}: time {values[at, 0]:.9g} occurs"
+        ):
             regular_rows("t.mot", numbers, doubled, 0)
         return
     time, kept, (fact,) = regular_rows("t.mot", numbers, doubled, 0)
     np.testing.assert_array_equal(kept, values)
     np.testing.assert_allclose(time, values[:, 0], atol=1e-9)
-    assert (fact.kind, fact.of) == ("left_out", f"t.mot, line {11 + at}")
+    assert fact.kind == "left_out"
+    assert fact.of.startswith(f"t.mot, line {10 + at + count}")
 
 
 @given(rows=st.integers(20, 200))
@@ -134,12 +139,17 @@ def test_a_last_row_at_the_time_of_the_one_before_it_is_left_out(rows):
     assert fact.of == f"t.mot, line {rows - 1}"
 
 
-@given(rows=st.integers(40, 200), at=st.integers(1, 19), lost=st.integers(1, 12))
-def test_rows_that_are_missing_are_gaps(rows, at, lost):
-    values = np.column_stack([np.arange(rows) / 100, np.arange(rows)])
+@given(
+    rows=st.integers(400, 1500),
+    at=st.integers(1, 190),
+    lost=st.integers(1, 120),
+    rate_hz=st.sampled_from([100.0, 600.0]),
+)
+def test_rows_that_are_missing_are_gaps_also_where_times_are_rounded(rows, at, lost, rate_hz):
+    values = np.column_stack([np.round(np.arange(rows) / rate_hz, 4), np.arange(rows)])
     less = np.delete(values, slice(at, at + lost), axis=0)
     time, kept, (fact,) = regular_rows("t.mot", range(len(less)), less, 0)
-    np.testing.assert_allclose(time, values[:, 0], atol=1e-9)
+    np.testing.assert_allclose(time, values[:, 0], atol=0.1 / rate_hz)
     assert np.flatnonzero(np.isnan(kept[:, 1])).tolist() == [*range(at, at + lost)]
     assert (fact.kind, fact.reason.split()[0]) == ("missing", str(lost))
 
@@ -149,6 +159,16 @@ def test_times_of_no_rate_are_refused_with_their_line(rows, seed):
     time = np.cumsum(np.random.default_rng(seed).uniform(0.001, 0.003, rows))
     with pytest.raises(ValueError, match=r"^line \d+: time .*, expected .* in steps"):
         regular_rows("t.mot", range(rows), np.column_stack([time, time]), 0)
+
+
+def test_times_of_forces_in_milliseconds_are_recognised_by_those_of_the_markers(plain, tmp_path):
+    trc, mot, read = plain
+    head, rows = lines_of(mot)[: HEADER_LINES + 1], lines_of(mot)[HEADER_LINES + 1 :]
+    fields = (row.split("\t") for row in rows)
+    in_ms = ["\t".join([f"{1000 * float(t):.3f}", *others]) for t, *others in fields]
+    again = read_recording(trc, forces=written(tmp_path / "ms.mot", [*head, *in_ms]))
+    np.testing.assert_allclose(again.plates[0].time, read.plates[0].time, atol=1e-6)
+    assert ("corrected", "ms.mot") in [(fact.kind, fact.of) for fact in again.facts]
 
 
 @pytest.mark.parametrize("shift_s", [-100.0, 0.5, 1000.0])
@@ -354,6 +374,11 @@ def test_the_file_of_forces_beside_a_trc_file_is_named_if_there_is_one(plain, tr
     assert read_recording(tmp_path / "walk1.trc").why_no_plates == "the file has no force plates"
 
 
+def test_a_row_that_is_left_out_is_no_plate(trial):
+    row = Fact("left_out", "walk.trc, line 9", "time occurs twice")
+    assert replace(trial, plates=(), facts=(row,)).why_no_plates == "the file has no force plates"
+
+
 # Cortex and Qualisys
 
 
@@ -367,6 +392,21 @@ def test_forces_on_the_plate_or_the_subject_begin_with_the_markers(
         loaded = true.wrench[:, 2] > 20
         np.testing.assert_allclose(ours.time, true.time, atol=1e-9)
         np.testing.assert_allclose(ours.wrench[loaded], true.wrench[loaded], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "doubt"),
+    [
+        ("NumberOfForcePlates=2", "3", "its header says NumberOfForcePlates 3, but it holds 2"),
+        ("SampleRate=1000.000000", "240", r"it lasts [\d.]+ s by its SampleRate, the markers"),
+    ],
+)
+def test_a_wrong_header_of_forces_is_a_doubt(trial, plain, tmp_path, key, value, doubt):
+    path = write_forces(trial, tmp_path / "walk.forces")
+    path.write_text(path.read_text().replace(key, f"{key.partition('=')[0]}={value}"))
+    (fact,) = read_recording(plain[0], forces=path).facts
+    assert fact.kind == "in_doubt"
+    assert re.match(doubt, fact.reason)
 
 
 def test_forces_in_other_axes_than_the_markers_are_refused(trial, plain, tmp_path):
@@ -411,7 +451,7 @@ def test_every_export_of_qualisys_holds_the_same_trial(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("in local (force plate)", "in some", "does not say whether its axes"),
+        ("in local (force plate)", "in some", "does not say in which axes"),
         ("CORNER_POSX_POSY_X\t", "CORNER_POSX_POSY_X\t9", "states no rectangle"),
         ("Moment_Y", "Torque_Y", "Moment_Y is absent"),
     ],

@@ -1,6 +1,7 @@
 """One trial of a study from files to residuals: compensation, gait cycles, notes."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,15 +36,24 @@ def standing_still(walker):
     return process_recording(walker, PERSON, Settings())
 
 
-def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker):
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("walk.c3d", "export it with its plates"),
+        ("walk.trc", "give its file of forces, MOT or .forces"),
+        ("walk.tsv", "put its files of forces, walk_f_1.tsv and so on, beside it"),
+    ],
+)
+def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker, name, remedy):
     names = tuple(f"P{k}" for k in range(len(walker.markers.names)))
     bare = replace(
         walker,
+        source=Path(name),
         markers=replace(walker.markers, names=names, position=walker.markers.position[:, ::-1]),
         plates=(),
         metadata=Metadata(),
     )
-    said = r"no shipped set; labels: P0, .*; residuals need the ground .*; the mass is missing too"
+    said = f"no shipped set; labels: P0, .*; residuals need .*{remedy}.*; the mass is missing too"
     with pytest.raises(ValueError, match=said):
         process_recording(bare, PERSON, Settings())
 
