@@ -162,7 +162,8 @@ def join_trajectories(
         numbered from the second on, as LPSIS_2.
     facts
         "joined": they are never seen at once, or agree to 1 mm where they are. "in_doubt": they are
-        in different places at once, and no marker set has the numbered label.
+        in different places at once, and no marker set has the numbered label, or that of the other
+        side occurs once.
     """
     known, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
     names = dict(enumerate(labels.values()))
@@ -183,7 +184,8 @@ def join_trajectories(
             if away_m.max(initial=0.0) > MAX_ROUNDING_M:
                 name, second = names[first], free_name(names[first], {*names.values()})
                 names[column] = second
-                if f"{label}_2" not in known:
+                twin = {"l": "r", "r": "l"}.get(label[0], "") + label[1:]
+                if f"{label}_2" not in known or len(alike.get(twin, ())) == 1:
                     reason = (
                         f"trajectories {places[first]} and {places[column]} have this label, "
                         f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the "
