@@ -54,12 +54,13 @@ class Fact:
 
 @contextmanager
 def saying(said: Iterable[Note | Fact]) -> Iterator[None]:
-    """Add to a later error the facts that were found on reading: it may be a consequence."""
+    """Add facts and impossible samples, found on reading, to a later error that may follow."""
     try:
         yield
     except ValueError as error:
         for fact in dict.fromkeys(said):
-            if isinstance(fact, Fact) and str(fact) not in str(error):
+            shown = isinstance(fact, Fact) or fact.code == "impossible_samples"
+            if shown and str(fact) not in str(error):
                 error.add_note(f"on reading, {fact}")
         raise
 

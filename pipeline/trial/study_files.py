@@ -133,12 +133,12 @@ def labels_in_none(notes_of_files: Iterable[Iterable[Note]]) -> tuple[str, ...]:
 def saying_what_was_read(recording: Recording, *others: Recording | None) -> Iterator[None]:
     """Add to an error what was found on reading a trial and the other files about it.
 
-    These are facts, and labels to rename that no file has; the error may follow from them.
+    These are facts, impossible samples, and labels to rename that no file has; the error may follow
+    from them.
     """
     unused = [note.text for note in recording.notes if note.code == "rename_without_label"]
-    read = [each for each in (recording, *others) if each is not None]
-    facts = (fact for each in read for fact in (*each.facts, *reversed_plates(each)))
-    with saying(facts):
+    read = [r for r in (recording, *others) if r is not None]
+    with saying(said for r in read for said in (*r.notes, *r.facts, *reversed_plates(r))):
         try:
             yield
         except ValueError as error:
