@@ -12,7 +12,7 @@ from pipeline.config.schema import SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments, require_file
 from pipeline.io.read import read_recording
-from pipeline.io.recording import Recording, saying
+from pipeline.io.recording import Fact, Recording, saying
 from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.once import once
@@ -137,8 +137,10 @@ def saying_what_was_read(recording: Recording, *others: Recording | None) -> Ite
     from them.
     """
     unused = [note.text for note in recording.notes if note.code == "rename_without_label"]
-    read = [r for r in (recording, *others) if r is not None]
-    with saying(said for r in read for said in (*r.notes, *r.facts, *reversed_plates(r))):
+    said: list[Note | Fact] = []
+    for file in (file for file in (recording, *others) if file is not None):
+        said += (*file.notes, *file.facts, *reversed_plates(file))
+    with saying(said):
         try:
             yield
         except ValueError as error:
