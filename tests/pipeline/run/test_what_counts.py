@@ -165,7 +165,7 @@ def test_where_steps_are_asked_for_what_is_missing_are_steps(walker):
 def test_steps_that_stand_in_for_gait_cycles_say_why_these_are_excluded(walker):
     strikes = [(2.0, "left"), (2.6, "right"), (4.2, "left"), (4.8, "right"), (6.4, "left")]
     events = [Event(time, "foot_strike", side) for time, side in strikes]
-    events += [Event(1.1 * k + 1.5, "foot_off", side) for k in range(6) for side in SIDES]
+    events += [Event(1.1 * k + 1.4, "foot_off", side) for k in range(6) for side in SIDES]
     notes, sound = [], np.zeros(len(walker.markers.time), int)
     what_counts(walker, events, sound, Condition(), (0, 0), None, notes, 0.5)
     (note,) = (note for note in notes if note.code == "steps_for_cycles")
