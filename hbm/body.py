@@ -185,12 +185,13 @@ def build_body(
     markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
     segments = tuple(segment[name] for name in markers)
     still = speed < MAX_STILL_SPEED_MPS
+    posture = "standing still" if still else f"moving at {speed:.2f} m/s"
     pose = Note.of(
         "calibration_pose",
         start_s=calibration.time[0],
         stop_s=calibration.time[-1],
         instants=len(frames),
-        posture="standing still" if still else f"moving at {speed:.2f} m/s",
+        posture=posture if len(static_markers.time) > 1 else "the one frame of its recording",
         height_m=stature_m,
         source="by the length of the legs" if height_m is None else "as given",
     )
@@ -325,8 +326,7 @@ def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[No
     for name in names:
         path = position[:, markers.names.index(name)]
         frames = np.flatnonzero(~np.isnan(path[:, 0]))
-        step = np.diff(path[frames], axis=0)
-        if len(frames) < 3 or np.abs(step).max() < MAX_JUMP_M / 2:
+        if len(frames) < 3 or np.abs(np.diff(path[frames], axis=0)).max() < MAX_JUMP_M / 2:
             continue
         # the median of five is near a position that moves, and far from one or two that jump
         windows = sliding_window_view(np.pad(path[frames], ((2, 2), (0, 0)), "reflect"), 5, axis=0)
@@ -334,10 +334,8 @@ def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[No
         far = frames[away_m > MAX_JUMP_M]
         if 0 < far.size < MAX_JUMP_SHARE * frames.size:
             path[far], jumps[name] = np.nan, far.size
-    if not jumps:
-        return markers, ()
     note = Note.of("jumps_left_out", positions=sum(jumps.values()), of_marker=jumps)
-    return Markers(markers.time, markers.names, position), (note,)
+    return Markers(markers.time, markers.names, position), (note,) if jumps else ()
 
 
 MAX_STILL_SPEED_MPS: Final = 0.05

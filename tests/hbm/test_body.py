@@ -233,6 +233,12 @@ def test_a_given_window_is_used(body, t_pose):
     same(found, body)
 
 
+def test_a_pose_of_one_frame_is_said_to_be_one():
+    pose = synthetic_t_pose()
+    note = built(Markers(pose.time[:1], pose.names, pose.position[:1])).notes[0]
+    assert "the one frame of its recording (mean of 1 instant)" in note.text
+
+
 def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
     t = synthetic_t_pose()
     gaps = without(without(t, ["C7"], slice(0, 60)), ["T10"], slice(40, 100))
