@@ -286,11 +286,9 @@ class _TrialCheck:
 
         def build() -> Body:
             hips, segments = read_body_files(study, person)
-            files = partial(subject_body, hip_trial=hips, segments=segments)
+            standing = partial(subject_body, pose, person.person, self.settings, mass_kg)
             with saying_what_was_read(pose, hips):
-                return files(
-                    pose, person.person, self.settings, mass_kg, marker_set=study.marker_set
-                )
+                return standing(hip_trial=hips, segments=segments, marker_set=study.marker_set)
 
         body = self.attempt(build)
         self.remark(*((*implausible(body), *body.notes) if body is not None else ()))

@@ -136,17 +136,11 @@ def saying_what_was_read(recording: Recording, *others: Recording | None) -> Ite
     These are facts, impossible samples, and labels to rename that no file has; the error may follow
     from them.
     """
-    unused = [note.text for note in recording.notes if note.code == "rename_without_label"]
     said: list[Note | Fact] = []
     for file in (file for file in (recording, *others) if file is not None):
-        said += (*file.notes, *file.facts, *reversed_plates(file))
+        said += (*file.facts, *reversed_plates(file), *file.notes)
     with saying(said):
-        try:
-            yield
-        except ValueError as error:
-            for line in unused:
-                error.add_note(line)
-            raise
+        yield
 
 
 def _labels(note: Note) -> tuple[str, ...]:
