@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from hbm.calibration_pose.anatomy import (
     MARKER_OFFSET_M,
@@ -109,7 +110,7 @@ def build_body(
     Body
         Geometry averaged over the window, inertias by de Leva (1996). If the subject moves in the
         window, markers that are not landmarks are placed where the skeleton, fitted to the same
-        frames, has them on average.
+        frames, has them on average. Single positions that jump by more than 10 cm do not count.
 
     Raises
     ------
@@ -145,6 +146,7 @@ def build_body(
     present = chosen.present(static_markers.names)
     segment, landmark = chosen.segment | present.segment, present.landmark
     used = list(present.segment)
+    static_markers, jumps = without_jumps(static_markers, used)
     frames, speed = _select_frames(static_markers, used, window_s)
     calibration = _take(static_markers, used, frames)
     poses = [dict(zip(used, p, strict=True)) for p in calibration.position]
@@ -183,16 +185,17 @@ def build_body(
     markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
     segments = tuple(segment[name] for name in markers)
     still = speed < MAX_STILL_SPEED_MPS
+    posture = "standing still" if still else f"moving at {speed:.2f} m/s"
     pose = Note.of(
         "calibration_pose",
         start_s=calibration.time[0],
         stop_s=calibration.time[-1],
         instants=len(frames),
-        posture="standing still" if still else f"moving at {speed:.2f} m/s",
+        posture=posture if len(static_markers.time) > 1 else "the one frame of its recording",
         height_m=stature_m,
         source="by the length of the legs" if height_m is None else "as given",
     )
-    notes = [pose, *dict.fromkeys(n for a in anatomies for n in a.notes)]
+    notes = [pose, *jumps, *dict.fromkeys(n for a in anatomies for n in a.notes)]
     notes += straight_elbows(anatomies)
     if overrides:
         notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
@@ -309,6 +312,30 @@ def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: s
     position = body.marker_position.copy()
     position[tracking] = local
     return replace(body, marker_position=position)
+
+
+MAX_JUMP_M: Final = 0.1
+"""Of one or two positions from those about them; 100 m/s² make 5 cm at 30 Hz."""
+MAX_JUMP_SHARE: Final = 0.2
+"""Of a marker's positions; with more it moves so, or its unit is wrong."""
+
+
+def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[Note, ...]]:
+    """Make gaps of single positions that are far from their marker's next ones, and note them."""
+    position, jumps = markers.position.copy(), dict[str, int]()
+    for name in names:
+        path = position[:, markers.names.index(name)]
+        frames = np.flatnonzero(~np.isnan(path[:, 0]))
+        if len(frames) < 3 or np.abs(np.diff(path[frames], axis=0)).max() < MAX_JUMP_M / 2:
+            continue
+        # the median of five is near a position that moves, and far from one or two that jump
+        windows = sliding_window_view(np.pad(path[frames], ((2, 2), (0, 0)), "reflect"), 5, axis=0)
+        away_m = np.linalg.norm(path[frames] - np.median(windows, axis=-1), axis=-1)
+        far = frames[away_m > MAX_JUMP_M]
+        if 0 < far.size < MAX_JUMP_SHARE * frames.size:
+            path[far], jumps[name] = np.nan, far.size
+    note = Note.of("jumps_left_out", positions=sum(jumps.values()), of_marker=jumps)
+    return Markers(markers.time, markers.names, position), (note,) if jumps else ()
 
 
 MAX_STILL_SPEED_MPS: Final = 0.05

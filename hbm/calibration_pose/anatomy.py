@@ -388,11 +388,11 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         half_width=half_width("ankle", limb.ankle_width_m),
         instead=f"{s}LM with ankle_width_m",
     )
-    for joint, axis in (("knee", pelvis_left), ("ankle", knee_axis)):
+    for joint, axis, end in (("knee", pelvis_left, "EK"), ("ankle", knee_axis, "M")):
         if anatomy.axes[f"{side}_{joint}"] @ axis < 0:
             raise ValueError(
                 f"the {side} {joint}'s lateral marker lies on its medial side; left and right, or "
-                "medial and lateral markers, are probably swapped"
+                f"medial and lateral markers (landmarks {s}L{end}, {s}M{end}), are probably swapped"
             )
     _locate_foot(anatomy, at, side)
 

@@ -162,7 +162,8 @@ def join_trajectories(
         numbered from the second on, as LPSIS_2.
     facts
         "joined": they are never seen at once, or agree to 1 mm where they are. "in_doubt": they are
-        in different places at once, and no marker set has the numbered label.
+        in different places at once, and no marker set has the numbered label, or that of the other
+        side occurs once.
     """
     known, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
     names = dict(enumerate(labels.values()))
@@ -174,16 +175,16 @@ def join_trajectories(
             continue
         # the spelling of a marker set, if one of them has it
         spellings = [names[column] for column in (first, *others)]
-        names[first] = next((n for n in spellings if n.casefold() in known), spellings[0])
+        name = names[first] = next((n for n in spellings if n.casefold() in known), spellings[0])
         seen = np.isfinite(position[:, first, 0])
         one = [f"{places[first]} ({_when(seen)})"]
         for column in others:
             its = np.isfinite(position[:, column, 0])
             away_m = np.linalg.norm(position[:, column] - position[:, first], axis=-1)[seen & its]
             if away_m.max(initial=0.0) > MAX_ROUNDING_M:
-                name, second = names[first], free_name(names[first], {*names.values()})
-                names[column] = second
-                if f"{label}_2" not in known:
+                names[column] = second = free_name(name, {*names.values()})
+                twin = {"l": "r", "r": "l"}.get(label[0], "") + label[1:]
+                if f"{label}_2" not in known or len(alike.get(twin, ())) == 1:
                     reason = (
                         f"trajectories {places[first]} and {places[column]} have this label, "
                         f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the "
@@ -198,7 +199,7 @@ def join_trajectories(
             del names[column]
         if len(one) > 1:
             reason = f"trajectories {listed(one)} have this label"
-            facts.append(Fact("joined", f"marker {short(names[first])}", reason))
+            facts.append(Fact("joined", f"marker {short(name)}", reason))
     return numbered(names), facts
 
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -52,14 +52,18 @@ class Fact:
         return self.note.text
 
 
+FOLLOWED: Final = ("impossible_samples", "rename_without_label")
+"""Codes of notes on reading that a later error may follow from."""
+
+
 @contextmanager
 def saying(said: Iterable[Note | Fact]) -> Iterator[None]:
-    """Add to a later error the facts that were found on reading: it may be a consequence."""
+    """Add to a later error the facts found on reading, and such notes: it may be a consequence."""
     try:
         yield
     except ValueError as error:
-        for fact in dict.fromkeys(said):
-            if isinstance(fact, Fact) and str(fact) not in str(error):
+        for fact in dict.fromkeys(s for s in said if isinstance(s, Fact) or s.code in FOLLOWED):
+            if str(fact) not in str(error):
                 error.add_note(f"on reading, {fact}")
         raise
 
@@ -318,13 +322,12 @@ class Recording:
     @property
     def why_no_plates(self) -> str:
         """Why it has no plates, for messages where it has none."""
-        left_out = (fact for fact in self.facts if fact.kind == "left_out")
-        unused = [str(fact) for fact in left_out if fact.of.startswith("plate ")]
-        if not unused:
-            file = self.forces_beside
-            beside = f"; {file.name} beside it seems to: --forces {file.name}" if file else ""
-            return f"the file has no force plates{beside}"
-        return f"no force plate can be used ({'; '.join(unused)})"
+        left_out = [fact for fact in self.facts if fact.kind == "left_out"]
+        if unused := [str(fact) for fact in left_out if fact.of.startswith("plate ")]:
+            return f"no force plate can be used ({'; '.join(unused)})"
+        file = self.forces_beside
+        beside = f"; {file.name} beside it seems to: --forces {file.name}" if file else ""
+        return f"the file has no force plates{beside}"
 
 
 def _rate_hz(time: Array) -> float:

@@ -48,6 +48,7 @@ from pipeline.trial.study_files import (
     read_body_files,
     read_study_file,
     read_study_laboratory,
+    saying_what_was_read,
 )
 from pipeline.trial.subject import (
     MassUnknownError,
@@ -285,8 +286,9 @@ class _TrialCheck:
 
         def build() -> Body:
             hips, segments = read_body_files(study, person)
-            files = partial(subject_body, hip_trial=hips, segments=segments)
-            return files(pose, person.person, self.settings, mass_kg, marker_set=study.marker_set)
+            standing = partial(subject_body, pose, person.person, self.settings, mass_kg)
+            with saying_what_was_read(pose, hips):
+                return standing(hip_trial=hips, segments=segments, marker_set=study.marker_set)
 
         body = self.attempt(build)
         self.remark(*((*implausible(body), *body.notes) if body is not None else ()))

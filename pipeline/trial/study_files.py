@@ -12,7 +12,7 @@ from pipeline.config.schema import SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments, require_file
 from pipeline.io.read import read_recording
-from pipeline.io.recording import Recording, saying
+from pipeline.io.recording import Fact, Recording, saying
 from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.once import once
@@ -133,18 +133,14 @@ def labels_in_none(notes_of_files: Iterable[Iterable[Note]]) -> tuple[str, ...]:
 def saying_what_was_read(recording: Recording, *others: Recording | None) -> Iterator[None]:
     """Add to an error what was found on reading a trial and the other files about it.
 
-    These are facts, and labels to rename that no file has; the error may follow from them.
+    These are facts, impossible samples, and labels to rename that no file has; the error may follow
+    from them.
     """
-    unused = [note.text for note in recording.notes if note.code == "rename_without_label"]
-    read = [each for each in (recording, *others) if each is not None]
-    facts = (fact for each in read for fact in (*each.facts, *reversed_plates(each)))
-    with saying(facts):
-        try:
-            yield
-        except ValueError as error:
-            for line in unused:
-                error.add_note(line)
-            raise
+    said: list[Note | Fact] = []
+    for file in (file for file in (recording, *others) if file is not None):
+        said += (*file.facts, *reversed_plates(file), *file.notes)
+    with saying(said):
+        yield
 
 
 def _labels(note: Note) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Final, Literal
 
 import numpy as np
@@ -173,7 +173,8 @@ def what_counts(
     why = [str(note.values["reason"]) for note in notes if note.code == "events_unknown"]
     solved = free_of(quality, Quality.POSE_UNKNOWN)
     asked = unit if wanted == unit else "cycle"
-    shortage = cycle_shortage(events, every, time, solved, "".join(why), asked)
+    of_asked = cut_cycles(events, time, quality, min_valid_share, asked, feet)[1].values()
+    shortage = cycle_shortage(events, [*chain(*of_asked)], time, solved, "".join(why), asked)
     notes += (*selection, *of_part)
     strikes = () if {*every} == {NO_SWING} else events  # who stands makes no gait cycle
     notes += _nothing_counts(wanted, counted, strikes, shortage, time, counts, solved)

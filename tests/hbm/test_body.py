@@ -113,6 +113,21 @@ def test_a_walk_without_a_static_trial_gives_nearly_the_same_body(body):
         np.testing.assert_allclose(found.segments[segment].center, part.center, atol=0.005)
 
 
+@pytest.mark.parametrize("far_m", [0.5, 3.0, 15.0])
+def test_single_positions_far_from_where_a_marker_is_do_not_change_the_body(body, far_m):
+    walk = markers_of(body, swinging(np.random.default_rng(21), frames=400, degrees=25))
+    random = np.random.default_rng(25)
+    frames, columns = random.integers(400, size=30), random.integers(len(walk.names), size=30)
+    frames[:2] = 0, 399
+    position = walk.position.copy()
+    position[frames, columns] += far_m * random.normal(size=(30, 3))
+    found, sound = built(Markers(walk.time, walk.names, position)), built(walk)
+    same(found, sound, atol=0.002)
+    (note,) = (note for note in found.notes if note.code == "jumps_left_out")
+    assert note.values["positions"] >= 25
+    assert "jumps_left_out" not in [note.code for note in sound.notes]
+
+
 def test_tracking_markers_of_a_walk_are_at_their_mean_position_on_the_fitted_skeleton(body):
     """A landmark stays where it defines the joint; a tracking marker varies about its mean."""
     walk = markers_of(body, swinging(np.random.default_rng(22), frames=400, degrees=25))
@@ -216,6 +231,12 @@ def test_a_given_window_is_used(body, t_pose):
     found = built(moving_and_standing(body, t_pose), window_s=(2.5, 3.2))
     assert str(found.notes[0]).startswith("calibration pose from 2.50 to 3.19 s, standing still")
     same(found, body)
+
+
+def test_a_pose_of_one_frame_is_said_to_be_one():
+    pose = synthetic_t_pose()
+    note = built(Markers(pose.time[:1], pose.names, pose.position[:1])).notes[0]
+    assert "the one frame of its recording (mean of 1 instant)" in note.text
 
 
 def test_a_recording_that_never_shows_all_markers_at_once_is_refused():

@@ -8,9 +8,9 @@ import pytest
 from rerun.chunk import RrdReader
 
 from pipeline.cli.app import main
-from pipeline.io.c3d import write
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.stated import Stated
+from pipeline.virtual_lab.machine import c3d_file
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 
 NAMES = ("XANTHIPPE", "ZEBULONSKI", "QUINCYSTON", "WATSONHOLM")
@@ -50,7 +50,7 @@ def write_named(recording, path):
         "MANUFACTURER": {"COMPANY": DOCTOR, "SOFTWARE": OPERATOR},
         "OPERATOR": {"NAME": OPERATOR, "COMMENT": f"referred by {DOCTOR}"},
     }
-    encode = write.parameter_section
+    encode = c3d_file.parameter_section
 
     def section(stated, data_block):
         labels = {"DESCRIPTIONS": [f"on {SUBJECT}"] * len(names)}
@@ -58,7 +58,7 @@ def write_named(recording, path):
         return encode({**stated, **point, **groups}, data_block)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(write, "parameter_section", section)
+        patch.setattr(c3d_file, "parameter_section", section)
         write_c3d(path, both, recording.plates)
     assert all(name.encode() in path.read_bytes() for name in NAMES)
 

@@ -104,8 +104,8 @@ def settle_counts(
     Notes
     -----
     Of all that the counts may mean together, the file holds what fits its size and contradicts the
-    fewest of them. Counts that are larger may not outnumber those that agree with the size: then
-    the file is truncated.
+    fewest of them. Counts that are larger by more than one may not outnumber those that agree with
+    the size: then the file is truncated.
 
     Header and POINT:FRAMES have 16 bits: they stop at 65535 or start over. TRIAL:ACTUAL_*_FIELD
     and POINT:LONG_FRAMES hold the true number where a program wrote them; otherwise the size of the
@@ -208,9 +208,12 @@ def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[_Fram
 
 
 def _agree(counts: list[_FrameCount], frames: int, complete: bool) -> bool:
-    """Whether counts agree on a number of frames; if most are larger, the file is truncated."""
+    """Whether counts agree on a number of frames; if most are larger, the file is truncated.
+
+    Of a file that ends with a frame or block, counts that are larger by one are errors in counting.
+    """
     agreeing = sum(count.confirms(frames) for count in counts)
-    larger = sum(not count.allows(frames) and count.frames > frames for count in counts)
+    larger = sum(not c.allows(frames) and c.frames - frames > complete for c in counts)
     unending = complete and all(c.short for c in counts) and any(c.stopped for c in counts)
     return larger <= agreeing and (agreeing > 0 or unending)
 

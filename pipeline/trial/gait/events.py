@@ -102,6 +102,9 @@ def choose_method(
     counts = counterparts(of_file, swings)
     _, _, compared, alone, detected, missing = counts.values()
     many = alone > MAX_ALONE_SHARE * compared or missing > MAX_ALONE_SHARE * detected
+    # without every other strike, two strides would count as one
+    of_side = ([_stride_s(e, [side]) for e in (of_file, swings.events)] for side in SIDES)
+    many |= any(by_file > MAX_STRIDE_RATIO * by_feet for by_file, by_feet in of_side)
     if not many or alone + missing < MIN_EVENTS:
         return method, (Note.of("events_compared", **counts),)
     used = 'the file\'s are used, as events = "file" asks' if wanted else "detected ones are used"
@@ -193,8 +196,7 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
     events are outside the recording, it is compared with the whole recording.
     """
     recorded, by_feet = (swings.time[0], swings.time[-1]), swings.events
-    strikes = [np.diff(event_times(by_feet, "foot_strike", side)) for side in SIDES]
-    stride_s = float(np.median(np.concatenate(strikes))) if has_strides(by_feet) else 1.0
+    stride_s = _stride_s(by_feet, SIDES) if has_strides(by_feet) else 1.0
     inside = _within(in_order(of_file), [recorded])
     outside = len(of_file) - len(inside)
     # the offset and the sides that all events have in common
@@ -217,6 +219,12 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
     missing = sum(kind.only_in_second for kind in compare_events(inside, detected, tolerance_s))
     counts = len(of_file), outside, len(compared), alone, len(detected), missing
     return dict(zip(COUNTS, counts, strict=True))
+
+
+def _stride_s(events: Sequence[Event], sides: Iterable[str]) -> float:
+    """Give the median time between strikes of one foot [s]; NaN where none strikes twice."""
+    strides_s = [np.diff(event_times(events, "foot_strike", side)) for side in sides]
+    return float(np.median(every_s)) if len(every_s := np.concatenate(strides_s)) else np.nan
 
 
 def _within(events: Iterable[Event], spans: Array | Sequence[tuple[float, float]]) -> list[Event]:
@@ -389,6 +397,9 @@ def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array,
 
 MIN_SWING_M: Final = 0.05
 """Of a foot against the pelvis: shorter than the shortest steps, more than standing sways."""
+MAX_STRIDE_RATIO: Final = 1.5
+"""Of the median stride by a file's events to that by the feet: one without every other strike has
+2."""
 MAX_ALONE_SHARE: Final = 0.25
 """Of events without counterpart, for two sources to be of one walk."""
 PAUSE_STRIDES: Final = 1.2

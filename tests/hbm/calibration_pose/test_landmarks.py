@@ -248,5 +248,6 @@ def test_a_landmark_that_no_rule_replaces_is_named(missing, message):
 @pytest.mark.parametrize(("a", "b", "joint"), [("LLEK", "LMEK", "knee"), ("RLM", "RMM", "ankle")])
 def test_swapped_lateral_and_medial_markers_are_refused(a, b, joint):
     swapped = {a: T_POSE_MM[b], b: T_POSE_MM[a]}
-    with pytest.raises(ValueError, match=f"{joint}'s lateral marker lies on its medial side"):
+    said = rf"{joint}'s lateral marker lies on its medial side; .*landmarks {a}, {b}\)"
+    with pytest.raises(ValueError, match=said):
         located(**swapped)

@@ -101,6 +101,16 @@ def renames(text):
     return dict(shlex.split(option)[0].split("=") for option in options)
 
 
+@pytest.mark.parametrize(("twin", "doubts"), [([], 1), (["LANK"], 0)])
+def test_a_second_label_that_a_marker_set_has_on_both_sides_is_a_doubt_where_one_side_has_it(
+    twin, doubts
+):
+    labels = ["LANK", "RANK", "RANK", *twin]
+    position = np.arange(30.0 * len(labels)).reshape(10, -1, 3) / 100
+    found = settled(labels, position)
+    assert [fact.of for fact in found.notes] == ["marker RANK"] * doubts
+
+
 def settled(labels, position, **stated):
     wanted = dict(enumerate(labels))
     return settle_markers(wanted, "m", np.array(position), Stated(**stated), ())

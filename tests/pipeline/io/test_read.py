@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from hbm.markers import MarkerSet, marker_sets
+from hbm.notes import Note
 from pipeline.io.input_file import describe_error, naming
 from pipeline.io.read import file_format, read_recording
 from pipeline.io.recording import Fact, saying
@@ -284,9 +285,14 @@ def test_one_flipped_bit_does_not_turn_the_axes_of_a_recording(shared_data, name
 
 def test_what_was_found_on_reading_is_printed_with_a_later_error():
     plate = Fact("left_out", "plate 2", "FORCE_PLATFORM:TYPE does not name its type")
-    with pytest.raises(ValueError, match="mass missing") as error, saying([plate, plate]):
+    gaps = Note.of("impossible_samples", samples=2, of_channel={"LASIS": 2})
+    axes = Note.of("axes", axes=("forward", "left", "up"), evidence="as given")
+    with (
+        pytest.raises(ValueError, match="mass missing") as error,
+        saying([plate, plate, gaps, axes]),
+    ):
         raise ValueError("mass missing")
-    assert error.value.__notes__ == [f"on reading, {plate}"]
+    assert error.value.__notes__ == [f"on reading, {plate}", f"on reading, {gaps}"]
     fault, file = pytest.raises(ValueError, match=r"walk\.c3d: axes"), Path("walk.c3d")
     with fault as error, naming(file), saying([plate]):
         raise ValueError("axes unknown")

@@ -356,6 +356,17 @@ def test_a_static_recording_is_checked_too(sway):
     assert fault.startswith("pose.c3d: not a C3D file, nor ")
 
 
+def test_a_pose_that_is_refused_says_which_label_it_has_twice(sway):
+    edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
+    pose = read_c3d(sway / "sub01_baseline.c3d").markers
+    position = np.concatenate([pose.position, pose.position[:, [pose.names.index("RLM")]]], axis=1)
+    position[:, pose.names.index("RLM"), 1] += 0.5
+    write_c3d(sway / "pose.c3d", replace(pose, names=(*pose.names, "RLN"), position=position))
+    (sway / "pose.c3d").write_bytes((sway / "pose.c3d").read_bytes().replace(b"RLN", b"RLM"))
+    (fault,) = (str(fault) for fault in findings(sway).faults if "medial side" in str(fault))
+    assert "on reading, marker RLM: trajectories" in fault
+
+
 def test_a_marker_hidden_at_the_beginning_is_not_a_fault(sway):
     """LASIS is hidden for 3 s."""
     change(sway, "sub01_sway", markers=lambda r: without(r.markers, ["LASIS"], slice(300)))

@@ -160,7 +160,7 @@ def test_a_misspelt_label_to_rename_is_named_with_the_error_that_it_causes(plain
     walk = lab.save(replace(recording, markers=markers), tmp_path / "walk.c3d")
     options = ["--mass-kg", "75", "--rename", "hel_l=LHEE", "--out", str(tmp_path / "out")]
     assert main(["residuals", str(walk), *options]) == 2
-    assert "; rename: no marker hel_l in any file" in capsys.readouterr().err
+    assert "; on reading, rename: no marker hel_l in any file" in capsys.readouterr().err
 
 
 def test_a_pair_to_rename_that_is_none_is_refused(plain):

@@ -14,7 +14,7 @@ from pipeline.io.recording import Event
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
-from pipeline.trial.gait.events import zeni_events
+from pipeline.trial.gait.events import SIDES, zeni_events
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import residual_table
@@ -160,6 +160,16 @@ def test_where_steps_are_asked_for_what_is_missing_are_steps(walker):
     assert "a step needs foot strikes of both sides" in needs
     assert excluded == "1 step excluded: 1 for plates that do not carry the subject"
     assert "all steps were excluded, 1 for plates that do not carry the subject" in all_excluded
+
+
+def test_steps_that_stand_in_for_gait_cycles_say_why_these_are_excluded(walker):
+    strikes = [(2.0, "left"), (2.6, "right"), (4.2, "left"), (4.8, "right"), (6.4, "left")]
+    events = [Event(time, "foot_strike", side) for time, side in strikes]
+    events += [Event(1.1 * k + 1.4, "foot_off", side) for k in range(6) for side in SIDES]
+    notes, sound = [], np.zeros(len(walker.markers.time), int)
+    what_counts(walker, events, sound, Condition(), (0, 0), None, notes, 0.5)
+    (note,) = (note for note in notes if note.code == "steps_for_cycles")
+    assert "all gait cycles were excluded, 3 for events that do not alternate" in note.text
 
 
 @pytest.mark.parametrize("method", ["", '[settings]\nevents = "file"\n'])

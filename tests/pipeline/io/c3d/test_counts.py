@@ -90,10 +90,33 @@ def test_any_single_count_that_is_wrong_is_corrected(raw_c3d, place, wrong, coun
     assert said in {fact.of for fact in corrections(recording)}
 
 
-@given(kept=st.floats(0, 0.999), counted=st.booleans(), whole=st.booleans())
+ONE_TOO_LARGE = {
+    "TRIAL": TRIAL | {"ACTUAL_END_FIELD": np.array([FRAMES + 1, 0])},
+    "POINT": {"FRAMES": np.array([FRAMES + 1]), "LONG_FRAMES": np.array([FRAMES + 1.0])},
+}
+
+
+@pytest.mark.parametrize("places", [("POINT",), ("POINT", "TRIAL")])
+@pytest.mark.parametrize("padding", [0, 512])
+def test_counts_that_are_one_too_large_are_corrected_where_one_agrees_with_the_size(
+    raw_c3d, places, padding
+):
+    path = made(raw_c3d, {place: ONE_TOO_LARGE[place] for place in places})
+    content = path.read_bytes()
+    path.write_bytes(content + bytes(-len(content) % padding if padding else 0))
+    recording = read_c3d(path, AXES)
+    np.testing.assert_allclose(recording.markers.position, POSITION[..., :3] / 1000, rtol=1e-5)
+    assert len(corrections(recording)) == 1 + len(places)
+
+
+@given(
+    kept=st.floats(0, 0.999),
+    change=st.sampled_from([{}, {"TRIAL": TRIAL}, ONE_TOO_LARGE]),
+    whole=st.booleans(),
+)
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_file_cut_anywhere_is_refused(raw_c3d, kept, counted, whole):
-    path = made(raw_c3d, {"TRIAL": TRIAL} if counted else {})
+def test_a_file_cut_anywhere_is_refused(raw_c3d, kept, change, whole):
+    path = made(raw_c3d, change)
     content = path.read_bytes()
     frame = 4 * (4 * POINTS + CHANNELS * PER_FRAME)
     data = len(content) - FRAMES * frame
@@ -152,7 +175,7 @@ def stated_frames(place, frames):
 
 @given(
     place=st.sampled_from(["POINT:LONG_FRAMES", "TRIAL"]),
-    more=st.integers(1, 100_000),
+    more=st.integers(2, 100_000),
 )
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_file_shorter_than_most_of_its_counts_is_refused(raw_c3d, place, more):

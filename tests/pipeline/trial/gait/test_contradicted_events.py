@@ -90,6 +90,13 @@ def test_events_of_a_walk_at_another_cadence_are_not_used(factor, late_s):
     assert chosen([replace(e, time=factor * e.time + late_s) for e in TRUE]) == CONTRADICTED
 
 
+@pytest.mark.parametrize("sides", [SIDES, SIDES[:1]])
+def test_events_without_every_other_strike_are_not_used(sides):
+    strikes = [e for side in sides for e in TRUE if (e.label, e.side) == ("foot_strike", side)]
+    lacking = [strike for k, strike in enumerate(strikes) if k % 2]
+    assert chosen([event for event in TRUE if event not in lacking]) == CONTRADICTED
+
+
 @given(st.data())
 def test_events_that_are_missing_or_alone_are_counted(data):
     inner = range(4, len(TRUE) - 4)
