@@ -259,7 +259,7 @@ def plate_of(
     try:
         found = vectors(columns, stems, axes)
     except ValueError as error:
-        return Fact("left_out", name, str(error))
+        return Fact("left_out", name, str(error), plate=True)
     return PlateColumns(number, name, time, *found.transpose(1, 0, 2), units=units)
 
 

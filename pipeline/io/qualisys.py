@@ -164,13 +164,13 @@ def _plate(
     try:
         parts = vectors(dict(zip(columns, values.T, strict=True)), PARTS)
     except ValueError as error:
-        return Fact("left_out", name, str(error))
+        return Fact("left_out", name, str(error), plate=True)
     if "local" in axes and place is not None:
         parts = parts @ place.rotation.T
         parts[:, 2] += 1000 * place.center  # in mm, as the file
     elif "local" in axes or not any(word in axes for word in ("lab", "world", "global")):
         why = "its header does not say in which axes it is, or states no rectangle of corners"
-        return Fact("left_out", name, why)
+        return Fact("left_out", name, why, plate=True)
     units = ("N", "Nm", "mm")
     return PlateColumns(number, name, clock, *parts.transpose(1, 0, 2), units=units, place=place)
 

@@ -27,21 +27,24 @@ class Fact:
     Attributes
     ----------
     kind
-        What was done; the first three and "corrected" are done, "in_doubt" is only said.
+        What was done; of what is "in_doubt" nothing was.
     of
         Of what: "plate 2", "marker LPSIS", "case.mot, line 6506".
     reason
         What was seen there, and what follows of it.
+    plate
+        Whether it is about a force plate.
 
     Examples
     --------
-    >>> str(Fact("left_out", "plate 2", "FORCE_PLATFORM:TYPE does not name its type"))
-    'plate 2: not used: FORCE_PLATFORM:TYPE does not name its type'
+    >>> str(Fact("left_out", "plate 2", "FORCE_PLATFORM:TYPE does not describe it"))
+    'plate 2: not used: FORCE_PLATFORM:TYPE does not describe it'
     """
 
     kind: FactKind
     of: str
     reason: str
+    plate: bool = field(default=False, compare=False)
 
     @property
     def note(self) -> Note:
@@ -322,8 +325,7 @@ class Recording:
     @property
     def why_no_plates(self) -> str:
         """Why it has no plates, for messages where it has none."""
-        left_out = [fact for fact in self.facts if fact.kind == "left_out"]
-        if unused := [str(fact) for fact in left_out if fact.of.startswith("plate ")]:
+        if unused := [str(f) for f in self.facts if f.plate and f.kind == "left_out"]:
             return f"no force plate can be used ({'; '.join(unused)})"
         file = self.forces_beside
         beside = f"; {file.name} beside it seems to: --forces {file.name}" if file else ""

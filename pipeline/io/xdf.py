@@ -275,7 +275,9 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         notes += impossible_samples([channel.label for channel in channels], lost)
         time, samples = steady.time - clock.start_s, steady.on_most_frames(other.values)
         plates, absent = find_plates(other.info, channels)
-        facts += [Fact("left_out", f"plate {short(n)}", why) for n, why in absent.items()]
+        facts += [
+            Fact("left_out", f"plate {short(n)}", why, plate=True) for n, why in absent.items()
+        ]
         described += [(plate, (time, samples)) for plate in plates]
         column_of = _of(other, _columns, channels, plates)
         units = {name: channels[k].unit for name, k in column_of.items()}

@@ -166,7 +166,9 @@ def _with_unsure(factors: Sequence[Factor], feet: Array, time: Array) -> list[Fa
     These bring the pressure nearer to the feet, if not by so much that the plate alone shows it.
     """
     sure = {factor.moment for factor in factors if factor.moment}
-    common = sure.pop() if len(sure) == 1 else 0
+    if len(sure) != 1:
+        return list(factors)
+    common = sure.pop()
     # smaller moments bring any pressure nearer: only one that is far away needs them
     far_m = FAR_M if common < 0 else 0.0
     given = []

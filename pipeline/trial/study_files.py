@@ -136,10 +136,14 @@ def saying_what_was_read(recording: Recording, *others: Recording | None) -> Ite
     These are facts, impossible samples, and labels to rename that no file has; the error may follow
     from them.
     """
-    said: list[Note | Fact] = []
-    for file in (file for file in (recording, *others) if file is not None):
-        said += (*file.facts, *reversed_plates(file), *file.notes)
-    with saying(said):
+
+    def said() -> Iterator[Note | Fact]:
+        for file in (file for file in (recording, *others) if file is not None):
+            yield from file.facts
+            yield from reversed_plates(file)
+            yield from file.notes
+
+    with saying(said()):  # looked for only where there is an error
         yield
 
 

@@ -28,7 +28,9 @@ from pipeline.io.stated import without_impossible
 MAX_COUNT: Final = 65535
 """Of a 16-bit number: frame counts stop there or start over."""
 NEXT: Final = "copy it from its source again, or export it again"
-RATES: Final = "samples per channel by the rates"
+BY_HEADER: Final = "frames by the header"
+BY_TRIAL: Final = "frames by TRIAL:ACTUAL_END_FIELD"
+"""Where a file states the numbers of its first and last frame."""
 DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
 """Parameters that, like the header, say in which block of the file data begin."""
 KEY: Final = 0x50
@@ -128,25 +130,24 @@ def settle_counts(
     counts = _frame_counts(limits, parameters)
     settled = list[tuple[int, bool, int, FrameSize, list[Fact]]]()
     for frame in held:
-        places = (
+        places = [
             ("points in the header", header.points, frame.points),
             ("POINT:USED", points, frame.points),
             ("analog samples in the header", header.analog, frame.analog),
-            ("samples per channel in the header", header.per_channel, frame.per_channel),
             ("ANALOG:USED", channels, frame.channels),
-            (RATES, by_rates, frame.per_channel),
-        )
-        wrong = [
-            correction(place, says, is_true)
-            for place, says, is_true in places
-            if says != is_true and (frame.channels or "per channel" not in place)
         ]
+        if frame.channels:
+            per_channel = header.per_channel, frame.per_channel
+            places.append(("samples per channel in the header", *per_channel))
+        wrong = [correction(*place) for place in places if place[1] != place[2]]
+        # frame_rate_hz says which rate is wrong
+        wrong_rates = bool(frame.channels) and by_rates != frame.per_channel
         written = _written_frames(path, start, frame, held[frame])
         complete = not data_bytes % frame.bytes or not (start + data_bytes) % BLOCK_BYTES
         for frames in {written, held[frame], *(count.frames for count in counts)}:
             facts = [*wrong]
             apart = [count for count in counts if not count.allows(frames)]
-            facts += [correction(f"frames by {c.place}", c.frames, frames) for c in apart]
+            facts += [correction(c.place, c.frames, frames) for c in apart]
             rest = data_bytes - frames * frame.bytes
             if rest > BLOCK_BYTES and len({size.bytes for size in held}) == 1:
                 facts.append(correction("frames by the file's size", held[frame], frames))
@@ -154,11 +155,10 @@ def settle_counts(
             else:
                 possible = 0 <= rest <= BLOCK_BYTES and _agree(counts, frames, complete)
             if possible and frames > 0:
-                settled.append((len(facts), frames != written, -frames, frame, facts))
+                settled.append((len(facts) + wrong_rates, frames != written, -frames, frame, facts))
     best = min(settled, key=lambda candidate: candidate[:3], default=None)
     if best and all(other[3] == best[3] for other in settled if other[:2] == best[:2]):
-        # frame_rate_hz says which rate is wrong
-        return best[3], -best[2], [fact for fact in best[4] if fact.of != RATES]
+        return best[3], -best[2], best[4]
     numbers = [c.frames for c in counts], (header.points, points), (header.channels, channels)
     every_count = (" or ".join(map(str, sorted({*n}))) for n in (*numbers, held.values()))
     n_frames, n_points, n_channels, fitting = every_count
@@ -193,9 +193,9 @@ def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[_Fram
     in_header = (last - first + 1) % (MAX_COUNT + 1) or MAX_COUNT + 1
     frames = parameters.integer("POINT", "FRAMES", 0)
     counts = [
-        _FrameCount("the header", in_header, short=True, stopped=last == MAX_COUNT),
-        _FrameCount("POINT:FRAMES", frames, short=True, stopped=frames == MAX_COUNT),
-        _FrameCount("POINT:LONG_FRAMES", parameters.integer("POINT", "LONG_FRAMES", 0)),
+        _FrameCount(BY_HEADER, in_header, short=True, stopped=last == MAX_COUNT),
+        _FrameCount("frames by POINT:FRAMES", frames, short=True, stopped=frames == MAX_COUNT),
+        _FrameCount("frames by POINT:LONG_FRAMES", parameters.integer("POINT", "LONG_FRAMES", 0)),
     ]
     start, end = (
         parameters.integers("TRIAL", f"ACTUAL_{limit}_FIELD").ravel() for limit in ("START", "END")
@@ -203,7 +203,7 @@ def _frame_counts(limits: tuple[int, int], parameters: Parameters) -> list[_Fram
     counts = [count for count in counts if count.frames > 0]
     if start.size == 2 and end.size == 2:
         frames = int((end - start) @ [1, MAX_COUNT + 1]) + 1
-        counts.append(_FrameCount("TRIAL:ACTUAL_END_FIELD", frames))
+        counts.append(_FrameCount(BY_TRIAL, frames))
     return counts
 
 

@@ -158,7 +158,7 @@ def plate_layouts(
             plates.append(plate)
             facts += of_corners
         except Undescribed as error:
-            facts.append(Fact("left_out", f"plate {k + 1}", str(error)))
+            facts.append(Fact("left_out", f"plate {k + 1}", str(error), plate=True))
         except ValueError as error:
             raise ValueError(f"force plate {k + 1}: {error}") from error
     for k in range(used, parameters.numbers("FORCE_PLATFORM", "TYPE").size):
@@ -166,7 +166,7 @@ def plate_layouts(
             plate, _ = _plate_layout(k, header, stated, position)
             if not {*plate.channels} & {c for other in plates for c in other.channels}:
                 reason = f"FORCE_PLATFORM:USED says {used}, though the file describes it"
-                facts.append(Fact("left_out", f"plate {k + 1}", reason))
+                facts.append(Fact("left_out", f"plate {k + 1}", reason, plate=True))
     return plates, facts
 
 

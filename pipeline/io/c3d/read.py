@@ -16,7 +16,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import settle_axes
-from pipeline.io.c3d.data import Header, read_header, read_samples
+from pipeline.io.c3d.data import BY_HEADER, BY_TRIAL, Header, read_header, read_samples
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.parameters import Parameters, Value
 from pipeline.io.columns import FileMarkers, recording_of, settle_markers
@@ -354,8 +354,8 @@ def _first_frame(header: Header) -> tuple[int, list[Fact]]:
     full = int(start @ [1, 65536]) if start.size == 2 else in_header
     if in_header in (0, full, full % 65536, min(full, 65535)):
         return full, []
-    wrong = " ".join(fact.of for fact in header.corrections)
-    by_header, by_trial = ("frames by the header" in wrong, "frames by TRIAL" in wrong)
+    wrong = {fact.of for fact in header.corrections}
+    by_header, by_trial = BY_HEADER in wrong, BY_TRIAL in wrong
     used = full if by_header and not by_trial else in_header
     places = f"{in_header} by the header, {full} by TRIAL:ACTUAL_START_FIELD, {used} used"
     return used, [Fact("in_doubt" if by_header == by_trial else "corrected", "first frame", places)]

@@ -200,10 +200,10 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
     inside = _within(in_order(of_file), [recorded])
     outside = len(of_file) - len(inside)
     # the offset and the sides that all events have in common
-    notes = check_events(inside, {"the feet": by_feet})
-    if any(note.code == "events_of_other_side" for note in notes):
-        by_feet = _of_other_side(by_feet)
-    offset_s = [each.mean_ms / 1000 for each in _comparable(inside, by_feet)] or [0.0]
+    own, crossed = (_comparable(inside, e) for e in (by_feet, _of_other_side(by_feet)))
+    if _exchanged(own, crossed):
+        own, by_feet = crossed, _of_other_side(by_feet)
+    offset_s = [kind.mean_ms / 1000 for kind in own] or [0.0]
     inside = [replace(event, time=event.time - float(np.mean(offset_s))) for event in inside]
     tolerance_s = MAX_DIFFERENCE_S * max(1.0, stride_s)
     compared = _within(inside, swings.seen + np.array([0.5, -0.5]) * stride_s)
@@ -483,14 +483,19 @@ def _compare(
     own, crossed = (_comparable(events, e) for e in (reference, _of_other_side(reference)))
     if not (own or crossed):
         return None
-    far = [each for each in own if abs(each.mean_ms) > MAX_OFFSET_MS]
-    exchanged = [each for each in crossed if abs(each.mean_ms) < MAX_AGREEMENT_MS]
-    if exchanged and len(far) == len(own):
+    if _exchanged(own, crossed):
         return (Note.of("events_of_other_side", source=source),)
+    far = [each for each in own if abs(each.mean_ms) > MAX_OFFSET_MS]
     if not far:
         return ()
     offset_ms = {each.kind: each.mean_ms for each in far}
     return (Note.of("events_offset", source=source, offset_ms=offset_ms),)
+
+
+def _exchanged(own: Sequence[EventAgreement], crossed: Sequence[EventAgreement]) -> bool:
+    """Tell by comparisons with a reference, and with its sides exchanged, that sides are wrong."""
+    coincide = any(abs(each.mean_ms) < MAX_AGREEMENT_MS for each in crossed)
+    return coincide and all(abs(each.mean_ms) > MAX_OFFSET_MS for each in own)
 
 
 def _of_other_side(events: Iterable[Event]) -> tuple[Event, ...]:

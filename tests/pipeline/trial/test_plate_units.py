@@ -20,7 +20,10 @@ SIZE = np.array([[0.5, 0.9, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [0.5, -0.9, 0]]
 
 
 def steps(mass_kg, lever, power=0, force_power=0, units="N,Nmm", plates=2):
-    """Somebody who steps on plates in turn, whose channels are too small by powers of ten."""
+    """Somebody who steps on plates in turn, whose channels are too small by powers of ten.
+
+    The pressure moves in both directions: no lever makes a moment exactly zero, as a dead one is.
+    """
     feet, made = np.full((len(TIME), 4, 3), np.nan), []
     for k in range(plates):
         center = np.array([0.0, 0.55 * k - 0.25, 0.0])
@@ -30,7 +33,7 @@ def steps(mass_kg, lever, power=0, force_power=0, units="N,Nmm", plates=2):
         loaded = on > 0
         feet[loaded, 2 * k % 4] = heel[loaded] + np.array([0, 0, 0.04])
         feet[loaded, 2 * k % 4 + 1] = heel[loaded] + np.array([0.2, 0, 0.05])
-        pressure = heel + np.outer(np.clip((TIME - 1.4 * k) / 1.2, 0, 1), [0.2, 0, 0]) - center
+        pressure = heel + np.outer(np.clip((TIME - 1.4 * k) / 1.2, 0, 1), [0.2, 0.01, 0]) - center
         force = np.outer(on, mass_kg * GRAVITY_MPS2 * np.array([0.05, 0.02, 1.1]))
         wrench = np.hstack([force, np.cross(pressure, force)])
         stored = shift_wrench(wrench, lever)
