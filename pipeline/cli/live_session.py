@@ -16,7 +16,7 @@ from hbm.model import Body
 from hbm.notes import Note
 from hbm.spelling import listed
 from pipeline.cli.options import require_folder
-from pipeline.cli.stopping import SIGNAL_EXIT, Terminated, stoppable, terminable, uninterrupted
+from pipeline.cli.stopping import SIGNAL_EXIT, recorded_requests, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
 from pipeline.config.schema import NOUNS
 from pipeline.io.write import write_text
@@ -238,10 +238,10 @@ def follow(
 ) -> bool:
     """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault.
 
-    The news are the source's. From then on until ``ending`` is closed nothing interrupts. Gives
-    whether it was terminated.
+    The news are the source's. Nothing interrupts before ``ending`` is closed: requests to stop
+    are recorded. Gives whether it was terminated.
     """
-    terminated = False
+    requests = ending.enter_context(recorded_requests())
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
@@ -249,7 +249,9 @@ def follow(
     session.start()
     try:
         with console.status("waiting for frames") as line:
-            while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
+            while session.runs and not requests:
+                if duration_s is not None and time.monotonic() - began >= duration_s:
+                    break
                 time.sleep(SHOWN_S)
                 take_new(session, monitor, view)
                 while news:
@@ -270,14 +272,11 @@ def follow(
                     if view.address and not address:
                         address = view.address
                         console.say(f"open {address} in a browser on this machine")
-    except KeyboardInterrupt as request:
-        terminated = isinstance(request, Terminated)
     finally:
-        ending.enter_context(uninterrupted())
         session.stop()
         sys.setswitchinterval(before)
     take_new(session, monitor)
-    return terminated
+    return signal.SIGTERM in requests[:1]
 
 
 def _coloured(status: str) -> Text:

@@ -62,11 +62,18 @@ def terminable() -> Iterator[None]:
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Let nothing but a kill stop work that takes a moment, such as ending a recording."""
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in STOPPING}
+def recorded_requests() -> Iterator[list[int]]:
+    """Give a list that requests to stop append their signals to; only a kill interrupts the work.
+
+    An exception could come while an earlier one is handled, when nothing would wait for the end.
+    """
+    requests: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, frame: requests.append(number))
+        for number in STOPPING
+    }
     try:
-        yield
+        yield requests
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

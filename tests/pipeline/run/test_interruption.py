@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.cli.app import main
+from pipeline.cli.stopping import recorded_requests
 from tests.campaign.kills import environment, kills, undisturbed
 from tests.pipeline.fake_results import write_fake_results
 
@@ -127,6 +128,7 @@ STOPPED_AS_IT_WRITES = """
 import os, signal, sys, time
 from pathlib import Path
 from pipeline.cli.app import main
+from pipeline.cli.stopping import recorded_requests
 number, suffix, *words = sys.argv[1:]
 replace = Path.replace
 def stop(self, target):
@@ -138,6 +140,15 @@ Path.replace = stop
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.exit(main(words))
 """
+
+
+def test_requests_to_stop_that_are_recorded_interrupt_nothing_however_close_they_come():
+    handlers = [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)]
+    with recorded_requests() as requests:
+        for number in (signal.SIGTERM, signal.SIGTERM, signal.SIGINT):
+            signal.raise_signal(number)
+    assert requests == [signal.SIGTERM, signal.SIGTERM, signal.SIGINT]
+    assert handlers == [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)]
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
