@@ -92,7 +92,7 @@ class Anatomy:
         anatomical position.
     frames
         Orientations of pelvis, thorax and head (columns: forward, left, up), (3, 3). Absent for a
-        trunk or head without markers; ``upright`` is how a trunk without markers stands.
+        trunk or head without markers.
     markers
         Landmarks that a device shows in place of their markers, (3,) [m].
     rules

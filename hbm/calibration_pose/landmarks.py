@@ -352,8 +352,8 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
 def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
     """Place a trunk that no marker shows: upright above the hips, with lengths by stature.
 
-    Its coordinates stay at zero, so that its frame is the pelvis' one; but in the calibration pose
-    it stands vertically above the middle of the hips, however the iliac spines lie.
+    In the calibration pose it stands vertically above the middle of the hips and faces where the
+    pelvis does, however the iliac spines lie; that is its frame.
 
     Notes
     -----
@@ -361,9 +361,9 @@ def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
     ahead of the hips; in a third with iliac spines marked at very different heights, 23 mm ahead.
     """
     pelvis, hips = anatomy.frames["pelvis"], anatomy.points["pelvis"]
-    upright = axes_from(pelvis[:, 1], np.array(UP), exact="up")
+    upright = axes_from(cross(np.array(UP), pelvis[:, 0]), np.array(UP), exact="up")
     for level in ("cervicale", "mid_shoulders", "xiphoid"):
         share = mean_height(level, sex, lambda column: 1000 * SAMPLE_STATURE_M[column])
         anatomy.points[level] = hips + share * height_m * upright[:, 2]
     anatomy.points["neck"] = anatomy.points["cervicale"]
-    anatomy.frames |= {"thorax": pelvis, "upright": upright}
+    anatomy.frames["thorax"] = upright

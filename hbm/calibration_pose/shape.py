@@ -145,8 +145,7 @@ class _Builder:
         self.frames["thorax"] = anatomy.frames["thorax"], self.at["lumbar"]
         head = anatomy.frames.get("head", anatomy.frames["thorax"])
         self.frames["head"] = head, self.at["neck"]
-        self.posture = anatomy.frames.get("upright", anatomy.frames["thorax"])
-        self.head_up = anatomy.frames.get("head", self.posture)[:, 2]
+        self.head_up = head[:, 2]
         self.shape = Shape()
 
     def ends(self, segment: str, proximal: Array, distal: Array, left: Array) -> None:
@@ -173,7 +172,7 @@ class _Builder:
         """Place an arm that no marker shows: hanging from its shoulder, in the neutral pose."""
         s, sign, length = SIDES[side], MEDIAL_SIGN[side], self.length
         thorax, _ = self.frames["thorax"]
-        ahead, left, up = self.posture.T
+        ahead, left, up = thorax.T
         joints = [self.at["mid_shoulders"] - sign * self.shoulder_width * left]
         parts = [f"{side}_{part}" for part in ("upper_arm", "forearm", "hand")]
         self.frames[f"{side}_shoulder"] = thorax, joints[0]

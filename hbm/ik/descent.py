@@ -389,13 +389,15 @@ def _interpreted(
 class OneFrame:
     """Solves the frame in the attachment's only row of positions, with one native call.
 
-    The positions, (1, M, 3), change from frame to frame, and so may the prior, (46,).
+    The positions, (1, M, 3), change from frame to frame, and so may prior and reference, (46,).
     """
 
-    def __init__(self, attachment: MarkerAttachment, prior: Array, tolerance: float) -> None:
+    def __init__(
+        self, attachment: MarkerAttachment, prior: Array, reference: Array, tolerance: float
+    ) -> None:
         self.attachment, self.tolerance = attachment, tolerance
         self.start = np.empty((1, N_Q))
-        self.terms = self.start, prior[None], np.zeros((1, N_Q))
+        self.terms = self.start, prior[None], reference[None]
         self.solved = Solved.empty(ROW, len(attachment.segment))
         self.native = kernels().solve_frames
         self.structure = _structure(attachment, self.solved, self.terms, tolerance, 0, 1)

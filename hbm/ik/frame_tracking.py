@@ -10,6 +10,7 @@ shown values.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -28,9 +29,14 @@ from hbm.ik.tracking import (
     observed_by,
     try_start,
 )
+from hbm.ik.upright import HEADING_CUTOFF_HZ, TRUNK, YAW, upright_trunk
 from hbm.markers import Markers
 from hbm.model import Body
+from hbm.signals.filtering import RealtimeFilter
 from hbm.spatial import Array, Mask
+
+USUAL_STEP_S: Final = 0.01
+"""From one frame to the next; a longer one is divided for the filter of the heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,18 +95,22 @@ class FrameTracker:
         problem.attachment = replace(problem.attachment, position=self.position)
         problem.hold(np.ones(len(problem.names), bool))
         self.problem, self.markers, self.columns = problem, problem.names, problem.attachment.column
-        self.descent = OneFrame(problem.attachment, problem.prior, problem.tolerance)
-        self.carriers, self.free = problem.carriers, ~problem.locked
+        self.descent = OneFrame(
+            problem.attachment, problem.prior, problem.reference[0], problem.tolerance
+        )
         self.q: Array | None = None
         self.tracked = np.zeros(N_Q, bool)
         self.shown, self.usual_pivots = np.zeros((2, N_Q))
         self.seen = np.zeros(len(self.markers), bool)
         self.tries_left = 0
         self.begun = False
+        self.heading = RealtimeFilter(HEADING_CUTOFF_HZ, 1, USUAL_STEP_S)
 
     def solve(self, position: Array) -> FrameSolution:
         """Solve a frame that follows the last one kept, from markers (M, 3), and keep nothing."""
         self.position[0] = position
+        if self.q is not None and self.weak_trunk:
+            self.problem.reference[0, TRUNK] = self._upright(self.q)
         if not self.seen.all():
             self._hold_what_was_never_seen()
         found, looked = self._first() if self.q is None else self._next(self.q)
@@ -108,9 +118,9 @@ class FrameTracker:
         if not found.converged[0]:
             left_out = leave_limbs_out(self.problem, found)
             observed = self._observed(found) & ~left_out[0]
-        solved = bool(observed[self.carriers].all())
-        if solved and not observed[self.free].all():
-            self._hold(found, ~observed & self.free, left_out)
+        solved = bool(observed[self.problem.carriers].all())
+        if solved and not observed[~self.problem.locked].all():
+            self._hold(found, ~observed & ~self.problem.locked, left_out)
         solved = solved and bool(found.converged[0])
         q, error = found.q[0].copy(), found.error[0].copy()
         if not solved:
@@ -120,23 +130,39 @@ class FrameTracker:
         elif np.abs(q - self.q).max() > MIN_JUMP_RAD:
             q = nearest_equivalent(q, self.q)
         if looked:
-            observed &= self.carriers
+            observed &= self.problem.carriers
         gradient, pivots = float(found.gradient[0]), found.pivots[0].copy()
         return FrameSolution(q, error, solved, observed & solved, gradient, pivots, looked)
 
-    def keep(self, solution: FrameSolution) -> None:
-        """Take a solution as the one that the next frame follows."""
+    def keep(self, solution: FrameSolution, time: float) -> FrameSolution:
+        """Take a solution as the one that the next frame follows; give it with its whole trunk."""
         self.begun |= bool(np.isfinite(self.position[0, self.columns, 0]).any())
-        self.tracked = solution.observed | (solution.looked & ~self.carriers)
+        self.tracked = solution.observed | (solution.looked & ~self.problem.carriers)
         if solution.looked:
             self.tries_left = (self.tries_left or TRIES) - 1
         if not solution.converged:
-            return
+            return solution
         visible = np.isfinite(solution.marker_error)
         self.q, self.seen = solution.q, self.seen | visible
         self.shown[solution.observed] = solution.q[solution.observed]
         if visible[self.seen].all():
             self.usual_pivots = solution.pivots
+        self.heading.step(time, solution.q[[YAW]])
+        if not self.problem.locked[TRUNK].all():
+            return solution
+        q = solution.q.copy()
+        q[TRUNK] = self._upright(q)
+        return replace(solution, q=q)
+
+    def _upright(self, q: Array) -> Array:
+        """Give the angles, (3,), with which the trunk of a pose stands upright, facing ahead."""
+        angles: Array = upright_trunk(q[None], self.heading.value)[0]
+        return angles
+
+    @property
+    def weak_trunk(self) -> bool:
+        """Whether a prior holds a trunk that some marker shows."""
+        return bool((self.problem.prior[TRUNK] * ~self.problem.locked[TRUNK]).any())
 
     def _first(self) -> tuple[Solved, bool]:
         """Solve a frame before which none was solved."""
@@ -163,7 +189,7 @@ class FrameTracker:
     def _start_is_no_good(self, found: Solved, q: Array) -> bool:
         if not found.converged[0] or np.abs(found.q[0] - q).max() > MAX_DISTANCE_FROM_START:
             return True
-        if self.tracked[self.free].all():
+        if self.tracked[~self.problem.locked].all():
             return False
         returned = self._observed(found) & ~self.tracked
         return bool(returned.any() and doubtful(self.problem, found)[0])

@@ -1,8 +1,8 @@
 """The least-squares problem of every frame of a trial: markers and priors; its optima.
 
 A coordinate has a prior where the markers of a trial, in the neutral pose, leave it more uncertain
-than human posture does: it holds the coordinate near neutral. There the optimum is the most
-probable pose; elsewhere no prior pulls.
+than human posture does: it holds the coordinate near neutral, the trunk near upright in the lab.
+There the optimum is the most probable pose; elsewhere no prior pulls.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -17,6 +17,7 @@ import numpy as np
 from hbm.coordinates import CARRIERS, FIXED_TO, MOVING, N_Q, SEGMENTS, TREE
 from hbm.ik.descent import MarkerAttachment, Solved, solve_frames
 from hbm.ik.start import Start
+from hbm.ik.upright import TRUNK, YAW, slow_heading, upright_trunk
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.poses import marker_positions, segment_frames
@@ -160,7 +161,7 @@ class Problem:
             np.array([markers.names.index(name) for name in self.names]),
         )
         self.slope = neutral_slopes(body)[:, known]
-        self.prior = np.empty(N_Q)
+        self.prior, self.reference = np.empty(N_Q), np.zeros((1, N_Q))
         position = markers.position[:, self.attachment.column, 0]
         self.hold(np.asarray(np.isfinite(position).any(axis=0)))
 
@@ -186,6 +187,15 @@ class Problem:
         self.least_pivots = np.full(N_Q, MIN_PIVOT * self.attachment.weight.max())
         self.least_pivots[undetermined] = -np.inf
         self.least_pivots[self.locked] = np.inf
+
+    def stand_upright(self) -> None:
+        """Refer the prior of a trunk that markers show weakly to the lab's vertical."""
+        if not (self.prior[TRUNK] * ~self.locked[TRUNK]).any():
+            return
+        fitted = self.rigid_fit(np.arange(len(self.time)))
+        angles = upright_trunk(fitted, slow_heading(self.time, fitted[:, YAW]))
+        self.reference = np.zeros(fitted.shape)
+        self.reference[:, TRUNK] = np.nan_to_num(angles)
 
     def markers_on(self, segments: Collection[str]) -> Indices:
         """Give the numbers of the markers on some segments."""
@@ -214,16 +224,24 @@ class Problem:
 
     def cost(self, solved: Solved) -> Array:
         """Give twice the sum that is minimised, (F,); infinite where it did not converge."""
-        prior = self.prior * solved.q**2
+        prior = self.pull(solved)
         markers = np.nansum(self.attachment.weight * solved.error**2, axis=1)
         return np.where(solved.converged, markers + prior.sum(axis=1), np.inf)
+
+    def pull(self, solved: Solved) -> Array:
+        """Give what the prior of each coordinate adds to twice that sum, (F, 46)."""
+        return np.asarray(self.prior * (solved.q - self.references(solved.row)) ** 2)
+
+    def references(self, rows: Indices) -> Array:
+        """Give where the priors hold the coordinates in some frames, (F, 46) or (1, 46)."""
+        return self.reference if len(self.reference) == 1 else self.reference[rows]
 
     def newton(self, rows: Indices, start: Array, held: tuple[Mask, Array] | None = None) -> Solved:
         """Solve some frames, (F,), from starting points, (F, 46).
 
         Coordinates that are ``held``, (F, 46), stay at values, (F, 46).
         """
-        locked, prior, reference = self.locked, self.prior, np.zeros(N_Q)
+        locked, prior, reference = self.locked, self.prior, self.references(rows)
         if held is not None:
             locked = locked | held[0]
             prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)

@@ -23,6 +23,7 @@ from hbm.coordinates import FIRST_Q, LAST_Q, LIMBS, N_Q, TREE
 from hbm.ik.continuity import continuous
 from hbm.ik.descent import MAX_ABSOLUTE_RISE, Solved
 from hbm.ik.problem import MIN_PIVOT, OF_CARRIERS, ROTATES, Problem
+from hbm.ik.upright import TRUNK, YAW, slow_heading, upright_trunk
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
@@ -90,7 +91,7 @@ def _best_limbs(problem: Problem, solved: Solved, frames: int) -> Array:
     """Give the first solutions with each limb as in the one where it costs least, (F, 46)."""
     square = np.nan_to_num(problem.attachment.weight * solved.error**2)
     square[~solved.converged] = np.inf
-    prior = problem.prior * solved.q**2
+    prior = problem.pull(solved)
     q = solved.q[:frames].copy()
     for segments in LIMBS.values():
         limb = slice(FIRST_Q[segments[0]], LAST_Q[segments[-1]] + 1)
@@ -183,8 +184,9 @@ def solve_ik(
     Motion
         ``q``, marker errors and which coordinates were observed; ``v`` and ``a`` are NaN until
         `filter_motion`. What the markers of the trial do not determine is held near zero by a prior
-        (`hbm.ik.problem`), what none of them shows at zero; coordinates that lose their markers for
-        a while, and limbs whose markers fit no pose, are interpolated in time.
+        (`hbm.ik.problem`), what none of them shows at zero, and a trunk upright in the lab
+        (`hbm.ik.upright`); coordinates that lose their markers for a while, and limbs whose
+        markers fit no pose, are interpolated in time.
         Only a pelvis or a trunk that markers do not show leaves a frame unsolved.
 
     Raises
@@ -210,6 +212,7 @@ def solve_ik(
         if not (weight >= 0 and np.isfinite(weight)):
             raise ValueError(f"the weight of {name} must be 0 or more, got {weight:g}")
     problem = Problem(body, markers, weights or {}, tolerance=tolerance, jobs=jobs)
+    problem.stand_upright()
     frames = np.arange(len(problem.time))
     start, usual_pivots = _starting_points(problem, frames)
     found = problem.newton(frames, start)
@@ -230,6 +233,8 @@ def solve_ik(
     found.converged[~placed] = False
     found.q[~found.converged] = np.nan
     found.error[~found.converged] = np.nan
+    if problem.locked[TRUNK].all():
+        found.q[:, TRUNK] = upright_trunk(found.q, slow_heading(problem.time, found.q[:, YAW]))
     unknown = np.full(found.q.shape, np.nan)
     return Motion(
         problem.time,

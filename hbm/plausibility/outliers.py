@@ -225,7 +225,7 @@ class MarkerTracker:
         if self.frozen:
             position = np.full(position.shape, np.nan)
         solution = self._without_outliers(position)
-        self.tracker.keep(solution)
+        solution = self.tracker.keep(solution, time)
         error = solution.marker_error
         largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
         change_m = np.clip(error - self.usual_m, -largest_m, largest_m)

@@ -74,7 +74,7 @@ def test_live_a_prior_ends_once_the_markers_that_were_missing_are_seen(truth):
     markers = markers_of(BODY, truth)
     tracker = FrameTracker(BODY, markers.names)
     late = without(markers, ("LHEAD", "RHEAD", "FHEAD"), slice(0, 20))
-    for position in late.position:
+    for time, position in zip(late.time, late.position, strict=True):
         solution = tracker.solve(position)
-        tracker.keep(solution)
+        tracker.keep(solution, time)
     np.testing.assert_allclose(solution.q, truth.q[-1] * (tracker.problem.prior == 0), atol=1e-6)
