@@ -1,4 +1,4 @@
-"""A trunk that no marker shows stands upright in the lab and faces ahead, whatever the pelvis does."""
+"""A trunk that no marker shows stands upright in the lab, whatever the pelvis does."""
 
 import numpy as np
 import pytest
