@@ -10,6 +10,7 @@ from hbm.ik.problem import undetermined
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
+from hbm.plausibility.unseen import mass_not_shown, seen_markers
 from hbm.segments import LEGS_PER_STATURE
 from hbm.spatial import Array
 
@@ -57,10 +58,6 @@ def implausible(body: Body) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-MIN_SHARE_NOTED: Final = 0.02
-"""Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
-
-
 def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     """Name what a prior holds near neutral because the markers of a trial do not determine it.
 
@@ -92,19 +89,6 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     names = tuple(np.array(COORDINATES)[held].tolist())
     notes = [Note.of("coordinates_held", coordinates=names)] if names else []
     return (*notes, *(n for n in mass_not_shown(body, segments) if n not in body.notes))
-
-
-def seen_markers(motion: Motion) -> list[str]:
-    """Give the markers that are seen in any frame of a motion."""
-    seen = np.atleast_1d(np.isfinite(motion.marker_error).any(axis=0))
-    return [name for name, ever in zip(motion.markers, seen, strict=True) if ever]
-
-
-def mass_not_shown(body: Body, segments: tuple[str, ...]) -> tuple[Note, ...]:
-    """Say what share of the body's mass these segments are, if it matters."""
-    share = sum(body.segments[s].mass for s in segments) / body.mass
-    noted = share >= MIN_SHARE_NOTED
-    return (Note.of("mass_not_shown", segments=segments, share=share),) if noted else ()
 
 
 RANGE_DEG: Final = {

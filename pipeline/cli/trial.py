@@ -105,10 +105,10 @@ def print_result(result: "TrialResult", console: PlainConsole) -> None:
     from pipeline.report.trial_page import result_tables, scope, verdict_lines
 
     console.say(scope(result))
-    for table in result_tables(result):
-        print_block(table, console)
     for line in verdict_lines(result):
         console.print(line)
+    for table in result_tables(result):
+        print_block(table, console)
     console.say_notes(result.notes)
 
 

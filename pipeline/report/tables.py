@@ -26,7 +26,7 @@ from pipeline.statistics.verdict import (
     join_names,
     within_margin,
 )
-from pipeline.trial.residuals import AXES, HEALTHY, HEALTHY_RMS, TRIAL_COLUMNS, rows_of
+from pipeline.trial.residuals import AXES, TRIAL_COLUMNS, reference_of, rows_of
 
 WINDOWS: Final = {
     "cycle": "whole gait cycles",
@@ -69,9 +69,11 @@ def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
 def means(residuals: pd.DataFrame, design: Design) -> Table:
     """Give mean and SD of every cell, for conditions of any name.
 
-    Without compensation, with the RMS of healthy walking.
+    Without compensation, with what they are compared with (`reference_of`).
     """
     rows, compensated = [], bool(residuals["compensated"].any())
+    title, reference, meaning = reference_of(residuals)
+    beside = not compensated or title == "Expected"
     for (axis, unit), own in residuals.groupby(["axis", "unit"], sort=False):
         for k, condition in enumerate(design.in_order(own["condition"])):
             cells = own[own["condition"] == condition].groupby("compensated")["rms"]
@@ -79,23 +81,24 @@ def means(residuals: pd.DataFrame, design: Design) -> Table:
             no_ic, ic = mean.get(False, nan), mean.get(True, nan)
             reduction = number(reduction_percent(no_ic, ic), "z.0f", " %")
             of_ic = mean_sd(ic, sd.get(True, nan)), reduction
-            healthy = (f"{HEALTHY_RMS[AXES.index(axis)]:.1f}",)
             rows.append(
                 (
                     "" if k else f"{axis} ({unit})",
                     condition,
                     str(count.max()),
                     mean_sd(no_ic, sd.get(False, nan)),
-                    *(of_ic if compensated else healthy),
+                    *(of_ic if compensated else ()),
+                    *((f"{reference[str(axis)]:.1f}",) if beside else ()),
                 )
             )
-    heads: tuple[str, ...] = ("RMS", "Healthy")
-    what, legend = "", f"Healthy: {HEALTHY}; lower in lighter people."
+    heads: tuple[str, ...] = ("RMS",)
+    what = ""
     if compensated:
         heads = ("No IC", "IC", "Reduction")
-        what, legend = " without and with inertia compensation (IC)", ""
+        what = " without and with inertia compensation (IC)"
     caption = f"RMS residuals{what}, mean ± SD over n subjects"
-    return Table(caption, ("Residual", "Condition", "n", *heads), rows, "numbers", legend)
+    columns = ("Residual", "Condition", "n", *heads, *((title,) if beside else ()))
+    return Table(caption, columns, rows, "numbers", meaning if beside else "")
 
 
 def windows_sentence(residuals: pd.DataFrame) -> str:

@@ -11,6 +11,7 @@ from joblib import delayed
 from matplotlib.figure import Figure
 
 from hbm.notes import Note, provenance, warnings_of
+from hbm.plausibility.unseen import mass_share, unseen_segments
 from hbm.spelling import written
 from pipeline.budgets.explanation import Explanation
 from pipeline.config.schema import TrialName
@@ -30,10 +31,10 @@ from pipeline.statistics.verdict import join_names
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
-    AXES,
-    HEALTHY,
     HEALTHY_RMS,
     UNITS,
+    expectation,
+    reference_of,
     residual_table,
     rows_of,
     threshold_table,
@@ -174,19 +175,25 @@ def scope(result: TrialResult) -> str:
 def verdict_lines(result: TrialResult) -> Iterable[str]:
     """Compare the residuals closest to the truth with others; count the warnings.
 
-    The first sentence holds both comparisons: with healthy walking, and with published limits.
+    The first sentence says what is expected where markers do not show all segments. Else one holds
+    both comparisons: with healthy walking, whose markers showed all, and with published limits.
     """
     if result.shortage:
         yield f"No residuals: {result.shortage}."
     compensated = result.compensated is not None
+    table = residual_table(result, "").query("headline and compensated == @compensated")
+    if unseen := expectation(table):
+        share = mass_share(result.body, unseen_segments(result.body, result.motion))
+        yield f"{100 * share:.0f} % of the body's mass has no markers; {unseen}"
     best = [row for row in rows_of(threshold_table(result)) if row.compensated == compensated]
     if best:
-        table = residual_table(result, "").query("headline and compensated == @compensated")
         rows = zip(rows_of(table), HEALTHY_RMS, strict=True)
         above = [row.axis for row, healthy in rows if row.rms > healthy]
         beyond = [row.quantity for row in best if not row.passed]
         rms = "are below healthy walking in all six axes"
-        if above:
+        if unseen:
+            rms = "have no healthy reference with these markers"
+        elif above:
             rms = f"exceed healthy walking in {join_names(above)}"
         peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
         yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} published limits."
@@ -201,23 +208,24 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
 
 
 def result_tables(result: TrialResult) -> Iterable[Table]:
-    """Give the residuals, with those of healthy walking, and the quality of the trial."""
+    """Give the residuals, with what they are compared with, and the quality of the trial."""
     table = residual_table(result, "")
     headline = table[table["headline"].astype(bool)] if len(table) else table
-    heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", "Healthy")
+    title, reference, meaning = reference_of(headline)
+    heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", title)
     rows = [
         (
             f"{row.axis} ({row.unit})",
             "compensated" if row.compensated else "measured",
             *(written(value, "z.1f") for value in (row.rms, row.mean, row.sd, row.peak)),
             f"{row.rms_percent:.2f}",
-            f"{HEALTHY_RMS[AXES.index(row.axis)]:.1f}",
+            f"{reference[row.axis]:.1f}",
         )
         for row in rows_of(headline)
     ]
     legend = (
         "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
-        f"stature. Healthy: RMS of {HEALTHY}; lower in lighter people."
+        f"stature. {meaning}"
     )
     if rows:
         yield Table("Pelvis residuals", heads, rows, "numbers", legend)

@@ -17,7 +17,7 @@ from pipeline.statistics.verdict import (
     judged_conditions,
     within_margin,
 )
-from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY, HEALTHY_RMS, UNITS
+from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY, HEALTHY_RMS, UNITS, expectation
 
 MAX_AXIS_PERCENT: Final = 100.0
 """Longest half-axis of the graphs [% of the reference]; larger differences end at the border."""
@@ -68,9 +68,10 @@ def verdict_values(
             rows.append((axis, f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}", cells))
     no_verdict = most < MIN_SUBJECTS
     return {
-        "headline": [*_beside_healthy(residuals), _why_none(residuals, design)]
-        if no_verdict
-        else headlines(found, design),
+        "headline": [
+            *_beside_reference(residuals, alone=no_verdict),
+            *([_why_none(residuals, design)] if no_verdict else headlines(found, design)),
+        ],
         "basis": " ".join(filter(None, ("" if stated else _basis(design), _primary(found)))),
         "heads": [f"{c}: {label('within margin', c, design)}?" for c in shown],
         "rows": rows,
@@ -116,9 +117,15 @@ def label(answer: Answer, condition: str, design: Design) -> str:
     return words.get(answer, answer)
 
 
-def _beside_healthy(residuals: pd.DataFrame) -> Iterator[str]:
-    """Compare the mean RMS of each residual with that of healthy walking."""
+def _beside_reference(residuals: pd.DataFrame, *, alone: bool) -> Iterator[str]:
+    """Compare residuals with what is expected where markers do not show all segments.
+
+    Else, where there is no verdict, the mean RMS of each with that of healthy walking.
+    """
     best = residuals[residuals["compensated"] == residuals["compensated"].any()]
+    if unseen := expectation(best):
+        yield f"Trunk, head or arms have no markers; {unseen}"
+        return
     mean = best.groupby("axis")["rms"].mean()
     above = [
         f"{axis} ({mean[axis]:.1f}, healthy {healthy:.1f} {unit})"
@@ -126,7 +133,7 @@ def _beside_healthy(residuals: pd.DataFrame) -> Iterator[str]:
         if mean.get(axis, 0.0) > healthy
     ]
     limit = f"above the RMS of {HEALTHY}"
-    if len(mean):
+    if alone and len(mean):
         yield f"{', '.join(above)}: {limit}." if above else f"No residual is {limit}."
 
 

@@ -11,7 +11,7 @@ from pipeline.statistics.design import Weigh
 
 CELL_COLUMNS: Final = ("subject", "condition", "compensated", "axis", "unit")
 """What has one value."""
-MEAN_SQUARES: Final = ("rms", "rms_percent")
+MEAN_SQUARES: Final = ("rms", "rms_percent", "expected")
 POOLED_COLUMNS: Final = (
     *(*CELL_COLUMNS, "window", *MEAN_SQUARES),
     *("n_recordings", "n_cycles", "n_frames"),
@@ -33,13 +33,15 @@ def pool_recordings(residuals: pd.DataFrame, weigh: Weigh = "cycle") -> pd.DataF
     Returns
     -------
     pandas.DataFrame
-        subject, condition, compensated, axis, unit; window; rms and rms_percent; n_recordings,
-        n_cycles and n_frames that they are of. A single recording keeps its values to the last bit.
+        subject, condition, compensated, axis, unit; window; rms, rms_percent and expected;
+        n_recordings, n_cycles and n_frames that they are of. A single recording keeps its values to
+        the last bit.
 
     Examples
     --------
     >>> cell = {"subject": "sub01", "condition": "sway", "compensated": False, "axis": "Fx"}
-    >>> cell |= {"unit": "N", "window": "cycle", "n_frames": 900, "rms_percent": 0.1}
+    >>> cell |= {"unit": "N", "window": "cycle", "n_frames": 900}
+    >>> cell |= {"rms_percent": 0.1, "expected": np.nan}
     >>> found = [cell | {"rms": 1.0, "n_cycles": 3}, cell | {"rms": 7.0, "n_cycles": 1}]
     >>> found = pd.DataFrame(found)
     >>> [float(pool_recordings(found, w)["rms"].iloc[0]) for w in ("cycle", "recording")]

@@ -7,7 +7,8 @@ its heel to its ball.
 
 The errors of the witnesses are systematic, as markers move on the skin and bodies differ from
 tables: more frames do not make them smaller. Their sizes are standard deviations over healthy
-recordings of six laboratories and over virtual ones (`tests.campaign.plate_doubts`).
+recordings of six laboratories and over virtual ones (`tests.campaign.plate_doubts`). Segments that
+no marker shows add the forces of their motion to what the body's momentum needs.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,6 +18,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from hbm.coordinates import UP
 from hbm.notes import Note
 from hbm.signals.filtering import Method, low_pass
 from hbm.signals.resampling import delayed
@@ -28,6 +30,7 @@ from hbm.spatial import (
     Mask,
     rotate_wrench,
     shift_wrench,
+    skew,
 )
 from pipeline.io.mended_plates import find_jumps, of_channels, reversing, turning
 from pipeline.io.recording import Plate
@@ -76,6 +79,11 @@ class Witnesses:
         Length of the left and the right foot, (2,).
     weight_n
         Body weight.
+    pelvis
+        (T, 3) [m].
+    unseen
+        Covariance of what the motion of unseen segments adds to the need, lab axes about the
+        pelvis, (6, 6) [N, N·m].
     """
 
     time: Array
@@ -87,6 +95,8 @@ class Witnesses:
     ball: Array
     foot_m: Array
     weight_n: float
+    pelvis: Array
+    unseen: Array
 
     @classmethod
     def of(
@@ -99,20 +109,22 @@ class Witnesses:
         places: Array,
         foot_m: Sequence[float],
         weight_n: float,
+        unseen: Array,
         cutoff_hz: float,
         method: Method,
     ) -> "Witnesses":
         """Collect them from the stages of a trial.
 
-        ``residual`` is about the pelvis, (T, 3) [m]; ``places`` are pelvis, ankles and balls, left
-        before right, (T, 5, 3) [m].
+        ``residual`` and ``unseen`` are about the pelvis, (T, 3) [m]; ``places`` are pelvis, ankles
+        and balls, left before right, (T, 5, 3) [m].
         """
         every = np.stack([*wrenches])
         filtered = np.stack([low_pass(one, time, cutoff_hz, method) for one in every])
         need = filtered.sum(axis=0) + shift_wrench(residual, -pelvis)
         known = carried & np.isfinite(need).all(axis=1)
         ankle, ball = places[:, 1:3], places[:, 3:]
-        return cls(time, every, filtered, need, known, ankle, ball, np.array(foot_m), weight_n)
+        feet = ankle, ball, np.array(foot_m)
+        return cls(time, every, filtered, need, known, *feet, weight_n, pelvis, unseen)
 
     @property
     def step_s(self) -> float:
@@ -124,6 +136,14 @@ class Witnesses:
         load = np.abs(self.filtered[..., 2]) / self.weight_n
         others = np.delete(load, number, axis=0).sum(axis=0)
         return np.asarray(self.carried & (load[number] > LOADED) & (others < ALONE))
+
+    def doubt(self, frames: Mask, axes: Array, place: Array) -> Array:
+        """Give the SD of what unseen segments need, (6,), in axes, (3, 3), about a place, (3,)."""
+        lever = self.pelvis[frames].mean(axis=0) - place
+        # from the pelvis to the place: forces get a moment, lever × force
+        carry = np.block([[np.eye(3), np.zeros((3, 3))], [skew(lever), np.eye(3)]])
+        turn = np.kron(np.eye(2), axes.T) @ carry
+        return np.asarray(np.sqrt(np.diag(turn @ self.unseen @ turn.T)))
 
 
 class Stance(NamedTuple):
@@ -197,6 +217,8 @@ LEAST_GAIN: Final = 15.0
 reach 4."""
 MAX_LEFT: Final = 0.45
 """Of the misfit, that the other state may leave: it has to explain what is wrong."""
+OF_PLACE: Final = 4.0
+"""By which the two numbers of another place have to reduce a misfit: twice their count (Akaike)."""
 
 
 STATES: Final[dict[str, Array]] = {
@@ -215,34 +237,37 @@ def misfit(
     stances: Sequence[Stance],
     *,
     moved: bool = False,
-) -> float:
+) -> Array:
     """Give how unlikely what a plate says is, by the motion where it is alone and by the feet.
 
     ``wrench`` is in the plate's axes about its centre, (T, 6), filtered like the motion. The sum of
-    squares of differences by their standard deviations, independent ones; of a plate that is moved,
-    but for the mean difference of its pressure.
+    squares of differences by their standard deviations, independent ones, and the number of these,
+    (2,); of a plate that is moved, but for the mean difference of its pressure.
     """
-    count, weight_n = witnesses.step_s / CORRELATED_S, witnesses.weight_n
-    total = 0.0
+    weight_n, total = witnesses.weight_n, np.zeros(2)
     load = np.where(np.abs(wrench[:, 2]) < 1.0, np.nan, wrench[:, 2])
     pressure = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / load[:, None]
-    away = list[Array]()
+    away, error_m = list[Array](), list[Array]()
     if alone.any():
         need = _in_plate(witnesses.need, plate)[alone]
-        off = (need - wrench[alone])[:, [0, 1, 2, 5]] / (ERRORS * weight_n)
-        total += count * float(np.square(off).sum())
+        doubt = witnesses.doubt(alone, plate.rotation, plate.center)
+        errors = np.hypot(ERRORS * weight_n, doubt[[0, 1, 2, 5]])
+        off = (need - wrench[alone])[:, [0, 1, 2, 5]] / errors
+        total += np.square(off).sum(), off.size
         wanted = np.column_stack([-need[:, 4], need[:, 3]]) / need[:, 2:3]
         away.append(wanted - pressure[alone])
+        error_m.append(np.hypot(PLACE_ERROR_M, doubt[[4, 3]] / need[:, 2:3]))
     for stance in stances:
         down = np.minimum(plate.rotation[2, 2] * wrench[stance.frames, 2] / weight_n, 0.0)
-        total += count * float(np.square(down / ERRORS[2]).sum())
+        total += np.square(down / ERRORS[2]).sum(), 0
         expected = ((stance.expected - plate.center) @ plate.rotation)[:, :2]
         away.append(expected - pressure[stance.frames])
+        error_m.append(np.full(away[-1].shape, PLACE_ERROR_M))
     if away:
         every = np.concatenate(away)
         every = every - np.nanmean(every, axis=0) if moved else every
-        total += count * float(np.nansum(np.square(every / PLACE_ERROR_M)))
-    return total
+        total += np.nansum(np.square(every / np.concatenate(error_m))), every.size
+    return np.asarray(total * witnesses.step_s / CORRELATED_S + np.array([OF_PLACE * moved, 0.0]))
 
 
 def _in_plate(wrench: Array, plate: Plate) -> Array:
@@ -268,7 +293,7 @@ def find_states(
         if np.isfinite(plate.corners).all() and (own[k] or frames[k].sum() > enough)
     ]
 
-    def cost(source: int, place: int, state: Array, *, moved: bool = False) -> float:
+    def cost(source: int, place: int, state: Array, *, moved: bool = False) -> Array:
         wrench = of_channels(
             plates[source], state, _in_plate(witnesses.filtered[source], plates[source])
         )
@@ -288,15 +313,17 @@ def find_states(
         if k in exchanged:
             continue
         costs = {name: cost(k, k, state) for name, state in STATES.items()}
-        best = min(costs, key=lambda name: costs[name])
+        best = min(costs, key=lambda name: float(costs[name][0]))
         elsewhere = cost(k, k, STATES[""], moved=True)
-        if _better(plain[k], costs[best]) and costs[best] < elsewhere:
+        if _better(plain[k], costs[best]) and costs[best][0] < elsewhere[0]:
             states[k] = best
     return states, pairs
 
 
-def _better(before: float, after: float) -> bool:
-    return before - after > LEAST_GAIN and after < MAX_LEFT * before
+def _better(before: Array, after: Array) -> bool:
+    """Whether another state is much more likely, and explains the misfit or leaves a usual one."""
+    explains = after[0] < MAX_LEFT * before[0] or after[0] < after[1]
+    return bool(before[0] - after[0] > LEAST_GAIN and explains)
 
 
 # Gains of single channels
@@ -313,6 +340,9 @@ SURE_ALONE: Final = 4.0
 """The same where no other plate of the trial carried long enough to compare it with."""
 BESIDE: Final = 0.8
 """Of these, the difference from the other plates, which know less than the motion does."""
+OF_STANCE: Final = 0.4
+"""Of the SD of what unseen segments need, in a mean over stances: they oscillate. In 17 stances of
+real walks 0.2 to 0.6, of places and of forces in the direction of a plate's own."""
 ALIKE: Final = 0.5
 """Of the mean error of all plates' vertical force, by which each may differ from it."""
 MIN_OFF: Final = np.array([0.25, 0.25, 0.05])
@@ -368,7 +398,10 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
         )
         if axes == (2,) and _alike(factor):
             continue
-        sd = error * weight_n * np.sqrt(np.diag(inverse) * loaded)
+        doubts = [witnesses.doubt(use, plates[k].rotation, plates[k].center)[a] for k, a in names]
+        sd = np.hypot(error * weight_n, OF_STANCE * np.array(doubts)) * np.sqrt(
+            np.diag(inverse) * loaded
+        )
         for number, (k, axis) in enumerate(names):
             same = [n for n, (other, a) in enumerate(names) if a == axis and other != k]
             strength = np.sqrt(np.diag(normal)[number] / loaded[number]) / weight_n
@@ -466,7 +499,7 @@ def find_places(witnesses: Witnesses, stances: Sequence[Stance], left_out: set[i
             of = np.array([row[1] for row in mine])
             sign = np.array([row[2] if axis else 1.0 for row in mine])
             value = np.array([row[3][axis] for row in mine])
-            own = np.array([OWN[kind][axis] for kind in kinds])
+            own = np.array([np.hypot(OWN[row[0]][axis], row[4][axis]) for row in mine])
             covariance = np.diag(own**2)
             for kind, common in COMMON.items():
                 side = np.where(kinds == kind, sign if kind == "feet" else 1.0, 0.0)
@@ -490,8 +523,11 @@ def find_places(witnesses: Witnesses, stances: Sequence[Stance], left_out: set[i
 
 def _place_rows(
     witnesses: Witnesses, stances: Sequence[Stance]
-) -> Iterator[tuple[str, int, float, Array]]:
-    """Give witness, plate, side (1 where left is medial), and along, left, direction off, (3,)."""
+) -> Iterator[tuple[str, int, float, Array, Array]]:
+    """Give witness, plate, side (1 where left is medial); along, left, direction off, (3,).
+
+    And the SD of these by unseen segments, (3,).
+    """
     for k in range(len(witnesses.wrenches)):
         own = [stance for stance in stances if stance.plate == k]
         if not own:
@@ -517,7 +553,7 @@ def _place_rows(
             off.append((side, means))
         for side in (1.0, -1.0):
             if same := [means for its, means in off if its == side]:
-                yield "feet", k, side, np.median(same, axis=0)
+                yield "feet", k, side, np.median(same, axis=0), np.zeros(3)
         alone = witnesses.alone(k)
         if alone.sum() * witnesses.step_s > MIN_FRAMES_S:
             level = np.full(int(alone.sum()), np.mean([s.expected[:, 2].mean() for s in own]))
@@ -531,7 +567,16 @@ def _place_rows(
                     np.sum(one * other),
                 )
             )
-            yield "motion", k, 1.0, np.array([mean @ ahead, mean @ across, turned])
+            foot = np.column_stack([ahead, across, UP])
+            place = np.array([*witnesses.ball[alone].mean(axis=(0, 1))[:2], level[0]])
+            doubt = witnesses.doubt(alone, foot, place)
+            load, shear = (
+                np.mean(np.linalg.norm(witnesses.need[alone, part], axis=1))
+                for part in (slice(2, 3), slice(0, 2))
+            )
+            along_m, across_m = OF_STANCE * doubt[[4, 3]] / load
+            unsure = np.array([along_m, across_m, np.degrees(doubt[1] / shear)])
+            yield "motion", k, 1.0, np.array([mean @ ahead, mean @ across, turned]), unsure
 
 
 def _pressure(wrench: Array, level: Array) -> Array:

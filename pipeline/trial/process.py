@@ -9,6 +9,7 @@ from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
 from hbm.plausibility.motion import implausible
+from hbm.plausibility.unseen import unseen_covariance
 from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices
 from pipeline.config.schema import (
@@ -217,6 +218,7 @@ def process_recording(
         places_of(body, pose.solved.q),
         [body.lengths[f"{side}_foot"] for side in SIDES],
         body.mass * GRAVITY_MPS2,
+        unseen_covariance(body, motion, counts),
         settings.cutoff_hz,
         settings.filter,
     )

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from hbm.model import Body
+from hbm.plausibility.unseen import unseen_covariance
 from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.trial.gait.cycles import normalise
@@ -18,6 +19,7 @@ from pipeline.trial.window import frames_within
 HEALTHY_RMS: Final = (37.1, 30.4, 63.1, 11.4, 20.5, 4.5)
 HEALTHY: Final = "healthy adults on a treadmill at rest (van de Loosdrecht 2018, Table III)"
 """RMS residuals [N, N·m], and of whom; they are lower in lighter people."""
+EXPECTED: Final = "Expected: by the motion of segments that no marker shows, in walking people."
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
 DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")
@@ -39,7 +41,7 @@ RESIDUAL_COLUMNS: Final = (
     *TRIAL_COLUMNS,
     *("compensated", "window", "headline", "axis", "unit"),
     *("rms", "rms_of_cycles", "mean", "sd", "peak", "rms_percent"),
-    *("n_cycles", "n_frames", "valid_share", "compensation_sd"),
+    *("n_cycles", "n_frames", "valid_share", "compensation_sd", "expected"),
 )
 THRESHOLD_COLUMNS: Final = (
     *("compensated", "quantity", "unit", "peak", "limit", "passed", "above_percent"),
@@ -234,6 +236,9 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
         compensation_sd
             RMS of one standard deviation of the residual due to the compensation; NaN where there
             is none.
+        expected
+            One standard deviation of what the motion of segments that no marker shows adds
+            (`hbm.plausibility.unseen`); NaN where markers show trunk, head and arms.
 
     Examples
     --------
@@ -271,6 +276,7 @@ def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
     spread = np.full(len(AXES), np.nan)
     if variant == "compensated" and result.uncertainty is not None:
         spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
+    expected = np.sqrt(np.diag(unseen_covariance(result.body, result.motion, counts)))
     return pd.DataFrame(
         {
             "compensated": variant == "compensated",
@@ -288,7 +294,42 @@ def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
             "n_frames": np.count_nonzero(counts),
             "valid_share": np.count_nonzero(counts) / np.count_nonzero(inside),
             "compensation_sd": spread,
+            "expected": np.where(expected > 0, expected, np.nan),
         }
+    )
+
+
+def reference_of(residuals: pd.DataFrame) -> tuple[str, Mapping[str, float], str]:
+    """Give what RMS residuals are compared with: its title, size by axis, and meaning.
+
+    Those of healthy people, of whom markers showed all segments; in recordings without, the mean of
+    what is expected.
+    """
+    expected = residuals.groupby("axis")["expected"].mean()
+    if expected.notna().any():
+        return "Expected", {axis: float(expected[axis]) for axis in AXES}, EXPECTED
+    healthy = dict(zip(AXES, HEALTHY_RMS, strict=True))
+    return "Healthy", healthy, f"Healthy: RMS of {HEALTHY}; lower in lighter people."
+
+
+def expectation(residuals: pd.DataFrame) -> str:
+    """Say what RMS the motion of segments without markers leads to, and what was measured.
+
+    Of rows of `residual_table`, in % of body weight; means where there are several of an axis.
+    Empty where markers show trunk, head and arms.
+    """
+    percent = residuals.assign(
+        expected=residuals["expected"] * residuals["rms_percent"] / residuals["rms"]
+    )
+    means = percent.groupby("axis")[["expected", "rms_percent"]].mean()
+    if not means["expected"].notna().any():
+        return ""
+    digits = {axis: 1 if axis in AXES[:3] else 2 for axis in AXES}
+    expected = [f"{axis} {means.expected[axis]:.{digits[axis]}f}" for axis in AXES]
+    measured = [f"{means.rms_percent[axis]:.{digits[axis]}f}" for axis in AXES]
+    return (
+        f"expected from that alone: {', '.join(expected[:3])} % of body weight, "
+        f"{', '.join(expected[3:])} % of body weight × stature; measured {', '.join(measured)}."
     )
 
 

@@ -1,11 +1,12 @@
 """Does a trial name the fault of a plate, and is it silent where there is none?
 
-    python -m tests.campaign.plate_doubts [--short] [--virtual 60] [--data ../shared/data]
+    python -m tests.campaign.plate_doubts [--short] [--legs] [--virtual 60] [--data ../shared/data]
 
 Every fault is put into recordings at three sizes, real ones and virtual ones over plates in a
 floor: into raw channels, corners or the stated mass of the recording, before anything else reads
 it. A fault is found if its own note names its own plate. Prints how many are found, by fault and
-size, what is said where they are not, and the notes of recordings without a fault. Ends with 1
+size, what is said where they are not, and the notes of recordings without a fault; with --legs, of
+recordings without the markers of trunk, head and arms. Ends with 1
 where more than 2 % of these are doubted, or a large fault is missed in a quarter of virtual walks.
 """
 
@@ -24,6 +25,7 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.process import process_recording
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
+from tests.campaign.legs_alone import known_with_legs_alone, with_legs_alone
 from tests.overground_walk import simulate_overground
 from tests.recordings import recorded
 
@@ -92,6 +94,14 @@ def virtual(count: int, first: int = 0) -> Iterator[Base]:
         walk = simulate_overground(person, speed_mps=speed_mps, plates=plates, seed=seed)
         known = {"subject": Subject(sex=person.sex), "static": walk.static}
         yield Base(f"virtual {seed}", walk.walk, known)
+
+
+def legs_alone(bases: Iterator[Base]) -> Iterator[Base]:
+    """The same recordings without the markers of trunk, head and arms."""
+    for base in bases:
+        body = process_recording(base.recording, settings=Settings(), **base.known).body
+        fewer = with_legs_alone(base.recording, body)
+        yield Base(base.name, fewer, known_with_legs_alone(base.known, body))
 
 
 def with_plate(recording: Recording, index: int, change: Callable[[Plate], Plate]) -> Recording:
@@ -336,16 +346,18 @@ def main() -> int:
     parser.add_argument("--faulty", type=int, default=5, help="virtual walks with faults")
     parser.add_argument("--data", type=Path, help="folder of real recordings")
     parser.add_argument("--short", action="store_true", help="a minute, of virtual walks")
+    parser.add_argument("--legs", action="store_true", help="with markers on the legs alone")
     chosen = parser.parse_args()
+    only = legs_alone if chosen.legs else iter
     if chosen.short:
         chosen.virtual, chosen.faulty = 8, 4
-    doubted, count = healthy(virtual(chosen.virtual))
+    doubted, count = healthy(only(virtual(chosen.virtual)))
     if chosen.data:
-        more = healthy(real(chosen.data))
+        more = healthy(only(real(chosen.data)))
         doubted, count = doubted + more[0], count + more[1]
-    found = faulty("virtual", virtual(chosen.faulty), every=not chosen.short)
+    found = faulty("virtual", only(virtual(chosen.faulty)), every=not chosen.short)
     if chosen.data:
-        faulty("real", real(chosen.data), every=True)
+        faulty("real", only(real(chosen.data)), every=True)
     lost = [row for row in found if row in SURE and np.mean(found[row]) < MIN_FOUND]
     if lost:
         print(f"less than {MIN_FOUND:.0%} found: {lost}")

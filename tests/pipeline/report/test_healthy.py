@@ -1,5 +1,6 @@
 """Residuals of one condition are compared with those of healthy adults."""
 
+import numpy as np
 import pandas as pd
 
 from pipeline.report.tables import means
@@ -18,7 +19,8 @@ def residuals(factor):
         for axis, unit, healthy in zip(AXES, UNITS, HEALTHY_RMS, strict=True)
     ]
     columns = ["subject", "condition", "compensated", "axis", "unit", "rms"]
-    return pd.DataFrame(rows, columns=columns).assign(window="cycle", n_cycles=3)
+    table = pd.DataFrame(rows, columns=columns)
+    return table.assign(window="cycle", n_cycles=3, expected=np.nan, rms_percent=1.0)
 
 
 def test_the_table_has_the_healthy_rms_and_no_columns_of_compensation():

@@ -189,6 +189,7 @@ def residuals(table):
         unit="N",
         window="cycle",
         rms_percent=0.1,
+        expected=np.nan,
         n_cycles=9,
         n_frames=900,
     )

@@ -14,7 +14,8 @@ CELL = {"subject": "s1", "condition": "sway", "compensated": False, "axis": "Fx"
 def recordings(rms, cycles, frames=1000, window="cycle"):
     """Rows of one subject in one condition."""
     table = pd.DataFrame({"rms": rms, "n_cycles": cycles}).assign(**CELL)
-    return table.assign(rms_percent=table["rms"] / 7, n_frames=frames, window=window)
+    sizes = {"rms_percent": table["rms"] / 7, "expected": 2 * table["rms"]}
+    return table.assign(**sizes, n_frames=frames, window=window)
 
 
 def value(table, weigh="cycle"):
@@ -29,6 +30,7 @@ def test_a_value_over_recordings_is_the_rms_of_all_their_gait_cycles(found):
     pooled = value(recordings(rms, cycles.astype(int)))
     assert pooled.rms == pytest.approx(np.sqrt(np.mean(every_cycle**2)))
     assert pooled.rms_percent == pytest.approx(pooled.rms / 7)
+    assert pooled.expected == pytest.approx(2 * pooled.rms)
     assert (pooled.n_recordings, pooled.n_cycles) == (len(rms), len(every_cycle))
 
 

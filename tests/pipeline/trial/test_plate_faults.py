@@ -12,8 +12,11 @@ from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.mended_plates import find_jumps, with_mended_plates
 from pipeline.io.stated import Stated, parse_mending
+from pipeline.report.trial_page import verdict_lines
 from pipeline.trial.plate_faults import Witnesses, weight_of_steps
 from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import residual_table
+from tests.campaign.legs_alone import known_with_legs_alone, with_legs_alone
 from tests.campaign.plate_doubts import (
     CODES,
     amplified,
@@ -27,6 +30,7 @@ from tests.overground_walk import simulate_overground
 
 RATE_HZ = 1000.0
 TIME = np.arange(2000) / RATE_HZ
+ALL_SEEN = np.zeros((6, 6))
 STANCE = np.where((TIME > 0.5) & (TIME < 1.2), np.sin(np.pi * (TIME - 0.5) / 0.7), 0.0)
 
 
@@ -75,7 +79,7 @@ def test_steps_weigh_a_body_that_gains_speed(mass_kg, rise_mps, start):
     wrench[0, carried, 2] = force
     need[carried, 2] = force * stated_kg / mass_kg
     feet = np.zeros((150, 2, 3))
-    known = (carried, feet, feet, np.full(2, 0.25), stated_kg * GRAVITY_MPS2)
+    known = (carried, feet, feet, np.full(2, 0.25), stated_kg * GRAVITY_MPS2, feet[:, 0], ALL_SEEN)
     found = weight_of_steps(Witnesses(time, wrench, wrench, need, *known))
     assert found == pytest.approx(mass_kg, rel=1e-9)
 
@@ -83,7 +87,7 @@ def test_steps_weigh_a_body_that_gains_speed(mass_kg, rise_mps, start):
 def test_steps_do_not_weigh_what_the_plates_carry_too_briefly():
     time, empty = np.arange(150) / 100, np.zeros((150, 6))
     feet = np.zeros((150, 2, 3))
-    known = (np.arange(150) < 20, feet, feet, np.full(2, 0.25), 700.0)
+    known = (np.arange(150) < 20, feet, feet, np.full(2, 0.25), 700.0, feet[:, 0], ALL_SEEN)
     assert weight_of_steps(Witnesses(time, empty[None] + 700, empty[None], empty, *known)) is None
 
 
@@ -262,3 +266,43 @@ def test_unwrapping_leaves_channels_that_do_not_wrap(laboratory):
 def test_a_constant_channel_neither_jumps_nor_wraps(laboratory):
     flat = channel(laboratory.walk, 0, 4, lambda values: 0 * values)
     assert not any(note.code in ("plate_wraps", "plate_jumps") for note in doubts(laboratory, flat))
+
+
+@pytest.fixture(scope="module")
+def legs_alone(laboratory):
+    """The same walk with markers on pelvis and legs alone: half of the body moves unseen."""
+    known = {"subject": Subject(sex="male"), "static": laboratory.static}
+    body = process_recording(laboratory.walk, settings=Settings(), **known).body
+    walk = with_legs_alone(laboratory.walk, body)
+    return walk, known_with_legs_alone(known, body)
+
+
+def test_what_unseen_segments_do_is_expected_and_no_fault_of_plates(legs_alone):
+    walk, known = legs_alone
+    result = process_recording(walk, settings=Settings(), **known)
+    assert not [note for note in result.notes if note.code in CODES]
+    table = residual_table(result, "").set_index("axis")
+    weight_n, stature_m = result.body.mass * GRAVITY_MPS2, result.body.height_m
+    expected = table["expected"] / weight_n * [100, 100, 100, *3 * [100 / stature_m]]
+    assert expected.Fx == pytest.approx(4.6, rel=0.05)
+    assert expected.Mx == pytest.approx(0.87, rel=0.05)
+    first, second, *_ = verdict_lines(result)
+    assert re.match(r"4\d % of the body's mass has no markers; expected .* Fx 4.\d, ", first)
+    assert "no healthy reference" in second
+
+
+@pytest.mark.parametrize(
+    ("code", "fault"),
+    [
+        ("plate_turned", lambda walk: turned(walk, 1, 180, corners=False)),
+        ("plate_turned", lambda walk: turned(walk, 1, 90, corners=False)),
+        ("plate_reversed", lambda walk: amplified(walk, 1, 2, -1.0)),
+        ("plate_reversed", lambda walk: amplified(walk, 1, 3, -1.0)),
+        ("plate_elsewhere", lambda walk: moved(walk, 1, np.array([0.0, 0.08, 0.0]))),
+    ],
+)
+def test_a_fault_that_exceeds_what_is_unseen_is_named(legs_alone, code, fault):
+    walk, known = legs_alone
+    result = process_recording(fault(walk), settings=Settings(), **known)
+    (note,) = (note for note in result.notes if note.code in CODES)
+    assert (note.code, note.values["plate"]) == (code, 2)
