@@ -11,7 +11,6 @@ from joblib import delayed
 from matplotlib.figure import Figure
 
 from hbm.notes import Note, provenance, warnings_of
-from hbm.plausibility.unseen import mass_share, unseen_segments
 from hbm.spelling import written
 from pipeline.budgets.explanation import Explanation
 from pipeline.config.schema import TrialName
@@ -33,11 +32,11 @@ from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
     HEALTHY_RMS,
     UNITS,
-    expectation,
     reference_of,
     residual_table,
     rows_of,
     threshold_table,
+    unseen_sentence,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
@@ -180,13 +179,12 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
     """
     if result.shortage:
         yield f"No residuals: {result.shortage}."
+    if unseen := unseen_sentence(result):
+        yield unseen
     compensated = result.compensated is not None
-    table = residual_table(result, "").query("headline and compensated == @compensated")
-    if unseen := expectation(table):
-        share = mass_share(result.body, unseen_segments(result.body, result.motion))
-        yield f"{100 * share:.0f} % of the body's mass has no markers; {unseen}"
     best = [row for row in rows_of(threshold_table(result)) if row.compensated == compensated]
     if best:
+        table = residual_table(result, "").query("headline and compensated == @compensated")
         rows = zip(rows_of(table), HEALTHY_RMS, strict=True)
         above = [row.axis for row, healthy in rows if row.rms > healthy]
         beyond = [row.quantity for row in best if not row.passed]

@@ -124,7 +124,7 @@ def _beside_reference(residuals: pd.DataFrame, *, alone: bool) -> Iterator[str]:
     """
     best = residuals[residuals["compensated"] == residuals["compensated"].any()]
     if unseen := expectation(best):
-        yield f"Trunk, head or arms have no markers; {unseen}"
+        yield unseen
         return
     mean = best.groupby("axis")["rms"].mean()
     above = [

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from hbm.model import Body
-from hbm.plausibility.unseen import unseen_covariance
+from hbm.plausibility.unseen import mass_share, unseen_covariance, unseen_segments
 from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.trial.gait.cycles import normalise
@@ -312,7 +312,16 @@ def reference_of(residuals: pd.DataFrame) -> tuple[str, Mapping[str, float], str
     return "Healthy", healthy, f"Healthy: RMS of {HEALTHY}; lower in lighter people."
 
 
-def expectation(residuals: pd.DataFrame) -> str:
+def unseen_sentence(result: TrialResult) -> str:
+    """Say what of the residuals closest to the truth is expected, as `expectation` does."""
+    table = residual_table(result, "")
+    best = table["headline"] & (table["compensated"] == (result.compensated is not None))
+    share = mass_share(result.body, unseen_segments(result.body, result.motion))
+    what = f"{100 * share:.0f} % of the body's mass has no markers"
+    return expectation(table[best], what)
+
+
+def expectation(residuals: pd.DataFrame, what: str = "Trunk, head or arms have no markers") -> str:
     """Say what RMS the motion of segments without markers leads to, and what was measured.
 
     Of rows of `residual_table`, in % of body weight; means where there are several of an axis.
@@ -328,7 +337,7 @@ def expectation(residuals: pd.DataFrame) -> str:
     expected = [f"{axis} {means.expected[axis]:.{digits[axis]}f}" for axis in AXES]
     measured = [f"{means.rms_percent[axis]:.{digits[axis]}f}" for axis in AXES]
     return (
-        f"expected from that alone: {', '.join(expected[:3])} % of body weight, "
+        f"{what}; expected from that alone: {', '.join(expected[:3])} % of body weight, "
         f"{', '.join(expected[3:])} % of body weight × stature; measured {', '.join(measured)}."
     )
 

@@ -27,6 +27,7 @@ from pipeline.trial.residuals import (
     residual_table,
     rows_of,
     threshold_table,
+    unseen_sentence,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.viewer.file import Timelines, printable, recording_file
@@ -213,6 +214,7 @@ def trial_summary(result: TrialResult) -> str:
         )
         blocks += [
             "## Pelvis residuals (RMS)",
+            *filter(None, [unseen_sentence(result)]),
             markdown(shown),
             "% of body weight, or of body weight × stature.",
             "## Peaks against Hicks et al. 2015",
