@@ -16,6 +16,9 @@ OF_PERSON: Final = ("inertia", "soft_tissue", "markers", "skin")
 """Groups that are always named together: in simulated trials, of which the truth is known, walking
 shows that body or markers are wrong, and takes one for the other (docs/explanation.md)."""
 
+UNSEEN: Final = frozenset({"unseen_trunk", "unseen_arms"})
+"""Groups of what moves without markers: markers on it remove them."""
+
 
 @cache
 def groups() -> Mapping[str, Mapping[str, str]]:

@@ -34,7 +34,7 @@ DECREASE: Final = 1.5
 faster, those of the ankle's more slowly."""
 BELOW_TRUNK: Final = ("pelvis", *LIMBS["right leg"], *LIMBS["left leg"])
 TURNS: Final = {"bend": FORWARD, "lean": LEFT, "twist": UP}
-"""What a trunk does -> the axis of the thorax that it turns about, the lab's where it is upright."""
+"""What a trunk does -> the axis of the thorax about which it turns."""
 STEP: Final = 0.001
 """Displacement that the inverse kinematics is linearised by [m or rad]."""
 
