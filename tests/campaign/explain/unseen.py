@@ -65,7 +65,7 @@ def without(recording: Recording, names: set[str]) -> Recording:
 
 
 def legs_alone(base: Base, whole: TrialResult) -> tuple[Recording, TrialResult]:
-    """The recording with markers on pelvis and legs alone, of a subject of known mass and height."""
+    """The recording with markers on pelvis and legs alone; mass and height stay."""
     of_segments = zip(whole.body.markers, whole.body.marker_segment, strict=True)
     upper = {name for name, segment in of_segments if segment not in BELOW_TRUNK}
     size = {"mass_kg": whole.body.mass, "height_m": whole.body.height_m}
