@@ -7,9 +7,9 @@ measurement a residual is zero: prints in how many frames the band of 95 % conta
 many walks the interval of the RMS contains the RMS with all markers, and what the missing markers
 change, in % of body weight (x stature), by the causes and truly.
 
-Virtual people turn the thorax five and six times a cycle by three times as much as real ones,
-because their gait is the optimum of a rigid body; ``--calm`` lets the thorax follow its first four
-harmonics only. Its first ones are those of people, with a joint in the spine that no model has.
+Trunks and arms of virtual people follow a published pattern with a joint in the spine that no model
+has. Five to eight times a cycle they move by three times as much as real ones, because the pattern
+was fitted to the equations of motion; ``--calm`` lets them follow its first four harmonics only.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from hbm.coordinates import INDEX, TREE
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.explain.causes.markers import BELOW_TRUNK, marker_causes
@@ -39,7 +40,7 @@ from tests.campaign.plate_doubts import Base, real, virtual
 
 STILL: Final = Laboratory(Treadmill())
 HARMONICS: Final = 4
-"""Of the calm thorax."""
+"""Of a calm upper body."""
 ANGLES: Final = {
     "TrunkFlexion": "PelvisForwardPitch",
     "TrunkRightBend": "PelvisRightRoll",
@@ -48,11 +49,13 @@ ANGLES: Final = {
 """Angle of the trunk in the pelvis -> that of the pelvis, to which it adds."""
 
 
-def calm_thorax() -> None:
-    """Let the thorax of virtual people follow its first harmonics only."""
+def calm_upper_body() -> None:
+    """Let trunk, head and arms of virtual people follow their first harmonics only."""
     _, pattern = gait._table()
-    for trunk, pelvis in ANGLES.items():
-        pattern[trunk][1][:, HARMONICS + 1 :] = -pattern[pelvis][1][:, HARMONICS + 1 :]
+    for name, (_, coefficients) in pattern.items():
+        if name in INDEX and TREE[INDEX[name]].segment not in BELOW_TRUNK:
+            high = pattern[ANGLES[name]][1] if name in ANGLES else np.zeros_like(coefficients)
+            coefficients[:, HARMONICS + 1 :] = -high[:, HARMONICS + 1 :]
 
 
 def without(recording: Recording, names: set[str]) -> Recording:
@@ -138,7 +141,7 @@ def main() -> int:
     parser.add_argument("--data", type=Path)
     given = parser.parse_args()
     if given.calm:
-        calm_thorax()
+        calm_upper_body()
     sources = {"virtual": virtual(given.virtual)} if given.virtual else {}
     if given.data is not None:
         sources["real"] = real(given.data)
