@@ -7,7 +7,7 @@ from typing import Final
 from hbm.spatial import Array
 from hbm.spelling import listed, written
 from pipeline.explain.budget import Budget, EstimatedCause, SharedCause, alike_in_plates
-from pipeline.explain.cause import OF_PERSON, groups
+from pipeline.explain.cause import OF_PERSON, UNSEEN, groups
 from pipeline.explain.linearise import MIN_CYCLES
 from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.residuals import AXES, UNITS
@@ -179,12 +179,10 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
             continue
         fall = cause.falls(budget.rms)
         axis = int(fall.argmax())
-        is_person = cause.group in OF_PERSON and cause.name != MASS
-        if cause.is_certain and not is_person and fall[axis] >= MIN_FALL and holds[axis]:
-            action = what_to_do(cause, stated)
+        action = what_to_do(cause, stated)
+        if action and cause.is_certain and fall[axis] >= MIN_FALL and holds[axis]:
             rms = float(budget.rms[axis]), float(cause.left[axis])
-            if action:
-                found.append((fall[axis], Fix(cause.name, action, AXES[axis], *rms)))
+            found.append((fall[axis], Fix(cause.name, action, AXES[axis], *rms)))
     found.sort(key=lambda each: -each[0])
     return tuple(own for _, own in found[:MAX_FIXES])
 
@@ -206,10 +204,9 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
             continue
         axis = own.axis
         rms = float(own.rms[axis]), float(own.cause.left[axis])
-        is_person = own.cause.group in OF_PERSON and own.cause.name != MASS
-        if not own.cause.is_certain or is_person or own.fall < MIN_FALL:
-            continue
         action = what_to_do(own.cause, stated[own.trials[0]])
+        if not action or not own.cause.is_certain or own.fall < MIN_FALL:
+            continue
         owner = own.name.removesuffix(own.cause.name)
         count = f" ({len(own.trials)} trials)" * (len(own.trials) > 1)
         held = ""
@@ -313,6 +310,12 @@ def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
         named = listed(sorted(unknown))
         yield f"Not determined by this trial, {count} of {len(faults)} possible faults: {named}."
     for group in budget.groups:
+        surely = group.share - NORMAL_95 * group.deviation
+        axis = int(surely.argmax())
+        if {*group.groups} <= UNSEEN and surely[axis] > 0:
+            name, share = group_name(group.groups), _share(group.share[axis], group.deviation[axis])
+            advice = "; ".join(groups()[unseen]["know"] for unseen in group.groups)
+            yield f"{name[0].upper()}{name[1:]}: {share} % of {AXES[axis]}; {advice}."
         if len(apart(group.groups)) > 1:
             ways = how_to_tell_apart(group.groups)
             how = f": {'; '.join(ways)}" if ways else ""

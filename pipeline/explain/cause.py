@@ -1,7 +1,7 @@
 """Causes of residuals: what may be wrong, how large it usually is, and what it does."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -15,6 +15,9 @@ from pipeline.explain.processing_chain import ProcessingChain
 OF_PERSON: Final = ("inertia", "soft_tissue", "markers", "skin")
 """Groups that are always named together: in simulated trials, of which the truth is known, walking
 shows that body or markers are wrong, and takes one for the other (docs/explanation.md)."""
+
+UNSEEN: Final = frozenset({"unseen_trunk", "unseen_arms"})
+"""Groups of what moves without markers: markers on it remove them."""
 
 
 @cache
@@ -47,6 +50,9 @@ class Prior:
         Whether it is a fault, which is mostly absent, and larger than usual where it is there.
     usual
         The size as published, where what is known of the trial narrows it.
+    harmonics
+        Of what changes in the course of the gait cycle: one standard deviation of sine and of
+        cosine, 1, 2, … times a cycle, where they are known.
     """
 
     size: float
@@ -56,6 +62,7 @@ class Prior:
     mean: float = 0.0
     rare: bool = False
     usual: float = 0.0
+    harmonics: Sequence[float] = ()
 
     def narrowed(self, size: float, mean: float = 0.0) -> "Prior":
         """Give the prior of what was measured: one standard deviation, and what is expected."""

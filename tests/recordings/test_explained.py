@@ -10,7 +10,17 @@ from pipeline.config.schema import Treadmill
 from pipeline.explain.linearise import explained_part, left_by_filter, rms
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import residual_table
-from tests.recordings.recorded import generated, overground, processed, recorded, treadmill
+from tests.campaign.explain.unseen import legs_alone, row
+from tests.campaign.plate_doubts import Base
+from tests.recordings.recorded import (
+    child,
+    generated,
+    overground,
+    processed,
+    recorded,
+    treadmill,
+    two_plates,
+)
 from tests.recordings.test_generated_walk import masses_of_model
 
 STILL = Laboratory(Treadmill())
@@ -102,3 +112,31 @@ def test_causes_found_in_half_of_the_frames_of_one_gait_cycle_hold_in_the_other(
     assert budget.cycles == 1
     assert (budget.held_out[2:5] > 0.4).all()
     assert budget.held_out[5] > 0.3
+
+
+@pytest.mark.slow
+def test_missing_trunk_and_arms_change_residuals_by_about_as_much_as_their_causes(shared_data):
+    """Walks of five laboratories; moments about the vertical are the smallest, and wrists count."""
+    walks = [treadmill, overground, generated, child("HC030"), two_plates]
+    found = [row(Base(read.__name__, *recorded(read, shared_data))) for read in walks]
+    usual, truly = (
+        np.sqrt(np.mean([own[f"changed, {how}"] for own in found], axis=0))
+        for how in ("by the causes", "truly")
+    )
+    ratio = usual / truly
+    assert ((ratio[:5] > 0.7) & (ratio[:5] < 1.3)).all()
+    assert ratio[5] > 0.5
+
+
+@pytest.mark.slow
+def test_without_trunk_markers_the_trunk_explains_the_residual_and_no_plate_does(shared_data):
+    base = Base("treadmill", *recorded(treadmill, shared_data))
+    legs, result = legs_alone(base, processed(treadmill, shared_data))
+    explanation = explain(legs, STILL, result)
+    share = {name: own.share for own in explanation.budget.groups for name in own.groups}
+    assert share["unseen_trunk"][0] > 0.4
+    assert share["unseen_trunk"][4] > 0.6
+    said = [line for line in explanation.lines() if line.startswith("Trunk without markers: ")]
+    assert [line.endswith("put markers on the trunk (C7, T10, sternum).") for line in said] == [
+        True
+    ]

@@ -1,4 +1,4 @@
-"""What may be wrong with markers: where they sit, skin that carries them, arms that have none."""
+"""What may be wrong with markers: where they sit, skin that carries them, parts that have none."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -7,11 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import INDEX, LIMBS, MOVING, SIDES
+from hbm.coordinates import FORWARD, INDEX, LEFT, LIMBS, MOVING, N_Q, SIDES, UP
+from hbm.ik.start import three_angles
 from hbm.ik.tracking import solve_ik
+from hbm.ik.upright import TRUNK
 from hbm.markers import Markers
 from hbm.poses import segment_frames
-from hbm.spatial import Array
+from hbm.spatial import Array, rotation_about
 from pipeline.explain.cause import Cause, Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain
 
@@ -30,6 +32,9 @@ have less than a twentieth of their variance above."""
 DECREASE: Final = 1.5
 """Harmonic h is as large as the first by h to minus this power; those of the hip's angle fall
 faster, those of the ankle's more slowly."""
+BELOW_TRUNK: Final = ("pelvis", *LIMBS["right leg"], *LIMBS["left leg"])
+TURNS: Final = {"bend": FORWARD, "lean": LEFT, "twist": UP}
+"""What a trunk does -> the axis of the thorax about which it turns."""
 STEP: Final = 0.001
 """Displacement that the inverse kinematics is linearised by [m or rad]."""
 
@@ -51,7 +56,8 @@ def marker_causes(
     Cause
         Per segment and axis: its markers are displaced together against the calibration pose, and
         the skin displaces them in the course of the gait cycle, as a Fourier series; the skin of
-        the thorax also turns about its long axis. Arms without markers hang elsewhere and swing.
+        the thorax also turns about its long axis. A trunk without markers leans, bends and twists,
+        arms without them hang elsewhere and swing.
 
     Notes
     -----
@@ -81,14 +87,10 @@ def marker_causes(
         if segment == "thorax":
             turned = _displacement(chain, columns, np.cross(rotation[:, None, :, 2], lever))
             yield from _series(f"{name}: skin about z", "skin", known["skin_turn"], turned, phase)
-    for side, letter in SIDES.items():
-        if not any(_columns(chain, segment) for segment in LIMBS[f"{side} arm"][1:]):
-            q = np.zeros_like(chain.q)
-            q[:, INDEX[f"{letter}ShoulderFlexion"]] = 1.0
-            unseen = partial(_displaced, columns=[], position=np.zeros((len(q), 0, 3)), q=q)
-            name, prior = f"{side} arm without markers: flexion", known["unseen_arm"]
-            yield Cause(name, "markers", prior, partial(unseen, course=np.ones(len(q))))
-            yield from _series(name, "markers", prior, unseen, phase)
+    for group, name, kind, q in _unseen(chain, frames[0]):
+        moved = partial(_with_coordinates, q=q)
+        yield Cause(name, group, known[kind], partial(moved, course=np.ones(len(phase))))
+        yield from _series(name, group, known[kind], moved, phase)
 
 
 def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Array:
@@ -126,13 +128,33 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
 def _series(
     name: str, group: str, first: Prior, moved: Callable[..., ProcessingChain], phase: Array
 ) -> Iterator[Cause]:
-    """Give the terms of a Fourier series of a displacement, whose first harmonic has a prior."""
-    for h in range(1, HARMONICS + 1):
-        size = first.size / h**DECREASE
+    """Give the terms of a Fourier series of a displacement: as measured, or by its first one."""
+    decreasing = tuple(first.size / h**DECREASE for h in range(1, HARMONICS + 1))
+    for h, size in enumerate(first.harmonics or decreasing, start=1):
         prior = replace(first, size=size, usual=size)
         for wave, course in (("sine", np.sin(h * phase)), ("cosine", np.cos(h * phase))):
             change = partial(moved, course=course)
             yield Cause(f"{name}, {wave} {h} a cycle", group, prior, change)
+
+
+def _unseen(chain: ProcessingChain, rotation: Array) -> Iterator[tuple[str, str, str, Array]]:
+    """Give group, name, kind of prior and change of q per radian, (T, 46), of what is not shown."""
+    seen = {on for on in chain.body.marker_segment if _columns(chain, on)}
+    if seen <= {*BELOW_TRUNK}:
+        # head and arms follow the trunk, which turns about the lumbar joint
+        pelvis, thorax = (rotation[:, MOVING.index(name)] for name in ("pelvis", "thorax"))
+        carried = pelvis.transpose(0, 2, 1) @ thorax
+        for name, axis in TURNS.items():
+            q = np.zeros((len(carried), N_Q))
+            more, less = (carried @ rotation_about(axis, step) for step in (STEP, -STEP))
+            angles = [three_angles(turned, TRUNK.start) for turned in (more, less)]
+            q[:, TRUNK] = np.subtract(*angles) / (2 * STEP)
+            yield "unseen_trunk", f"trunk without markers: {name}", f"unseen_{name}", q
+    for side, letter in SIDES.items():
+        if seen.isdisjoint(LIMBS[f"{side} arm"][1:]):
+            q = np.zeros((len(rotation), N_Q))
+            q[:, INDEX[f"{letter}ShoulderFlexion"]] = 1.0
+            yield "unseen_arms", f"{side} arm without markers: flexion", "unseen_arm", q
 
 
 def _columns(chain: ProcessingChain, segment: str) -> list[int]:
@@ -167,6 +189,13 @@ def _displaced(
     step = size * course[:, None]
     markers = _with_displaced(chain.markers, columns, step[:, None] * position)
     return chain.changed(markers=markers, q=chain.q + step * q)
+
+
+def _with_coordinates(
+    chain: ProcessingChain, size: float, *, q: Array, course: Array
+) -> ProcessingChain:
+    """Change coordinates that no marker shows over time."""
+    return chain.changed(q=chain.q + size * course[:, None] * q)
 
 
 def _with_displaced(markers: Markers, columns: Sequence[int], by: Array) -> Markers:

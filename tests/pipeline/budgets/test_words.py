@@ -54,8 +54,8 @@ def test_a_delay_that_a_calibration_gives_is_not_stated_a_second_time():
 
 @pytest.mark.parametrize(
     "changed",
-    [{"deviation": 0.01}, {"left": 2 * np.ones(6)}, {"group": "soft_tissue"}],
-    ids=["may be zero", "changes no residual", "nothing to do"],
+    [{"deviation": 0.01}, {"left": 2 * np.ones(6)}, {"group": "skin"}, {"group": "unseen_trunk"}],
+    ids=["may be zero", "changes no residual", "nothing to do", "only markers help"],
 )
 def test_what_is_not_sure_or_changes_nothing_is_not_worth_mending(changed):
     own = budget(replace(CAUSE, **changed))
@@ -74,6 +74,29 @@ def test_a_fault_is_said_with_its_plate_size_and_what_to_do_in_twenty_words():
         (found,) = what_to_fix_first(budget(cause), UNCALIBRATED)
         assert found.action.startswith("Plate 2")
         assert len(found.action.split()) <= 20
+
+
+@pytest.mark.parametrize(
+    ("groups", "said"),
+    [
+        (
+            ("unseen_trunk",),
+            "Trunk without markers: 60 ± 20 % of Fx; put markers on the trunk (C7, T10, sternum).",
+        ),
+        (
+            ("unseen_trunk", "unseen_arms"),
+            "Trunk without markers, or arms without markers: 60 ± 20 % of Fx; "
+            "put markers on the trunk (C7, T10, sternum); put markers on elbows and wrists.",
+        ),
+        (("markers", "unseen_trunk"), None),
+        (("markers",), None),
+    ],
+)
+def test_what_moves_unseen_and_surely_counts_is_to_get_markers(groups, said):
+    share = np.array([0.6, 0.3, 0.0, 0.0, 0.5, 0.0])
+    whole = replace(budget(), groups=(GroupShare(groups, share, np.full(6, 0.1 / 0.98)),))
+    lines = [line for line in budget_lines(whole, ()) if " % of Fx; " in line]
+    assert lines == ([said] if said else [])
 
 
 def test_faults_that_a_trial_does_not_tell_are_named():

@@ -6,12 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hbm.coordinates import MOVING
+from hbm.coordinates import FIXED_TO, MOVING
 from hbm.ik.tracking import solve_ik
+from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.signals.filtering import butterworth
-from hbm.spatial import GRAVITY_MPS2
-from pipeline.explain.causes.markers import HARMONICS, cycle_phase, marker_causes
+from hbm.spatial import GRAVITY_MPS2, rotation_about
+from pipeline.explain.cause import priors
+from pipeline.explain.causes.markers import BELOW_TRUNK, HARMONICS, cycle_phase, marker_causes
 from tests.hbm.motions import without
 from tests.pipeline.explain.chains import chain_of
 
@@ -143,6 +145,66 @@ def test_an_arm_that_hangs_forward_unseen_pitches_the_body_by_its_weight():
     forward = (masses @ lever)[:, 2]  # per radian, what hangs below the shoulder goes forward
     measured = effect[50:-50, 4].mean()
     assert measured == pytest.approx(GRAVITY_MPS2 * forward[50:-50].mean(), rel=0.1)
+
+
+def test_an_unseen_lean_pitches_the_body_by_the_weight_above_the_lumbar_joint():
+    chain = walking("pelvis")
+    effect = causes("pelvis")["trunk without markers: lean"].effect(chain)
+    parts = [name for name in chain.body.segments if name not in BELOW_TRUNK]
+    own = [MOVING.index(FIXED_TO.get(name, name)) for name in parts]
+    rotation, origin = (each[:, own] for each in segment_frames(chain.body, chain.motion.value))
+    masses = np.array([chain.body.segments[name].mass for name in parts])
+    centers = np.array([chain.body.segments[name].center for name in parts])
+    above = origin + np.einsum("tsij,sj->tsi", rotation, centers)
+    joint = segment_frames(chain.body, chain.motion.value)[1][:, MOVING.index("thorax")]
+    forward = (masses @ (above - joint[:, None]))[:, 2]  # per radian, what is above goes forward
+    expected = -GRAVITY_MPS2 * forward[50:-50].mean()  # the ground has to hold it back
+    assert effect[50:-50, 4].mean() == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize(("name", "axis"), [("bend", 0), ("lean", 1), ("twist", 2)])
+def test_an_unseen_trunk_turns_in_the_lab_while_the_pelvis_below_it_stays(name, axis):
+    chain = walking("pelvis")
+    moved = causes("pelvis")[f"trunk without markers: {name}"].change(chain, 0.01)
+    before, after = (segment_frames(chain.body, q)[0] for q in (chain.q, moved.q))
+    pelvis, thorax = MOVING.index("pelvis"), MOVING.index("thorax")
+    np.testing.assert_allclose(after[:, pelvis], before[:, pelvis])
+    turn = before[:, thorax].transpose(0, 2, 1) @ after[:, thorax]
+    expected = np.broadcast_to(rotation_about(np.eye(3)[axis], 0.01), turn.shape)
+    np.testing.assert_allclose(turn, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("shown", "unseen"),
+    [
+        ("every segment", set()),
+        ("pelvis and legs", {"trunk", "left arm", "right arm"}),
+        ("and a hand", {"left arm"}),
+        ("and the thorax", {"left arm", "right arm"}),
+    ],
+)
+def test_what_is_unseen_is_what_no_marker_of_the_trial_moves_with(shown, unseen):
+    segments = {
+        "every segment": {*MOVING},
+        "and a hand": {*BELOW_TRUNK, "right_hand"},
+        "and the thorax": {*BELOW_TRUNK, "thorax"},
+    }.get(shown, {*BELOW_TRUNK})
+    chain = walking()
+    on = dict(zip(chain.body.markers, chain.body.marker_segment, strict=True))
+    kept = [k for k, name in enumerate(chain.markers.names) if on[name] in segments]
+    names = tuple(chain.markers.names[k] for k in kept)
+    fewer = replace(chain, markers=Markers(TIME, names, chain.markers.position[:, kept]))
+    every = (cause.name.partition(" without markers") for cause in marker_causes(fewer, SPANS))
+    assert {part for part, without, _ in every if without} == unseen
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("trunk without markers: lean", "unseen_lean"), ("arm", "unseen_arm")]
+)
+def test_harmonics_of_what_is_unseen_are_as_large_as_measured(name, kind):
+    waves = [c for c in causes("pelvis").values() if name in c.name and "cosine" in c.name]
+    sizes = [cause.prior.size for cause in waves if not cause.name.startswith("left")]
+    assert sizes == list(priors()[kind].harmonics)
 
 
 def test_a_gap_of_a_marker_stays_a_gap_and_the_others_still_tell():
