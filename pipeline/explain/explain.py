@@ -66,10 +66,12 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     noise = noise_of_samples(chain)
     as_measured, effects, posterior = linearised(chain, causes, left, part.series, noise)
     of = result.subject.id, str(result.name)
-    uncertainty, of_window, bands = measured_uncertainty(part, as_measured, noise, result)
+    uncertainty, of_window, bands = measured_uncertainty(
+        part, as_measured, posterior, noise, result
+    )
 
     residual, of_causes = chain.residual[counts], effects[:, counts]
-    whole, half = rms(residual), NORMAL_95 * uncertainty[-1].deviation
+    sure, half = uncertainty[-1].rms, NORMAL_95 * uncertainty[-1].deviation
     groups, unexplained = _shares(posterior, causes, residual, of_causes, left[counts])
     estimated = [
         EstimatedCause(
@@ -95,14 +97,14 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     return Budget(
         source=result.source,
         compensated=result.compensated is not None,
-        rms=whole,
-        low=np.maximum(whole - half, 0.0),
-        high=whole + half,
+        rms=rms(residual),
+        low=np.maximum(sure - half, 0.0),
+        high=sure + half,
         cycles=cycles,
         found_cycles=part.found_cycles,
         groups=groups,
         unexplained=unexplained,
-        causes=tuple(sorted(estimated, key=lambda each: float((each.left / whole).min()))),
+        causes=tuple(sorted(estimated, key=lambda each: float((each.left / rms(residual)).min()))),
         held_out=_held_out(chain.residual - left, effects, part, noise),
         notes=tuple(notes),
         uncertainty=uncertainty,

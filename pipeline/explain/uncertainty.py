@@ -8,15 +8,17 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
+from scipy.linalg import sqrtm
 
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array, Indices
 from pipeline.explain.budget import Bands, RmsUncertainty
-from pipeline.explain.cause import Cause, groups, priors
+from pipeline.explain.cause import UNSEEN, Cause, groups, priors
 from pipeline.explain.linearise import ExplainedPart, rms
 from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.explain.sizes import Posterior
 from pipeline.trial.residuals import counted, reported
 from pipeline.trial.result import TrialResult
 
@@ -155,7 +157,7 @@ def with_noise(
 
 
 def measured_uncertainty(
-    part: ExplainedPart, effects: Array, noise: Array, result: TrialResult
+    part: ExplainedPart, effects: Array, posterior: Posterior, noise: Array, result: TrialResult
 ) -> tuple[tuple[RmsUncertainty, ...], tuple[RmsUncertainty, ...], Bands]:
     """Say how sure the residuals of a trial are, from the effects of causes of usual size.
 
@@ -165,6 +167,8 @@ def measured_uncertainty(
         The part of the trial that is explained.
     effects
         What each cause adds to the residual as it was measured, per unit, (K, T, 6).
+    posterior
+        Sizes of the causes as the residual shows them.
     noise
         Of samples, in each axis, (6,) (`noise_of_samples`).
     result
@@ -178,11 +182,23 @@ def measured_uncertainty(
         asks for, if it does: as measured, and compensated where it is.
     bands
         The residuals over time.
+
+    Notes
+    -----
+    What segments without markers added is in the residual, not in another measurement with markers
+    on them: draws of their sizes, as the residual shows them, are taken away.
     """
     chain, causes, cycles = part.chain, part.causes, part.series.frames
-    usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
+    usual_size = np.array([cause.prior.size for cause in causes])
+    usual = usual_size[:, None, None] * effects
     samples = 2 * chain.settings.cutoff_hz / mean_rate_hz(chain.time)
     sizes = shared_sizes(causes, result.subject.id, result.source.name, DRAWS)
+    unseen = [k for k, cause in enumerate(causes) if cause.group in UNSEEN]
+    if unseen:
+        size = usual_size[unseen]
+        spread = posterior.covariance[np.ix_(unseen, unseen)] / np.outer(size, size)
+        deviation = sizes[:, unseen] @ np.asarray(sqrtm(spread)).real
+        sizes[:, unseen] = -posterior.size[unseen] / size - deviation
     first = int(np.searchsorted(result.motion.time, chain.time[0]))
     trial = slice(first, first + len(chain.time))
     variants = {False: chain.residual}
@@ -195,7 +211,11 @@ def measured_uncertainty(
             draws = drawn_rms(
                 residual[frames], usual[own][:, frames], noise, samples, sizes[:, [*own, -1]]
             )
-            yield RmsUncertainty(compensated, rms(residual[frames]), draws.round(DECIMALS))
+            whole = rms(residual[frames])
+            if unseen:
+                without = usual[unseen][:, frames], 0.0 * noise, samples, sizes[:, [*unseen, -1]]
+                whole = drawn_rms(residual[frames], *without).mean(axis=0)
+            yield RmsUncertainty(compensated, whole, draws.round(DECIMALS))
 
     frames = np.concatenate(cycles)
     in_window = frames[counted(result)[trial][frames] & (result.part is not None)]

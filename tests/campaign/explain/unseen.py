@@ -15,7 +15,6 @@ was fitted to the equations of motion; ``--calm`` lets them follow its first fou
 import argparse
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -26,16 +25,15 @@ from hbm.coordinates import INDEX, TREE
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.explain.causes.markers import BELOW_TRUNK, marker_causes
-from pipeline.explain.linearise import CYCLE_S, explained_part, rms
+from pipeline.explain.linearise import CYCLE_S, explained_part, left_by_filter, linearised, rms
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.explain.shares import NORMAL_95
 from pipeline.explain.uncertainty import measured_uncertainty, noise_of_samples
-from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.result import TrialResult
 from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.person import gait
+from tests.campaign.legs_alone import known_with_legs_alone, with_legs_alone
 from tests.campaign.plate_doubts import Base, real, virtual
 
 STILL: Final = Laboratory(Treadmill())
@@ -58,27 +56,6 @@ def calm_upper_body() -> None:
             coefficients[:, HARMONICS + 1 :] = -high[:, HARMONICS + 1 :]
 
 
-def without(recording: Recording, names: set[str]) -> Recording:
-    """The same recording without some markers."""
-    markers = recording.markers
-    kept = [k for k, name in enumerate(markers.names) if name not in names]
-    names_kept = tuple(markers.names[k] for k in kept)
-    fewer = replace(markers, names=names_kept, position=markers.position[:, kept])
-    return replace(recording, markers=fewer)
-
-
-def legs_alone(base: Base, whole: TrialResult) -> tuple[Recording, TrialResult]:
-    """The recording with markers on pelvis and legs alone; mass and height stay."""
-    of_segments = zip(whole.body.markers, whole.body.marker_segment, strict=True)
-    upper = {name for name, segment in of_segments if segment not in BELOW_TRUNK}
-    size = {"mass_kg": whole.body.mass, "height_m": whole.body.height_m}
-    known = base.known | {"subject": base.known["subject"].model_copy(update=size)}
-    if known.get("static") is not None:
-        known["static"] = without(known["static"], upper)
-    legs = without(base.recording, upper)
-    return legs, process_recording(legs, settings=Settings(), **known)
-
-
 def changed_by_causes(less: ProcessingChain, more: ProcessingChain, cycles: Array) -> Array:
     """What marker causes make the residuals of two chains of one walk differ by, (T, 6)."""
     effects = [
@@ -94,11 +71,14 @@ def changed_by_causes(less: ProcessingChain, more: ProcessingChain, cycles: Arra
 def row(base: Base) -> dict[str, Array]:
     """What is found of a walk, by axis: whether it held, and the squares of what changes."""
     whole = process_recording(base.recording, settings=Settings(), **base.known)
-    legs, result = legs_alone(base, whole)
+    legs = with_legs_alone(base.recording, whole.body)
+    known = known_with_legs_alone(base.known, whole.body)
+    result = process_recording(legs, settings=Settings(), **known)
     part = explained_part(legs, STILL, result)
     chain, frames = part.chain, np.concatenate(part.series.frames)
-    effects = np.nan_to_num([cause.effect(chain) for cause in part.causes])
-    (interval, *_), _, bands = measured_uncertainty(part, effects, noise_of_samples(chain), result)
+    noise = noise_of_samples(chain)
+    found = linearised(chain, part.causes, left_by_filter(chain), part.series, noise)
+    (interval, *_), _, bands = measured_uncertainty(part, found[0], found[2], noise, result)
     first = int(np.searchsorted(result.motion.time, chain.time[0]))
     more = processing_chain(base.recording, STILL, whole, slice(first, first + len(chain.time)))
     cycles = np.reshape(max(result.cycles.values(), key=len, default=()), (-1, 2))

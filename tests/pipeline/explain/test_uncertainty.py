@@ -169,7 +169,7 @@ def test_directions_of_two_trials_covary_as_far_as_they_point_the_same_way():
 
 
 def test_bands_hold_two_thirds_of_the_draws(part, effects, result):
-    *_, bands = measured_uncertainty(part, effects, noise_of_samples(part.chain), result)
+    *_, bands = measured_uncertainty(part, effects, None, noise_of_samples(part.chain), result)
     drawn = np.array(
         [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 36)]
     )
@@ -189,7 +189,7 @@ def test_delta_method_and_monte_carlo_agree_within_a_tenth(trial, request):
     assert np.isfinite(found.chain.residual[found.counts]).all()
     effects = np.nan_to_num([cause.effect(found.chain) for cause in found.causes])
     drawn = rms_of_draws(found, draws)
-    delta = measured_uncertainty(found, effects, noise_of_samples(found.chain), result)[0][-1]
+    delta = measured_uncertainty(found, effects, None, noise_of_samples(found.chain), result)[0][-1]
     error = 1 / np.sqrt(2 * draws)
     np.testing.assert_allclose(delta.deviation, drawn.std(axis=0, ddof=1), rtol=0.1 + 3 * error)
     np.testing.assert_allclose(delta.mean, drawn.mean(axis=0), rtol=0.1)
