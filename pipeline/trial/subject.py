@@ -383,6 +383,8 @@ def subject_body(
                 limbs=limbs,
                 marker_offset_m=settings.marker_offset_m,
                 overrides=segments,
+                shoe_mass_kg=subject.shoe_mass_kg or 0.0,
+                sole_height_m=subject.sole_height_m,
             )
         except ImplausibleLegs as error:
             remedy = "correct the unit in the file, or give it: --units, or units in study.toml"
