@@ -636,7 +636,7 @@ class SubjectFile(Subject):
     hip_trial: RecordingName | None = Field(default=None, examples=["sub01_star.c3d"])
     """Recording in which both thighs swing, for functional hip centres."""
     segments: SegmentsName | None = Field(default=None, examples=["sub01_segments.toml"])
-    """TOML with known segment inertias: prostheses, braces, shoes, scans."""
+    """TOML with known segment inertias: prostheses, braces, scans."""
     trials: dict[ConditionName, Recordings]
 
     @model_validator(mode="after")

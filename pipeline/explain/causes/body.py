@@ -128,15 +128,12 @@ def _without_shoes(chain: ProcessingChain, mass_kg: float) -> ProcessingChain:
         ball, length = body.offsets[foot.replace("foot", "toes")], body.lengths[foot]
         shoe = shoe_inertia(ball, length, abs(taken_kg), 0.0)
         shod[foot] = shod[foot] - shoe if taken_kg > 0 else shod[foot] + shoe
-    feet_kg = sum(shod[foot].mass for foot in FEET)
-    rest_kg = sum(part.mass for name, part in shod.items() if name not in FEET)
-    factor = (body.mass - feet_kg) / rest_kg
-    rest = {
+    factor = body.mass / sum(part.mass for part in shod.values())
+    bare = {
         name: Inertia(factor * part.mass, part.center, factor * part.tensor)
         for name, part in shod.items()
-        if name not in FEET
     }
-    return _with_segments(chain, shod | rest)
+    return _with_segments(chain, bare)
 
 
 def _with_center(
