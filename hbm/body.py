@@ -216,7 +216,10 @@ def build_body(
         for foot in FEET:
             ball = shape.offsets[foot.replace("foot", "toes")]
             shoe = shoe_inertia(ball, lengths[foot], shoe_mass_kg, sole_height_m)
-            overrides[foot] = _with_shoe(overrides.get(foot, SegmentOverride()), foot, shoe)
+            override = overrides.get(foot, SegmentOverride())
+            if override.worn is not None:
+                raise ValueError(f"{foot}: both shoe_mass_kg and worn are stated; state one")
+            overrides[foot] = replace(override, worn=shoe)
     shoes = {"mass_kg": shoe_mass_kg, "sole_height_m": sole_height_m}
     notes.append(Note.of("shoes_stated", **shoes) if shoe_mass_kg else Note.of("no_shoes"))
     if rules:
@@ -335,15 +338,6 @@ def shoe_inertia(ball: Array, length: float, mass_kg: float, sole_height_m: floa
     # of a rod along the foot: m L² / 12 about the two axes across it
     tensor = mass_kg * length**2 / 12 * (np.eye(3) - np.outer(along, along))
     return Inertia(mass_kg, middle, tensor)
-
-
-def _with_shoe(override: SegmentOverride, foot: str, shoe: Inertia) -> SegmentOverride:
-    if override.worn is not None:
-        raise ValueError(
-            f"{foot} has a shoe (shoe_mass_kg) and something worn in its segment inertias; state "
-            "one of them, or the mass of both as worn"
-        )
-    return replace(override, worn=shoe)
 
 
 def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: set[str]) -> Body:

@@ -22,8 +22,8 @@ MASS: Final = "body mass"
 """Names of causes that a person can state."""
 SENTENCES: Final[Mapping[str, str]] = {
     ": gain of": "{plate} reads {size} too {much} {where}; recalibrate it.",
-    ": Fz in": "{plate}: {size} of its vertical force appears in {of}{lab}; recalibrate it.",
-    ": zero of": "{plate} reads {size} in {of}{lab} without load; zero it.",
+    ": Fz in": "{plate}: {size} of its vertical force appears in {of}; recalibrate it.",
+    ": zero of": "{plate} reads {size} in {of} without load; zero it.",
     ": place along": "{plate}: position {size} too {far} along its {of} axis; measure it again.",
     ": direction about": "{plate}: orientation {size} too {far} about its {of}; measure it.",
 }
@@ -229,8 +229,7 @@ def alike_lines(
     """
     for name, same in alike.items():
         fall = max(own.falls(rms[own.name]).max() for own in same)
-        certain = any(own.is_certain for own in same)
-        if name == same[0].name and fall >= MIN_FALL and certain:
+        if name == same[0].name and fall >= MIN_FALL and any(own.is_certain for own in same):
             plates = "all plates alike" if len(same) > 1 else "the only plate"
             faults = listed(dict.fromkeys(own.fault for own in same))
             sizes = [f"{own.name.partition(':')[0]} {size_in_words(own)}" for own in same]
@@ -260,9 +259,8 @@ def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
         if words in cause.name:
             where = "vertically" if of == "Fz" else f"in {of}{cause.directed}"
             shown = size_in_words(cause) if words in (": zero of", ": Fz in") else size
-            return sentence.format(
-                plate=plate, size=shown, much=much, where=where, far=far, of=of, lab=cause.directed
-            )
+            of += cause.directed
+            return sentence.format(plate=plate, size=shown, much=much, where=where, far=far, of=of)
     known = f"{cause.name} {size_in_words(cause)}"
     mend = groups()[cause.group].get("mend", "").format(cause=known)
     return f"{mend[:1].upper()}{mend[1:]}." if mend else ""

@@ -356,18 +356,12 @@ def subject_body(
         As `build_body` and `functional_hips`; if functional hips have no recording or are too far
         from the regression's, or if there is a recording for them that is not used.
     """
-    stature, limbs = pose.metadata.height_m, {}
+    stature = pose.metadata.height_m
     if stature is not None and not MIN_STATURE_M <= stature <= MAX_STATURE_M:
         stature = None  # a file that says so has another unit
-    for side in SIDES:
-        recorded = pose.metadata.limbs.get(side, LimbMeasures())
-        knee, ankle = subject.knee_width_m, subject.ankle_width_m
-        limbs[side] = replace(
-            recorded,
-            knee_width_m=knee or recorded.knee_width_m,
-            ankle_width_m=ankle or recorded.ankle_width_m,
-        )
-
+    stated = {k: w for k in ("knee_width_m", "ankle_width_m") if (w := getattr(subject, k))}
+    recorded = {side: pose.metadata.limbs.get(side, LimbMeasures()) for side in SIDES}
+    limbs = {side: replace(measures, **stated) for side, measures in recorded.items()}
     named = marker_sets().get(settings.marker_set or "")
 
     def built(hip: HipRule | dict[str, Array]) -> Body:

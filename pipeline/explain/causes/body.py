@@ -122,18 +122,14 @@ def _with_share(chain: ProcessingChain, share: float, *, own: tuple[str, ...]) -
 def _without_shoes(chain: ProcessingChain, mass_kg: float) -> ProcessingChain:
     """Take a shoe of a mass off each foot, and make all else heavier, so that the mass stays."""
     body = chain.body
-    shod = dict(body.segments)
+    segments = dict(body.segments)
     for foot in FEET:
-        taken_kg = min(mass_kg, (1 - LEAST_MASS) * shod[foot].mass)
+        taken_kg = min(mass_kg, (1 - LEAST_MASS) * segments[foot].mass)
         ball, length = body.offsets[foot.replace("foot", "toes")], body.lengths[foot]
         shoe = shoe_inertia(ball, length, abs(taken_kg), 0.0)
-        shod[foot] = shod[foot] - shoe if taken_kg > 0 else shod[foot] + shoe
-    factor = body.mass / sum(part.mass for part in shod.values())
-    bare = {
-        name: Inertia(factor * part.mass, part.center, factor * part.tensor)
-        for name, part in shod.items()
-    }
-    return _with_segments(chain, bare)
+        segments[foot] = segments[foot] - shoe if taken_kg > 0 else segments[foot] + shoe
+    bare = _with_segments(chain, segments)
+    return _with_share(bare, body.mass / bare.body.mass - 1, own=tuple(segments))
 
 
 def _with_center(
@@ -151,11 +147,9 @@ def _with_gyration(
     chain: ProcessingChain, share: float, *, own: tuple[str, ...]
 ) -> ProcessingChain:
     """Make radii of gyration larger by a share."""
-    segments = dict(chain.body.segments)
-    for name in own:
-        tensor = (1 + share) ** 2 * segments[name].tensor
-        segments[name] = replace(segments[name], tensor=tensor)
-    return _with_segments(chain, segments)
+    parts, factor = chain.body.segments, (1 + share) ** 2
+    wider = {name: replace(parts[name], tensor=factor * parts[name].tensor) for name in own}
+    return _with_segments(chain, wider)
 
 
 def _of_geometry(
