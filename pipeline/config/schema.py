@@ -113,7 +113,7 @@ class Subject(InputModel):
     @model_validator(mode="after")
     def _shod(self) -> Self:
         if self.sole_height_m and not self.shoe_mass_kg:
-            raise ValueError("sole_height_m has no effect without shoe_mass_kg; weigh one shoe")
+            raise ValueError("sole_height_m: has no effect without shoe_mass_kg; weigh one shoe")
         return self
 
 
