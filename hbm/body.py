@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from hbm.calibration_pose.anatomy import (
+    BALL_PER_FOOT,
     MARKER_OFFSET_M,
     Anatomy,
     HipRule,
@@ -37,7 +38,7 @@ from hbm.segments import (
     proportions,
     segment_inertia,
 )
-from hbm.spatial import Array, Indices, distance
+from hbm.spatial import Array, Indices, distance, unit
 from hbm.spelling import listed
 
 __all__ = ["Body", "build_body"]
@@ -52,6 +53,10 @@ TOES_GYRATION_M: Final = 0.01
 """Their radius of gyration, of the order of the toes' own."""
 
 LEGS: Final = tuple(f"{side}_{s}" for side in SIDES for s in ("thigh", "shank", "foot", "toes"))
+
+FEET: Final = tuple(f"{side}_foot" for side in SIDES)
+BALL_ABOVE_SOLE: Final = 0.12
+"""Height of the ball's markers above the bare foot's sole, by the length of the foot."""
 
 MIN_MASS_KG, MAX_MASS_KG = 10, 400
 """From a toddler to beyond the load of instrumented treadmills; grams and pounds of light people
@@ -77,6 +82,8 @@ def build_body(
     limbs: Mapping[str, LimbMeasures] | None = None,
     marker_offset_m: float = MARKER_OFFSET_M,
     overrides: Mapping[str, SegmentOverride] | None = None,
+    shoe_mass_kg: float = 0.0,
+    sole_height_m: float = 0.0,
 ) -> Body:
     """Build a subject's body from a calibration pose.
 
@@ -85,7 +92,7 @@ def build_body(
     static_markers
         A T-pose, A-pose, quiet standing, or a recording of walking; lab axes, in any direction.
     mass
-        Body mass [kg].
+        Body mass, shoes included [kg].
     sex
         Column of de Leva's table: "male", "female", or "unspecified" for the mean.
     marker_set
@@ -104,6 +111,10 @@ def build_body(
     overrides
         Segment -> inertia that is known better than from de Leva's table; the total mass stays
         ``mass``.
+    shoe_mass_kg
+        Mass of one shoe, of which each foot wears one (`shoe_inertia`); by default none [kg].
+    sole_height_m
+        Thickness of its sole [m].
 
     Returns
     -------
@@ -116,8 +127,8 @@ def build_body(
     ------
     ValueError
         If mass, stature or the length of the legs is implausible, no marker set fits, an override
-        is impossible, a landmark is missing that no rule can replace, or Pinocchio refuses the
-        body.
+        is impossible or states something worn on a foot beside its shoe, a landmark is missing that
+        no rule can replace, or Pinocchio refuses the body.
 
     Examples
     --------
@@ -199,6 +210,18 @@ def build_body(
     notes += straight_elbows(anatomies)
     if overrides:
         notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
+    lengths = {s: distance(proximal, distal) for s, (proximal, distal, _) in shape.ends.items()}
+    overrides = dict(overrides or {})
+    if shoe_mass_kg:
+        for foot in FEET:
+            ball = shape.offsets[foot.replace("foot", "toes")]
+            shoe = shoe_inertia(ball, lengths[foot], shoe_mass_kg, sole_height_m)
+            override = overrides.get(foot, SegmentOverride())
+            if override.worn is not None:
+                raise ValueError(f"{foot}: both shoe_mass_kg and worn are stated; state one")
+            overrides[foot] = replace(override, worn=shoe)
+    shoes = {"mass_kg": shoe_mass_kg, "sole_height_m": sole_height_m}
+    notes.append(Note.of("shoes_stated", **shoes) if shoe_mass_kg else Note.of("no_shoes"))
     if rules:
         of_rules = tuple(f"{missing} ({rule})" for missing, rule in rules.items())
         notes.append(Note.of("landmarks_substituted", rules=of_rules))
@@ -212,8 +235,8 @@ def build_body(
         marker_position=np.array([shape.markers[name] for name in markers]),
         offsets=shape.offsets,
         axes=shape.axes,
-        segments=apply_overrides(_inertias(shape.ends, table, mass), overrides or {}, mass),
-        lengths={s: distance(proximal, distal) for s, (proximal, distal, _) in shape.ends.items()},
+        segments=apply_overrides(_inertias(shape.ends, table, mass), overrides, mass),
+        lengths=lengths,
         locked=_never_shown(set(segments)),
         notes=tuple(notes),
     )
@@ -292,6 +315,29 @@ def _inertias(
             tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
             inertias[s] = Inertia(TOES_KG, np.zeros(3), tensor)
     return inertias
+
+
+def shoe_inertia(ball: Array, length: float, mass_kg: float, sole_height_m: float) -> Inertia:
+    """Give a shoe, in the frame of its foot.
+
+    It is as long as the foot, and its mass is spread evenly over this length, at half the height of
+    the sole: the upper weighs little.
+
+    Parameters
+    ----------
+    ball
+        The joint of the toes in that frame, (3,) [m].
+    length
+        Length of the foot [m].
+    mass_kg, sole_height_m
+        Mass and thickness of the sole.
+    """
+    along = unit(ball * [1.0, 1.0, 0.0])
+    middle = ball + (0.5 - BALL_PER_FOOT) * length * along
+    middle[2] = ball[2] - BALL_ABOVE_SOLE * length - sole_height_m / 2
+    # of a rod along the foot: m L² / 12 about the two axes across it
+    tensor = mass_kg * length**2 / 12 * (np.eye(3) - np.outer(along, along))
+    return Inertia(mass_kg, middle, tensor)
 
 
 def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: set[str]) -> Body:

@@ -130,14 +130,21 @@ class Inertia:
 
     def __add__(self, other: "Inertia") -> "Inertia":
         """Join two parts rigidly, given in the same frame (parallel-axis theorem)."""
-        mass = self.mass + other.mass
+        return self._joined(other, 1.0)
+
+    def __sub__(self, other: "Inertia") -> "Inertia":
+        """Give what is left without a part that belongs to this one."""
+        return self._joined(other, -1.0)
+
+    def _joined(self, other: "Inertia", sign: float) -> "Inertia":
+        mass = self.mass + sign * other.mass
         if mass == 0:
             return self
-        center = (self.mass * self.center + other.mass * other.center) / mass
+        center = (self.mass * self.center + sign * other.mass * other.center) / mass
         tensor = np.zeros((3, 3))
-        for part in (self, other):
+        for part, factor in ((self, 1.0), (other, sign)):
             lever = skew(part.center - center)
-            tensor += part.tensor - part.mass * lever @ lever
+            tensor += factor * (part.tensor - part.mass * lever @ lever)
         return Inertia(mass, center, tensor)
 
     def in_frame(self, rotation: Array, origin: Array) -> "Inertia":

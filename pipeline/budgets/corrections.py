@@ -75,8 +75,8 @@ def write_corrected(
     for own in found.causes:
         if not own.cause.is_certain or own.cause.group not in MENDABLE:
             continue
-        name = f"{own.name} {size_in_words(own.cause)}"
-        if own.cause.fault in alike:
+        name = f"{own.name}{own.cause.directed} {size_in_words(own.cause)}"
+        if own.cause.name in alike:
             left_out.append(f"{name}: in all plates, as an error of the body model would be")
         elif own.fall < MIN_FALL:
             left_out.append(f"{name}: it lowers no residual by {100 * MIN_FALL:.0f} %")
@@ -97,7 +97,7 @@ def _correction(own: SharedCause, setting: str, source: str) -> Correction:
     axis = own.axis
     return Correction(
         setting=setting,
-        cause=f"{own.name} {size_in_words(own.cause)}",
+        cause=f"{own.name}{own.cause.directed} {size_in_words(own.cause)}",
         trials=len(own.trials),
         residual=AXES[axis],
         before=round(float(own.rms[axis]), 2),

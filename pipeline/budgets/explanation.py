@@ -26,7 +26,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
 
-FORMAT_VERSION: Final = 5
+FORMAT_VERSION: Final = 6
 """Of the files; raised with every change of what they hold."""
 SUFFIX: Final = "_explained.json"
 BANDS_SUFFIX: Final = "_bands.parquet"

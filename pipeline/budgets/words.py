@@ -175,7 +175,7 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
     """
     found, alike, holds = [], alike_in_plates(budget.causes), budget.held_out >= 0
     for cause in budget.causes:
-        if cause.fault in alike:
+        if cause.name in alike:
             continue
         fall = cause.falls(budget.rms)
         axis = int(fall.argmax())
@@ -200,7 +200,7 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
     alike = alike_in_plates(own.cause for own in causes)
     lines = [*alike_lines(alike, {own.cause.name: own.rms for own in causes})]
     for own in causes:
-        if own.cause.fault in alike:
+        if own.cause.name in alike:
             continue
         axis = own.axis
         rms = float(own.rms[axis]), float(own.cause.left[axis])
@@ -224,15 +224,16 @@ def alike_lines(
     It is not: what the body model of all subjects lacks, such as shoes, looks the same. The RMS of
     residuals is of each cause, by its name.
     """
-    for fault, same in alike.items():
+    for name, same in alike.items():
         fall = max(own.falls(rms[own.name]).max() for own in same)
-        if fall >= MIN_FALL and any(own.is_certain for own in same):
+        if name == same[0].name and fall >= MIN_FALL and any(own.is_certain for own in same):
             plates = "all plates alike" if len(same) > 1 else "the only plate"
+            faults = listed(dict.fromkeys(own.fault for own in same))
             sizes = [f"{own.name.partition(':')[0]} {size_in_words(own)}" for own in same]
             yield (
-                f"Not certain: {fault} of {plates}, {listed(sizes)}. What the body model lacks in "
-                "all subjects, such as shoes, looks the same; compare with known weights "
-                "(hbm plates)."
+                f"Not certain: {faults}{same[0].directed} of {plates}, {listed(sizes)}. What the "
+                "body model lacks in all subjects, such as shoes that are not stated, looks the "
+                "same; compare with known weights (hbm plates)."
             )
 
 
@@ -253,8 +254,9 @@ def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
         return f"The body mass is {size} too {large}; weigh the subject: {fits}."
     for words, sentence in SENTENCES.items():
         if words in cause.name:
-            where = "vertically" if of == "Fz" else f"in {of}"
+            where = "vertically" if of == "Fz" else f"in {of}{cause.directed}"
             shown = size_in_words(cause) if words in (": zero of", ": Fz in") else size
+            of += cause.directed
             return sentence.format(plate=plate, size=shown, much=much, where=where, far=far, of=of)
     known = f"{cause.name} {size_in_words(cause)}"
     mend = groups()[cause.group].get("mend", "").format(cause=known)

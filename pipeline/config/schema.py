@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Final, Literal, NamedTuple, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -92,7 +92,7 @@ class Subject(InputModel):
     sex: Sex = "unspecified"
     """male, female or unspecified."""
     mass_kg: Annotated[float, Field(ge=10, le=400)] | None = Field(default=None, examples=[65.0])
-    """Body mass; default: measured by the plates, else the file's."""
+    """Body mass with shoes, as plates carry it; default: measured by them, else the file's."""
     height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = Field(default=None, examples=[1.70])
     """Stature; default: the file's, or estimated from the legs."""
     age_years: Annotated[float, Field(ge=0, le=120)] | None = Field(default=None, examples=[26.0])
@@ -105,6 +105,16 @@ class Subject(InputModel):
         default=None, examples=[0.072]
     )
     """Ankle width, without medial markers; default: the file's, or estimated."""
+    shoe_mass_kg: Annotated[float, Field(ge=0, le=3)] | None = Field(default=None, examples=[0.3])
+    """Mass of one shoe, 0 for bare feet; default: unknown, and not in the body model."""
+    sole_height_m: Annotated[float, Field(ge=0, le=0.15)] = Field(default=0.0, examples=[0.025])
+    """Thickness of the shoe's sole."""
+
+    @model_validator(mode="after")
+    def _shod(self) -> Self:
+        if self.sole_height_m and not self.shoe_mass_kg:
+            raise ValueError("sole_height_m: has no effect without shoe_mass_kg; weigh one shoe")
+        return self
 
 
 class RecordingRules(InputModel):
@@ -626,7 +636,7 @@ class SubjectFile(Subject):
     hip_trial: RecordingName | None = Field(default=None, examples=["sub01_star.c3d"])
     """Recording in which both thighs swing, for functional hip centres."""
     segments: SegmentsName | None = Field(default=None, examples=["sub01_segments.toml"])
-    """TOML with known segment inertias: prostheses, braces, shoes, scans."""
+    """TOML with known segment inertias: prostheses, braces, scans."""
     trials: dict[ConditionName, Recordings]
 
     @model_validator(mode="after")

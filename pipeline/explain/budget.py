@@ -57,6 +57,8 @@ class EstimatedCause:
         which are rare; 1 of what is usually there.
     left
         RMS of each residual without it, (6,) [N, N·m].
+    in_lab
+        What the component of a plate is in the lab, such as "pitch moment"; empty of other causes.
     """
 
     name: str
@@ -67,6 +69,12 @@ class EstimatedCause:
     usual: float
     chance: float
     left: ByAxis
+    in_lab: str = ""
+
+    @property
+    def directed(self) -> str:
+        """Its direction in the lab in brackets, to follow its name; empty where it has none."""
+        return f" ({self.in_lab} in the lab)" if self.in_lab else ""
 
     @property
     def fault(self) -> str:
@@ -90,16 +98,17 @@ class EstimatedCause:
 
 
 def alike_in_plates(causes: Iterable[EstimatedCause]) -> dict[str, list[EstimatedCause]]:
-    """Give gains that all plates have alike, by their fault: an error of the body model looks so.
+    """Give gains that all plates have alike, by their names: an error of the body model looks so.
 
-    The gain of an only plate is one. A common gain of Fz is none: it is the body mass, which is a
+    It has a direction in the lab, along which plates may have different components. The gain of an
+    only plate is one. A common gain of Fz is none: it is the body mass, which is a
     cause of its own.
     """
-    of_fault: dict[str, list[EstimatedCause]] = {}
+    of_direction: dict[str, list[EstimatedCause]] = {}
     for cause in causes:
         if cause.fault.startswith("gain of ") and cause.fault != "gain of Fz":
-            of_fault.setdefault(cause.fault, []).append(cause)
-    return {fault: same for fault, same in of_fault.items() if _alike(same)}
+            of_direction.setdefault(cause.in_lab or cause.fault, []).append(cause)
+    return {one.name: same for same in of_direction.values() if _alike(same) for one in same}
 
 
 def _alike(causes: list[EstimatedCause]) -> bool:
@@ -188,7 +197,7 @@ class TrialEvidence:
         Whose trial it is.
     whole, first, second
         Of all its gait cycles, and of either half of them.
-    titles, groups, units
+    titles, groups, units, in_lab
         Of K causes, as those of `pipeline.explain.cause.Cause`.
     usual, size, mean, found
         As published; the usual size and the mean that the evidence is around; the deviation of a
@@ -206,6 +215,7 @@ class TrialEvidence:
     titles: tuple[str, ...]
     groups: tuple[str, ...]
     units: tuple[str, ...]
+    in_lab: tuple[str, ...]
     usual: Array
     size: Array
     mean: Array

@@ -108,6 +108,9 @@ class Cause:
     along
         Of a combination of independent errors that all trials share, the part of each, (D,) of
         length one; None for an error of its own.
+    in_lab
+        What the named component of a plate is in the lab, such as "pitch moment"; empty where it is
+        along no axis of the lab, and of other causes.
     """
 
     name: str
@@ -117,6 +120,7 @@ class Cause:
     of_platform: bool = False
     found: tuple[float, float] | None = None
     along: Array | None = None
+    in_lab: str = ""
 
     def effect(self, chain: ProcessingChain) -> Array:
         """Give the residual that it adds per unit of its size, (T, 6) [N, N·m per unit].

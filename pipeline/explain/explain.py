@@ -83,6 +83,7 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
             usual=cause.prior.usual,
             chance=float(chance),
             left=rms(residual - size * effect),
+            in_lab=cause.in_lab,
         )
         for cause, size, deviation, chance, effect in zip(
             causes, *posterior.if_there, posterior.chance, of_causes, strict=True

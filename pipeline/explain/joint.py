@@ -44,6 +44,7 @@ def trial_evidence(
         titles=tuple(cause.name for cause in causes),
         groups=tuple(cause.group for cause in causes),
         units=tuple(cause.prior.unit for cause in causes),
+        in_lab=tuple(cause.in_lab for cause in causes),
         usual=np.array([cause.prior.usual for cause in causes]),
         size=size,
         mean=mean,
@@ -164,6 +165,7 @@ def _shared(
         usual=float(first.usual[k]),
         chance=chance,
         left=left,
+        in_lab=first.in_lab[k],
     )
     return SharedCause(name, tuple(own), cause, before, np.full(6, np.nan))
 

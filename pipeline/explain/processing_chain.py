@@ -12,6 +12,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from compensation import PlatformPose
+from hbm.body import FEET
 from hbm.engines.engine import choose_engine
 from hbm.markers import Markers
 from hbm.model import Body
@@ -64,6 +65,8 @@ class ProcessingChain:
     belts
         Per plate the wrench of its accelerating belt that was subtracted, in its own axes, (T, 6)
         [N, N·m]; empty without a calibration of the belts.
+    shoes_stated
+        Whether the subject's shoes are stated, or what else the feet carry or weigh.
     soft_tissue
         What soft tissue adds to the wrench on the ground, as `ground`: nothing unless a cause does.
     """
@@ -78,6 +81,7 @@ class ProcessingChain:
     lab: BoundLaboratory
     felt: tuple[Array, ...] = ()
     belts: tuple[Array, ...] = ()
+    shoes_stated: bool = False
     soft_tissue: Array = field(default_factory=lambda: np.zeros(6))
 
     @property
@@ -204,4 +208,6 @@ def processing_chain(
         lab=lab,
         felt=tuple(each[frames] for each in ground.felt),
         belts=tuple(each[frames] for each in ground.belts),
+        shoes_stated=result.subject.shoe_mass_kg is not None
+        or not set(FEET).isdisjoint(result.overridden_segments),
     )

@@ -54,7 +54,7 @@ class TrialRequest(Settings, Subject, RecordingRequest):
     hip_trial: Path | None = None
     """Recording in which the thighs swing, for --hip functional."""
     segments: Path | None = None
-    """TOML with known segment inertias: prostheses, shoes, scans."""
+    """TOML with known segment inertias: prostheses, braces, scans."""
     plate_delay_ms: Annotated[float, Field(ge=-500, le=500)] | None = None
     """Delay of the plates relative to the markers; default: their calibration's, or none."""
     span: str | None = None

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from hbm.body import BALL_ABOVE_SOLE
 from hbm.coordinates import UP
 from hbm.notes import Note
 from hbm.signals.filtering import Method, low_pass
@@ -175,8 +176,6 @@ PRESSURE_ALONG: Final = 0.40
 PRESSURE_MEDIAL_M: Final = 0.0
 """Where pressure lies under a foot in the middle half of a stance: from the ankle to the tip by the
 length of the foot, and from the line from ankle to ball."""
-SOLE: Final = 0.12
-"""Height of the ball above the sole, by the length of the foot."""
 
 
 def find_stances(witnesses: Witnesses) -> Iterator[Stance]:
@@ -201,7 +200,7 @@ def find_stances(witnesses: Witnesses) -> Iterator[Stance]:
             length = witnesses.foot_m[foot]
             medial = PRESSURE_MEDIAL_M * (1.0 if foot == 1 else -1.0)
             expected = ankle + PRESSURE_ALONG * length * along + medial * left
-            expected[:, 2] = ball[:, 2] - SOLE * length
+            expected[:, 2] = ball[:, 2] - BALL_ABOVE_SOLE * length
             yield Stance(plate, foot, frames, along, left, expected)
 
 

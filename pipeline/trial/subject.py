@@ -356,18 +356,12 @@ def subject_body(
         As `build_body` and `functional_hips`; if functional hips have no recording or are too far
         from the regression's, or if there is a recording for them that is not used.
     """
-    stature, limbs = pose.metadata.height_m, {}
+    stature = pose.metadata.height_m
     if stature is not None and not MIN_STATURE_M <= stature <= MAX_STATURE_M:
         stature = None  # a file that says so has another unit
-    for side in SIDES:
-        recorded = pose.metadata.limbs.get(side, LimbMeasures())
-        knee, ankle = subject.knee_width_m, subject.ankle_width_m
-        limbs[side] = replace(
-            recorded,
-            knee_width_m=knee or recorded.knee_width_m,
-            ankle_width_m=ankle or recorded.ankle_width_m,
-        )
-
+    stated = {k: w for k in ("knee_width_m", "ankle_width_m") if (w := getattr(subject, k))}
+    recorded = {side: pose.metadata.limbs.get(side, LimbMeasures()) for side in SIDES}
+    limbs = {side: replace(measures, **stated) for side, measures in recorded.items()}
     named = marker_sets().get(settings.marker_set or "")
 
     def built(hip: HipRule | dict[str, Array]) -> Body:
@@ -383,6 +377,8 @@ def subject_body(
                 limbs=limbs,
                 marker_offset_m=settings.marker_offset_m,
                 overrides=segments,
+                shoe_mass_kg=subject.shoe_mass_kg or 0.0,
+                sole_height_m=subject.sole_height_m,
             )
         except ImplausibleLegs as error:
             remedy = "correct the unit in the file, or give it: --units, or units in study.toml"

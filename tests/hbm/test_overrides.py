@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import INDEX, SEGMENTS
+from hbm.coordinates import INDEX, MOVING, SEGMENTS, SIDES
 from hbm.dynamics import inverse_dynamics
+from hbm.ik.tracking import solve_ik
+from hbm.poses import segment_frames
 from hbm.segments import Inertia, SegmentOverride, read_overrides
 from tests.hbm.motions import swinging
-from tests.synthetic import MASS_KG, synthetic_body, synthetic_t_pose
+from tests.synthetic import MASS_KG, T_POSE_MM, synthetic_body, synthetic_t_pose
 
 TOML = """
 [right_shank]   # a prosthesis below the knee
@@ -30,9 +32,9 @@ inertia_kg_m2 = [0.1, 0.08, 0.06, 0.0, 0.01, 0.0]
 """
 
 
-def built(overrides):
+def built(overrides=None, **shoes):
     return build_body(
-        synthetic_t_pose(), mass=MASS_KG, sex="male", height_m=1.78, overrides=overrides
+        synthetic_t_pose(), mass=MASS_KG, sex="male", height_m=1.78, overrides=overrides, **shoes
     )
 
 
@@ -114,3 +116,47 @@ def test_faulty_overrides_are_refused(text, message):
 def test_overrides_that_leave_no_mass_for_other_segments_are_refused():
     with pytest.raises(ValueError, match=r"weigh 80.00 kg, which leaves nothing of 74.6 kg"):
         built({"thorax": SegmentOverride(mass_kg=80.0)})
+
+
+@pytest.mark.parametrize("sole_height_m", [0.0, 0.03])
+def test_a_shoe_lies_under_the_middle_of_a_foot_that_stands(sole_height_m):
+    """Bare, the feet of the T-pose would stand on the floor; a sole begins there."""
+    q = solve_ik(synthetic_body(), synthetic_t_pose()).q[:1]
+    rotation, origin = segment_frames(synthetic_body(), q)
+    shod = built(shoe_mass_kg=0.3, sole_height_m=sole_height_m)
+    for side, letter in SIDES.items():
+        foot, k = f"{side}_foot", MOVING.index(f"{side}_foot")
+        lighter = SegmentOverride(mass_kg=shod.segments[foot].mass - 0.3)
+        shoe = shod.segments[foot] - built({foot: lighter}).segments[foot]
+        heel, inner, outer = (np.array(T_POSE_MM[letter + n]) / 1000 for n in ("HEE", "MT2", "MT5"))
+        middle = heel + 0.68 * ((inner + outer) / 2 - heel)
+        place = origin[0, k] + rotation[0, k] @ shoe.center
+        assert shoe.mass == pytest.approx(0.3)
+        np.testing.assert_allclose(place[:2], middle[:2], atol=0.02)
+        assert place[2] == pytest.approx(-sole_height_m / 2, abs=0.01)
+
+
+def test_stated_shoes_leave_the_total_mass_and_the_geometry_as_they_are():
+    shod, bare = built(shoe_mass_kg=0.4), built()
+    assert sum(part.mass for part in shod.segments.values()) == pytest.approx(MASS_KG)
+    share = 1 - 2 * 0.4 / MASS_KG
+    for side in SIDES:
+        foot = f"{side}_foot"
+        assert shod.segments[foot].mass == pytest.approx(share * bare.segments[foot].mass + 0.4)
+    for name, offset in bare.offsets.items():
+        np.testing.assert_array_equal(shod.offsets[name], offset)
+
+
+def test_a_prosthetic_foot_may_wear_a_stated_shoe_but_nothing_else():
+    prosthesis = {"right_foot": SegmentOverride(mass_kg=0.6)}
+    assert built(prosthesis, shoe_mass_kg=0.3).segments["right_foot"].mass == pytest.approx(0.9)
+    with pytest.raises(ValueError, match="left_foot: both shoe_mass_kg and worn are stated"):
+        built(read_overrides(TOML), shoe_mass_kg=0.3)
+
+
+def test_a_part_that_is_added_and_taken_away_again_leaves_what_was_there():
+    whole, part = synthetic_body().segments["left_shank"], synthetic_body().segments["head"]
+    again = whole + part - part
+    assert again.mass == pytest.approx(whole.mass)
+    np.testing.assert_allclose(again.center, whole.center, atol=1e-12)
+    np.testing.assert_allclose(again.tensor, whole.tensor, atol=1e-12)

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.body import FEET, shoe_inertia
 from hbm.coordinates import FIXED_TO, MOVING, PARENT, SIDES, UP
 from hbm.ik.tracking import solve_ik
 from hbm.model import Body
@@ -46,6 +47,9 @@ SMALL: Final = 0.1
 LEAST_MASS: Final = 0.1
 """Of a segment's own, which a size drawn at random may undercut."""
 
+LIGHT_SHOE: Final = 0.5
+"""Usual size of a shoe's mass at most, by the foot's: that of children."""
+
 JOINTS: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
 """Joint of a leg -> the segment that it carries."""
 
@@ -57,7 +61,8 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
     ------
     Cause
         The mass of the body; of each part, limbs in pairs, the share of that mass and the centre;
-        radii of gyration of thighs and shanks; centres of the joints of the legs and of the lumbar
+        radii of gyration of thighs and shanks; the mass of a shoe that the body lacks on each foot,
+        its total mass being right; centres of the joints of the legs and of the lumbar
         joint; and directions of the knees' axes in the horizontal plane. Joints move the segments
         too: markers keep their places, and the inverse kinematics finds other coordinates. Sizes
         say by how much the body that is used is wrong.
@@ -78,6 +83,9 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
         if segments[0] in LONG_BONES:
             wider = partial(_with_gyration, own=own)
             yield Cause(f"{name}: radii of gyration", "inertia", known["gyration"], wider)
+    shoe = known["stated_shoe_mass" if chain.shoes_stated else "shoe_mass"]
+    shoe = replace(shoe, size=min(shoe.size, LIGHT_SHOE * every[FEET[0]].mass))
+    yield Cause("shoes: missing mass", "shoes", shoe, _without_shoes)
     joints = [(f"{s} {joint}", f"{s}_{own}") for joint, own in JOINTS.items() for s in SIDES]
     for name, segment in [*joints, ("lumbar joint", "thorax")]:
         prior = known[f"{name.removesuffix(' joint').split()[-1]}_center"]
@@ -111,6 +119,19 @@ def _with_share(chain: ProcessingChain, share: float, *, own: tuple[str, ...]) -
     return _with_segments(chain, scaled)
 
 
+def _without_shoes(chain: ProcessingChain, mass_kg: float) -> ProcessingChain:
+    """Take a shoe of a mass off each foot, and make all else heavier, so that the mass stays."""
+    body = chain.body
+    segments = dict(body.segments)
+    for foot in FEET:
+        taken_kg = min(mass_kg, (1 - LEAST_MASS) * segments[foot].mass)
+        ball, length = body.offsets[foot.replace("foot", "toes")], body.lengths[foot]
+        shoe = shoe_inertia(ball, length, abs(taken_kg), 0.0)
+        segments[foot] = segments[foot] - shoe if taken_kg > 0 else segments[foot] + shoe
+    bare = _with_segments(chain, segments)
+    return _with_share(bare, body.mass / bare.body.mass - 1, own=tuple(segments))
+
+
 def _with_center(
     chain: ProcessingChain, distance: float, *, own: tuple[str, ...], by: Array
 ) -> ProcessingChain:
@@ -126,11 +147,9 @@ def _with_gyration(
     chain: ProcessingChain, share: float, *, own: tuple[str, ...]
 ) -> ProcessingChain:
     """Make radii of gyration larger by a share."""
-    segments = dict(chain.body.segments)
-    for name in own:
-        tensor = (1 + share) ** 2 * segments[name].tensor
-        segments[name] = replace(segments[name], tensor=tensor)
-    return _with_segments(chain, segments)
+    parts, factor = chain.body.segments, (1 + share) ** 2
+    wider = {name: replace(parts[name], tensor=factor * parts[name].tensor) for name in own}
+    return _with_segments(chain, wider)
 
 
 def _of_geometry(

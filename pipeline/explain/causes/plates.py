@@ -26,6 +26,13 @@ MIN_SWINGS: Final = 3
 """Below them nothing shows how much one differs from another."""
 MIN_NARROWED: Final = 0.1
 """Of a usual size that is left even by a calibration without error: days differ."""
+IN_LAB: Final = (
+    *("forward force", "sideways force", "vertical force"),
+    *("roll moment", "pitch moment", "yaw moment"),
+)
+"""Components of a wrench by axes of the lab."""
+MIN_PARALLEL: Final = 0.9
+"""Cosine of the angle between an axis of a plate and of the lab that are called parallel."""
 UNKNOWN: Final = 1e12
 """Variance of a response that no calibration examined."""
 
@@ -62,35 +69,44 @@ def plate_causes(
     yield Cause("plates delayed", "delay", late, _late, found=found)
     for k, plate in enumerate(chain.plates):
         name, error = f"plate {plate.number}", response_error(chain, plate)
+        in_lab = components_in_lab(plate)
         for i, zero in enumerate(zeros(chain, k)):
             shifted = partial(_with_zero, plate=k, zero=np.eye(6)[i])
-            yield Cause(f"{name}: zero of {WRENCH_COMPONENTS[i]}", "zero", zero, shifted)
-        for title, kind, bounds, change in _responses(k):
+            title = f"{name}: zero of {WRENCH_COMPONENTS[i]}"
+            yield Cause(title, "zero", zero, shifted, in_lab=in_lab.get(i, ""))
+        for title, kind, bounds, change, component in _responses(k):
             usual = priors()[kind]
             size = max(min(error[bound] for bound in bounds), MIN_NARROWED * usual.size)
             prior = replace(usual, size=float(min(size, usual.size)))
             group = "place" if kind in ("place", "direction") else "gain"
-            yield Cause(f"{name}: {title}", group, prior, change)
+            yield Cause(f"{name}: {title}", group, prior, change, in_lab=in_lab.get(component, ""))
 
 
-def _responses(plate: int) -> Iterator[tuple[str, str, list[tuple[int, int]], Change]]:
-    """Give faults of a plate's response to load: name, kind of prior, bounds, change.
+def components_in_lab(plate: Plate) -> dict[int, str]:
+    """Give what components of a plate's wrench are in the lab, where it is parallel to the lab."""
+    cosines = np.abs(plate.rotation)
+    along = {int(i): int(axis) for axis, i in np.argwhere(cosines > MIN_PARALLEL)}
+    return {3 * kind + i: IN_LAB[3 * kind + axis] for kind in (0, 1) for i, axis in along.items()}
+
+
+def _responses(plate: int) -> Iterator[tuple[str, str, list[tuple[int, int]], Change, int]]:
+    """Give faults of a plate's response to load: name, kind of prior, bounds, change, component.
 
     The bounds are entries of the response's error, (6, 6), none of which the fault can exceed.
     """
     for i, component in enumerate(WRENCH_COMPONENTS):
         gain = partial(_with_gain, plate=plate, gain=np.diag(np.eye(6)[i]))
-        yield f"gain of {component}", "gain", [(i, i)], gain
+        yield f"gain of {component}", "gain", [(i, i)], gain, i
     for i, component in enumerate(WRENCH_COMPONENTS[:2]):
         shown = np.outer(np.eye(6)[i], np.eye(6)[2])
         talk = partial(_with_gain, plate=plate, gain=shown)
-        yield f"Fz in {component}", "cross_talk", [(i, 2)], talk
+        yield f"Fz in {component}", "cross_talk", [(i, 2)], talk, i
     for i, letter in enumerate("xyz"):
         j, k = (i + 1) % 3, (i + 2) % 3
         moved = partial(_moved, plate=plate, by=np.eye(3)[i])
         turned = partial(_turned, plate=plate, about=np.eye(3)[i])
-        yield f"place along {letter}", "place", [(3 + j, k), (3 + k, j)], moved
-        yield f"direction about {letter}", "direction", [(j, k), (k, j)], turned
+        yield f"place along {letter}", "place", [(3 + j, k), (3 + k, j)], moved, -1
+        yield f"direction about {letter}", "direction", [(j, k), (k, j)], turned, -1
 
 
 def response_error(chain: ProcessingChain, plate: Plate) -> Array:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from compensation import center_of_pressure
-from hbm.body import Body
+from hbm.body import BALL_ABOVE_SOLE, Body
 from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
@@ -32,7 +32,7 @@ MAX_LEVEL_M: Final = 0.08
 """Between the sole and the surface that it stands on; the next step is twice as high."""
 HEEL, TIP, HALF_WIDTH = -0.23, 0.77, 0.19
 """Of a foot by its length: places of heel and tip from the ankle, half its width at the ball."""
-HEIGHTS: Final = np.array([0.3, 0.12, 0.0])
+HEIGHTS: Final = np.array([0.3, BALL_ABOVE_SOLE, 0.0])
 """Of ankle, ball and tip above the sole, by the length of the foot."""
 MIN_NEED: Final = 0.3
 """Of body weight: in flight there is nothing to carry."""

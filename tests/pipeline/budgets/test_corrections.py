@@ -1,6 +1,7 @@
 """A study corrected by its explanation: settings change, recordings do not, and residuals fall."""
 
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -122,6 +123,18 @@ def test_a_gain_that_all_plates_have_alike_may_be_the_body_model_and_is_not_writ
     assert alike.startswith(
         "Not certain: gain of Mx of all plates alike, plate 1 6.0 ± 1.2 %, plate 2 7.0 ± 1.4 %"
     )
+
+
+def test_a_correction_is_typed_in_the_plate_s_component_and_explained_in_the_lab(
+    moving_study, tmp_path
+):
+    gain = cause("plate 1: gain of Mx", "gain", "1", 0.06)
+    gain = replace(gain, cause=replace(gain.cause, in_lab="pitch moment"))
+    other = cause("plate 2: gain of Mx", "gain", "1", -0.06)
+    other = replace(other, cause=replace(other.cause, in_lab="pitch moment"))
+    written, _ = corrected(read_study(moving_study), tmp_path / "out", [gain, other])
+    assert written[0].setting == 'mend_plates "1: gain Mx 0.94340"'
+    assert written[0].cause.startswith("plate 1: gain of Mx (pitch moment in the lab) 6.0")
 
 
 def test_a_study_is_not_overwritten(moving_study, tmp_path):

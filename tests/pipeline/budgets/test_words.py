@@ -12,9 +12,10 @@ from pipeline.budgets.words import (
     budget_lines,
     budget_table,
     size_in_words,
+    what_to_do,
     what_to_fix_first,
 )
-from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
+from pipeline.explain.budget import Budget, EstimatedCause, GroupShare, alike_in_plates
 
 CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, 1.0, np.ones(6))
 
@@ -115,6 +116,24 @@ def test_gains_alike_in_all_plates_are_not_certain():
     assert first.startswith("Beyond warnings, no certain fault")
     assert second.startswith("Not certain: gain of Mx of all plates alike, plate 1 6.00 ± 0.20 %")
     assert "shoes" in second
+
+
+def test_gains_are_alike_along_the_same_direction_of_the_lab_whatever_the_plates_call_it():
+    left = np.array([2, 2, 2, 2, 1.4, 2])
+    pitch = replace(CAUSE, size=0.06, left=left, in_lab="pitch moment")
+    turned = [replace(pitch, name=f"plate {k}: gain of {m}") for k, m in ((1, "Mx"), (2, "My"))]
+    _, second, *_ = budget_lines(budget(*turned), ())
+    assert second.startswith(
+        "Not certain: gain of Mx, gain of My (pitch moment in the lab) of all plates alike"
+    )
+    apart = budget(turned[0], replace(turned[1], in_lab="roll moment", chance=0.3))
+    assert alike_in_plates(apart.causes) == {turned[0].name: [turned[0]]}
+
+
+@pytest.mark.parametrize("fault", ["gain of Mx", "zero of Mx"])
+def test_a_fault_of_a_component_says_what_the_component_is_in_the_lab(fault):
+    cause = replace(CAUSE, name=f"plate 1: {fault}", in_lab="pitch moment")
+    assert "Mx (pitch moment in the lab)" in what_to_do(cause, UNCALIBRATED)
 
 
 def test_the_size_of_a_cause_that_the_trial_does_not_tell_is_unknown():

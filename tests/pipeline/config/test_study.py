@@ -44,6 +44,18 @@ def test_a_study_is_read_from_its_folder_or_its_study_toml(write):
     assert list(read_study(folder).subjects) == ["sub01"]
 
 
+def test_shoes_are_of_a_subject_and_their_sole_has_no_effect_without_their_mass(write):
+    shod = "shoe_mass_kg = 0.3\nsole_height_m = 0.025\n"
+    subjects = read_study(write(a=shod + PERSON, b=PERSON.replace("sub01", "b"))).subjects
+    assert subjects["sub01"].person.shoe_mass_kg == 0.3
+    assert subjects["b"].person.shoe_mass_kg is None
+    assert "sole_height_m: has no effect without shoe_mass_kg" in only_fault_of(
+        write(a="sole_height_m = 0.02\n" + PERSON, b=PERSON.replace("sub01", "b"))
+    )
+    grams = write(a="shoe_mass_kg = 300\n" + PERSON, b=PERSON.replace("sub01", "b"))
+    assert "shoe_mass_kg" in only_fault_of(grams)
+
+
 def test_all_faults_of_all_files_are_reported_at_once(write):
     faults = faults_of(
         write(

@@ -46,7 +46,7 @@ def said(evidence, first=None, second=None):
     groups = ("gain", "place", "inertia", "zero", *["skin"] * OTHERS)
     return TrialEvidence(
         *(evidence.subject, evidence, first or evidence, second or evidence),
-        *(titles, groups, ("1",) * count),
+        *(titles, groups, ("1",) * count, ("",) * count),
         *(units, units, 0.0 * units, np.nan * units),
         mean_square=np.full(6, 100.0),
         frames=100,

@@ -5,11 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from hbm.body import build_body
 from hbm.ik.tracking import solve_ik
 from hbm.poses import center_of_mass, marker_positions
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.explain.causes.body import JOINTS, body_causes
 from tests.pipeline.explain.chains import chain_of
+from tests.synthetic import MASS_KG, STATURE_M, synthetic_t_pose
 
 TIME = np.arange(200) / 100
 SWINGS = {"RHipFlexion": 0.4, "LHipFlexion": -0.4, "RKneeFlexion": 0.5, "PelvisYaw": 0.1}
@@ -49,6 +51,26 @@ def test_mass_of_a_part_is_taken_from_the_others():
             chain.body.mass
         )
         np.testing.assert_allclose(other.needed[100, 2], chain.needed[100, 2], atol=1e-6)
+
+
+def test_shoes_that_the_body_lacks_are_those_that_a_body_with_stated_shoes_has():
+    """At rest and in motion; the mass of shoes comes from all other segments in proportion."""
+    markers, kwargs = synthetic_t_pose(), {"mass": MASS_KG, "sex": "male", "height_m": STATURE_M}
+    shod = build_body(markers, shoe_mass_kg=0.3, **kwargs)
+    for moves in (False, True):
+        chain = person(moves).changed(body=shod)
+        bare = causes(moves)["shoes: missing mass"].change(chain, 0.3)
+        assert bare.body.mass == pytest.approx(MASS_KG)
+        np.testing.assert_allclose(bare.needed, person(moves).needed, atol=1e-6)
+        assert rms(chain.needed - bare.needed) > 0.05
+
+
+def test_shoes_are_as_sure_as_their_mass_is_stated():
+    sizes = [
+        next(c.prior.size for c in body_causes(chain) if c.group == "shoes")
+        for chain in (person(moves=False), person(moves=False).changed(shoes_stated=True))
+    ]
+    assert sizes[0] > 5 * sizes[1]
 
 
 def test_mass_higher_up_raises_the_centre_of_mass():

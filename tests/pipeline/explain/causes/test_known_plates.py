@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from compensation import PlateCalibration, PlateCalibrations
+from hbm.spatial import rotation_about
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.explain.cause import priors
-from pipeline.explain.causes.plates import measured, plate_causes, swing_zero
+from pipeline.explain.causes.plates import (
+    components_in_lab,
+    measured,
+    plate_causes,
+    swing_zero,
+)
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline.explain.moving_trial import (
     MARKERS,
@@ -54,6 +60,21 @@ def correction(plates, error, examined=ALL, delay_s=None):
             )
         ),
     )
+
+
+def test_components_of_plates_are_named_by_the_axes_of_the_lab_that_they_are_parallel_to(chain):
+    plate = chain.plates[0]
+    ahead, left, up = np.eye(3)
+    usual = components_in_lab(replace(plate, rotation=np.column_stack([left, ahead, -up])))
+    assert [usual[k] for k in range(6)] == [
+        *("sideways force", "forward force", "vertical force"),
+        *("pitch moment", "roll moment", "yaw moment"),
+    ]
+    oblique = rotation_about(up, np.pi / 4)
+    assert components_in_lab(replace(plate, rotation=oblique)) == {
+        2: "vertical force",
+        5: "yaw moment",
+    }
 
 
 def test_the_zero_of_a_plate_that_is_unloaded_in_swing_is_found_also_through_noise(chain):
