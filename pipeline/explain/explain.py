@@ -66,9 +66,7 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     noise = noise_of_samples(chain)
     as_measured, effects, posterior = linearised(chain, causes, left, part.series, noise)
     of = result.subject.id, str(result.name)
-    uncertainty, of_window, bands = measured_uncertainty(
-        part, as_measured, posterior, noise, result
-    )
+    uncertainty, of_window, bands = measured_uncertainty(part, as_measured, noise, result)
 
     residual, of_causes = chain.residual[counts], effects[:, counts]
     sure, half = uncertainty[-1].rms, NORMAL_95 * uncertainty[-1].deviation

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from scipy.linalg import sqrtm
 
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
@@ -18,7 +17,6 @@ from pipeline.explain.budget import Bands, RmsUncertainty
 from pipeline.explain.cause import UNSEEN, Cause, groups, priors
 from pipeline.explain.linearise import ExplainedPart, rms
 from pipeline.explain.processing_chain import ProcessingChain
-from pipeline.explain.sizes import Posterior
 from pipeline.trial.residuals import counted, reported
 from pipeline.trial.result import TrialResult
 
@@ -30,7 +28,14 @@ DECIMALS: Final = 3
 """Of draws of an RMS [N, N·m]."""
 
 
-def drawn_rms(residual: Array, usual: Array, noise: Array, samples: float, sizes: Array) -> Array:
+def drawn_rms(
+    residual: Array,
+    usual: Array,
+    noise: Array,
+    samples: float,
+    sizes: Array,
+    hidden: Array | float = 0.0,
+) -> Array:
     """Propagate usual sizes of causes to the RMS of a residual.
 
     Parameters
@@ -45,6 +50,8 @@ def drawn_rms(residual: Array, usual: Array, noise: Array, samples: float, sizes
         Independent samples of it in a frame.
     sizes
         Of the causes, in usual sizes, and of the noise as a whole, drawn N times, (N, K + 1).
+    hidden
+        Mean square of what is in the residual and would not be with more markers, (N, 6).
 
     Returns
     -------
@@ -67,14 +74,19 @@ def drawn_rms(residual: Array, usual: Array, noise: Array, samples: float, sizes
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
     frames = len(residual)
-    columns = np.moveaxis(usual, 2, 0)
-    products = columns @ columns.transpose(0, 2, 1) / frames
     along = np.einsum("tx,ktx->kx", residual, usual) / frames
     size, apart = sizes[:, :-1], sizes[:, -1:]
-    added = [(size @ gram * size).sum(axis=1) for gram in products]
-    form = (residual**2).mean(axis=0) + 2 * size @ along + np.transpose(added) + noise**2
+    added = _mean_square(usual, size)
+    form = (residual**2).mean(axis=0) - hidden + 2 * size @ along + added + noise**2
     rms = np.sqrt(np.maximum(form, 0.0))
     return np.asarray(np.maximum(rms + apart * noise / np.sqrt(samples * frames), 0.0))
+
+
+def _mean_square(usual: Array, size: Array) -> Array:
+    """Give the mean square of what causes add, (K, T, 6), with drawn sizes, (N, K): (N, 6)."""
+    columns = np.moveaxis(usual, 2, 0)
+    products = columns @ columns.transpose(0, 2, 1) / usual.shape[1]
+    return np.transpose([(size @ gram * size).sum(axis=1) for gram in products])
 
 
 def shared_sizes(causes: Sequence[Cause], subject: str, trial: str, draws: int) -> Array:
@@ -157,7 +169,7 @@ def with_noise(
 
 
 def measured_uncertainty(
-    part: ExplainedPart, effects: Array, posterior: Posterior, noise: Array, result: TrialResult
+    part: ExplainedPart, effects: Array, noise: Array, result: TrialResult
 ) -> tuple[tuple[RmsUncertainty, ...], tuple[RmsUncertainty, ...], Bands]:
     """Say how sure the residuals of a trial are, from the effects of causes of usual size.
 
@@ -167,8 +179,6 @@ def measured_uncertainty(
         The part of the trial that is explained.
     effects
         What each cause adds to the residual as it was measured, per unit, (K, T, 6).
-    posterior
-        Sizes of the causes as the residual shows them.
     noise
         Of samples, in each axis, (6,) (`noise_of_samples`).
     result
@@ -185,20 +195,14 @@ def measured_uncertainty(
 
     Notes
     -----
-    What segments without markers added is in the residual, not in another measurement with markers
-    on them: draws of their sizes, as the residual shows them, are taken away.
+    What segments without markers add is in the residual already, and not in one of which markers
+    show all: mean squares of draws of it are taken away.
     """
     chain, causes, cycles = part.chain, part.causes, part.series.frames
-    usual_size = np.array([cause.prior.size for cause in causes])
-    usual = usual_size[:, None, None] * effects
+    usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
     samples = 2 * chain.settings.cutoff_hz / mean_rate_hz(chain.time)
     sizes = shared_sizes(causes, result.subject.id, result.source.name, DRAWS)
     unseen = [k for k, cause in enumerate(causes) if cause.group in UNSEEN]
-    if unseen:
-        size = usual_size[unseen]
-        spread = posterior.covariance[np.ix_(unseen, unseen)] / np.outer(size, size)
-        deviation = sizes[:, unseen] @ np.asarray(sqrtm(spread)).real
-        sizes[:, unseen] = -posterior.size[unseen] / size - deviation
     first = int(np.searchsorted(result.motion.time, chain.time[0]))
     trial = slice(first, first + len(chain.time))
     variants = {False: chain.residual}
@@ -206,15 +210,24 @@ def measured_uncertainty(
         variants = {False: result.measured.residual[trial], True: chain.residual}
 
     def over(frames: Indices) -> Iterator[RmsUncertainty]:
+        hidden = _mean_square(usual[unseen][:, frames], sizes[:, unseen]) if unseen else 0.0
         for compensated, residual in variants.items():
-            own = [k for k, c in enumerate(causes) if compensated or c.group != "compensation"]
+            added = [
+                k
+                for k, cause in enumerate(causes)
+                if k not in unseen and (compensated or cause.group != "compensation")
+            ]
             draws = drawn_rms(
-                residual[frames], usual[own][:, frames], noise, samples, sizes[:, [*own, -1]]
+                residual[frames],
+                usual[added][:, frames],
+                noise,
+                samples,
+                sizes[:, [*added, -1]],
+                hidden,
             )
             whole = rms(residual[frames])
             if unseen:
-                without = usual[unseen][:, frames], 0.0 * noise, samples, sizes[:, [*unseen, -1]]
-                whole = drawn_rms(residual[frames], *without).mean(axis=0)
+                whole = np.sqrt(np.maximum(whole**2 - hidden, 0.0)).mean(axis=0)
             yield RmsUncertainty(compensated, whole, draws.round(DECIMALS))
 
     frames = np.concatenate(cycles)

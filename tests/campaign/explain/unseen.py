@@ -25,7 +25,7 @@ from hbm.coordinates import INDEX, TREE
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.explain.causes.markers import BELOW_TRUNK, marker_causes
-from pipeline.explain.linearise import CYCLE_S, explained_part, left_by_filter, linearised, rms
+from pipeline.explain.linearise import CYCLE_S, explained_part, rms
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.explain.shares import NORMAL_95
 from pipeline.explain.uncertainty import measured_uncertainty, noise_of_samples
@@ -77,8 +77,8 @@ def row(base: Base) -> dict[str, Array]:
     part = explained_part(legs, STILL, result)
     chain, frames = part.chain, np.concatenate(part.series.frames)
     noise = noise_of_samples(chain)
-    found = linearised(chain, part.causes, left_by_filter(chain), part.series, noise)
-    (interval, *_), _, bands = measured_uncertainty(part, found[0], found[2], noise, result)
+    effects = np.nan_to_num([cause.effect(chain) for cause in part.causes])
+    (interval, *_), _, bands = measured_uncertainty(part, effects, noise, result)
     first = int(np.searchsorted(result.motion.time, chain.time[0]))
     more = processing_chain(base.recording, STILL, whole, slice(first, first + len(chain.time)))
     cycles = np.reshape(max(result.cycles.values(), key=len, default=()), (-1, 2))

@@ -169,7 +169,7 @@ def test_directions_of_two_trials_covary_as_far_as_they_point_the_same_way():
 
 
 def test_bands_hold_two_thirds_of_the_draws(part, effects, result):
-    *_, bands = measured_uncertainty(part, effects, None, noise_of_samples(part.chain), result)
+    *_, bands = measured_uncertainty(part, effects, noise_of_samples(part.chain), result)
     drawn = np.array(
         [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 36)]
     )
@@ -189,7 +189,17 @@ def test_delta_method_and_monte_carlo_agree_within_a_tenth(trial, request):
     assert np.isfinite(found.chain.residual[found.counts]).all()
     effects = np.nan_to_num([cause.effect(found.chain) for cause in found.causes])
     drawn = rms_of_draws(found, draws)
-    delta = measured_uncertainty(found, effects, None, noise_of_samples(found.chain), result)[0][-1]
+    delta = measured_uncertainty(found, effects, noise_of_samples(found.chain), result)[0][-1]
     error = 1 / np.sqrt(2 * draws)
     np.testing.assert_allclose(delta.deviation, drawn.std(axis=0, ddof=1), rtol=0.1 + 3 * error)
     np.testing.assert_allclose(delta.mean, drawn.mean(axis=0), rtol=0.1)
+
+
+def test_what_is_hidden_in_a_residual_is_taken_away_in_squares():
+    """A residual of two waves, of which more markers would show one alone."""
+    shown, hidden = waves(3.0, 4.0)
+    square = np.tile((hidden**2).mean(axis=0), (10, 1))
+    nothing = waves(0.0), NO_NOISE, 1.0, np.zeros((10, 2))
+    drawn = drawn_rms(shown + hidden, *nothing, square)
+    np.testing.assert_allclose(drawn, np.full((10, 6), 3.0 / np.sqrt(2)), rtol=0.01)
+    assert not drawn_rms(hidden, *nothing, 2 * square).any(), "no mean square is below zero"
