@@ -32,8 +32,12 @@ LEVERS: Final = ((3, 1, -0.9), (4, 0, 0.77))
 
 
 def unseen_segments(body: Body, motion: Motion) -> tuple[str, ...]:
-    """Give the segments that the markers of a motion leave uncertain by more than 5 cm."""
-    return undetermined(body, seen_markers(motion))[1] if motion.converged.any() else ()
+    """Give the segments that the markers of a motion leave uncertain by more than 5 cm.
+
+    Gives none where they are too light to matter, as hands are.
+    """
+    segments = undetermined(body, seen_markers(motion))[1] if motion.converged.any() else ()
+    return segments if mass_share(body, segments) >= MIN_SHARE_NOTED else ()
 
 
 def seen_markers(motion: Motion) -> list[str]:
@@ -50,8 +54,9 @@ def mass_share(body: Body, segments: Sequence[str]) -> float:
 def mass_not_shown(body: Body, segments: tuple[str, ...]) -> tuple[Note, ...]:
     """Say what share of the body's mass these segments are, if it matters."""
     share = mass_share(body, segments)
-    noted = share >= MIN_SHARE_NOTED
-    return (Note.of("mass_not_shown", segments=segments, share=share),) if noted else ()
+    if share < MIN_SHARE_NOTED:
+        return ()
+    return (Note.of("mass_not_shown", segments=segments, share=share),)
 
 
 def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
@@ -70,26 +75,27 @@ def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
     -------
     Array
         Covariance in lab axes about the pelvis origin, (6, 6) [N, N·m]; zero where markers show
-        trunk, head and arms.
+        trunk, head and arms, but for hands alone; NaN of no frame.
 
     Notes
     -----
     Each part contributes by the share of its mass that is unseen. Other ways of moving differ:
     arms that are held forward in a squat add 6 % of body weight × stature to My.
     """
+    yaw = motion.q[frames & motion.converged, INDEX["PelvisYaw"]]
+    if not len(yaw):
+        return np.full((6, 6), np.nan)
     segments = unseen_segments(body, motion)
-    scale = body.mass * GRAVITY_MPS2 / 100 * np.repeat([1.0, body.height_m], 3)
+    percent_of = body.mass * GRAVITY_MPS2 / 100 * np.repeat([1.0, body.height_m], 3)
     variance = np.zeros(6)
     for part, percent in SPREAD_PERCENT.items():
         unseen = [segment for segment in part if segment in segments]
         share = mass_share(body, unseen) / mass_share(body, part)
-        variance += share * np.square(scale * percent)
+        variance += share * np.square(percent_of * percent)
     covariance = np.diag(variance)
     for moment, force, correlation in LEVERS:
         product = correlation * np.sqrt(variance[moment] * variance[force])
         covariance[moment, force] = covariance[force, moment] = product
     # from axes of heading to those of the lab, in every frame, and their mean
-    turn = rotation_about(UP, motion.q[frames & motion.converged, INDEX["PelvisYaw"]])
-    turns = np.zeros((len(turn), 6, 6))
-    turns[:, :3, :3] = turns[:, 3:, 3:] = turn
+    turns = np.kron(np.eye(2), rotation_about(UP, yaw))
     return np.asarray((turns @ covariance @ turns.transpose(0, 2, 1)).mean(axis=0))

@@ -18,7 +18,7 @@ PERCENT = BODY.mass * GRAVITY_MPS2 / 100 * np.repeat([1.0, BODY.height_m], 3)
 UPPER = (*TRUNK, "head", *ARMS, "left_shoulder", "right_shoulder")
 
 
-def expected(unseen=(), yaw=0.0):
+def expected(unseen=(), yaw=0.0, frames=(True, True, True)):
     """The covariance where markers of some segments are never seen, the body facing a yaw."""
     q = np.zeros((3, N_Q))
     q[:, INDEX["PelvisYaw"]] = yaw
@@ -27,15 +27,23 @@ def expected(unseen=(), yaw=0.0):
     motion = replace(
         motion_of(np.arange(3) / 100, q, 0 * q, 0 * q), markers=BODY.markers, marker_error=error_m
     )
-    return unseen_covariance(BODY, motion, np.ones(3, bool))
+    return unseen_covariance(BODY, motion, np.array(frames))
 
 
 def spread(covariance):
     return np.sqrt(np.diag(covariance)) / PERCENT
 
 
-def test_nothing_is_expected_where_markers_show_the_body():
-    assert not expected().any()
+HANDS = ("left_hand", "right_hand")
+
+
+@pytest.mark.parametrize("unseen", [(), HANDS], ids=["all are shown", "hands are light"])
+def test_nothing_is_expected_where_markers_show_the_body(unseen):
+    assert not expected(unseen).any()
+
+
+def test_of_no_frame_nothing_is_known_to_be_expected():
+    assert np.isnan(expected(UPPER, frames=(False, False, False))).all()
 
 
 def test_a_walk_with_markers_on_the_legs_alone_is_as_unsure_as_those_of_other_laboratories():
