@@ -213,6 +213,8 @@ def build_body(
     lengths = {s: distance(proximal, distal) for s, (proximal, distal, _) in shape.ends.items()}
     overrides = dict(overrides or {})
     if shoe_mass_kg:
+        shoes = {"mass_kg": shoe_mass_kg, "sole_height_m": sole_height_m}
+        notes.append(Note.of("shoes_stated", **shoes))
         for foot in FEET:
             ball = shape.offsets[foot.replace("foot", "toes")]
             shoe = shoe_inertia(ball, lengths[foot], shoe_mass_kg, sole_height_m)
@@ -220,8 +222,8 @@ def build_body(
             if override.worn is not None:
                 raise ValueError(f"{foot}: both shoe_mass_kg and worn are stated; state one")
             overrides[foot] = replace(override, worn=shoe)
-    shoes = {"mass_kg": shoe_mass_kg, "sole_height_m": sole_height_m}
-    notes.append(Note.of("shoes_stated", **shoes) if shoe_mass_kg else Note.of("no_shoes"))
+    elif overrides.keys().isdisjoint(FEET):
+        notes.append(Note.of("no_shoes"))
     if rules:
         of_rules = tuple(f"{missing} ({rule})" for missing, rule in rules.items())
         notes.append(Note.of("landmarks_substituted", rules=of_rules))

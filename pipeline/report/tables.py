@@ -73,7 +73,9 @@ def means(residuals: pd.DataFrame, design: Design) -> Table:
     """
     rows, compensated = [], bool(residuals["compensated"].any())
     title, reference, meaning = reference_of(residuals)
-    beside = not compensated or title == "Expected"
+    compared = not compensated or title == "Expected"
+    heads = ["No IC", "IC", "Reduction"] if compensated else ["RMS"]
+    heads += [title] * compared
     for (axis, unit), own in residuals.groupby(["axis", "unit"], sort=False):
         for k, condition in enumerate(design.in_order(own["condition"])):
             cells = own[own["condition"] == condition].groupby("compensated")["rms"]
@@ -88,17 +90,13 @@ def means(residuals: pd.DataFrame, design: Design) -> Table:
                     str(count.max()),
                     mean_sd(no_ic, sd.get(False, nan)),
                     *(of_ic if compensated else ()),
-                    *((f"{reference[str(axis)]:.1f}",) if beside else ()),
+                    *((f"{reference[str(axis)]:.1f}",) if compared else ()),
                 )
             )
-    heads: tuple[str, ...] = ("RMS",)
-    what = ""
-    if compensated:
-        heads = ("No IC", "IC", "Reduction")
-        what = " without and with inertia compensation (IC)"
+    what = " without and with inertia compensation (IC)" * compensated
     caption = f"RMS residuals{what}, mean ± SD over n subjects"
-    columns = ("Residual", "Condition", "n", *heads, *((title,) if beside else ()))
-    return Table(caption, columns, rows, "numbers", meaning if beside else "")
+    columns = ("Residual", "Condition", "n", *heads)
+    return Table(caption, columns, rows, "numbers", meaning * compared)
 
 
 def windows_sentence(residuals: pd.DataFrame) -> str:

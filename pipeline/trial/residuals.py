@@ -325,19 +325,19 @@ def expectation(residuals: pd.DataFrame, what: str = "Trunk, head or arms have n
     """Say what RMS the motion of segments without markers leads to, and what was measured.
 
     Of rows of `residual_table`, in % of body weight; means where there are several of an axis.
-    Empty where markers show trunk, head and arms.
+    Recordings whose markers show trunk, head and arms do not count; empty where all do.
     """
-    percent = residuals.assign(
-        expected=residuals["expected"] * residuals["rms_percent"] / residuals["rms"]
-    )
-    means = percent.groupby("axis")[["expected", "rms_percent"]].mean()
-    if not means["expected"].notna().any():
+    unseen = residuals[residuals["expected"].notna()]
+    if unseen.empty:
         return ""
-    digits = {axis: 1 if axis in AXES[:3] else 2 for axis in AXES}
+    percent = unseen.assign(expected=unseen["expected"] * unseen["rms_percent"] / unseen["rms"])
+    means = percent.groupby("axis")[["expected", "rms_percent"]].mean()
+    digits = dict(zip(AXES, (1, 1, 1, 2, 2, 2), strict=True))
     expected = [f"{axis} {means.expected[axis]:.{digits[axis]}f}" for axis in AXES]
     measured = [f"{means.rms_percent[axis]:.{digits[axis]}f}" for axis in AXES]
+    some = " in some recordings" * (len(unseen) < len(residuals))
     return (
-        f"{what}; expected from that alone: {', '.join(expected[:3])} % of body weight, "
+        f"{what}{some}; expected from that alone: {', '.join(expected[:3])} % of body weight, "
         f"{', '.join(expected[3:])} % of body weight × stature; measured {', '.join(measured)}."
     )
 

@@ -154,6 +154,20 @@ def test_a_prosthetic_foot_may_wear_a_stated_shoe_but_nothing_else():
         built(read_overrides(TOML), shoe_mass_kg=0.3)
 
 
+@pytest.mark.parametrize(
+    ("overrides", "shoes", "noted"),
+    [
+        (None, {}, ["no_shoes"]),
+        (None, {"shoe_mass_kg": 0.3}, ["shoes_stated"]),
+        (read_overrides(TOML), {}, []),
+    ],
+    ids=["nothing is stated", "shoes are stated", "what a foot wears is stated"],
+)
+def test_a_body_says_whether_it_has_shoes(overrides, shoes, noted):
+    notes = built(overrides, **shoes).notes
+    assert [note.code for note in notes if "shoes" in note.code] == noted
+
+
 def test_a_part_that_is_added_and_taken_away_again_leaves_what_was_there():
     whole, part = synthetic_body().segments["left_shank"], synthetic_body().segments["head"]
     again = whole + part - part

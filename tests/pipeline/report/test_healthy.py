@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from pipeline.report.tables import means
 from pipeline.report.verdict import verdict_values
@@ -33,3 +34,32 @@ def test_the_verdict_names_what_is_above_the_healthy_rms():
     for factor, named in ((0.1, "No residual is above"), (0.5, "Fz (94.7, healthy 63.1 N): above")):
         values = verdict_values([], residuals(factor), WALKING, stated=False)
         assert values["headline"][0].startswith(f"{named} the RMS of healthy adults")
+
+
+def partly_unseen(compensated=False):
+    """The trunk of the second subject, whose residuals are larger, has no markers."""
+    table = residuals(1.0)
+    second = table["subject"] == "S02"
+    of_second = np.where(second, 0.5 * table["rms"], np.nan)
+    table = table.assign(expected=of_second, rms_percent=np.where(second, 4.0, 1.0))
+    return table.assign(compensated=compensated)
+
+
+@pytest.mark.parametrize("design", [WALKING, design_of(("walking",), compensated=True)])
+def test_where_markers_miss_segments_the_table_has_what_is_expected(design):
+    rows = partly_unseen()
+    if design.compensated:
+        rows = pd.concat([rows, partly_unseen(compensated=True)])
+    table = means(rows, design)
+    assert table.heads[-1] == "Expected"
+    assert all(len(row) == len(table.heads) for row in table.rows)
+    assert float(table.rows[0][-1]) == pytest.approx(HEALTHY_RMS[0] / 2, abs=0.051)
+
+
+def test_what_is_expected_is_compared_with_the_recordings_that_lack_markers_alone():
+    first, *_ = verdict_values([], partly_unseen(), WALKING, stated=False)["headline"]
+    assert first == (
+        "Trunk, head or arms have no markers in some recordings; expected from that alone: "
+        "Fx 2.0, Fy 2.0, Fz 2.0 % of body weight, Mx 2.00, My 2.00, Mz 2.00 % of body weight × "
+        "stature; measured 4.0, 4.0, 4.0, 4.00, 4.00, 4.00."
+    )

@@ -66,6 +66,18 @@ def with_events(trial):
     return replace(trial, notes=(Note.of("events_of_plates", left=3, right=3),))
 
 
+def with_shoes(trial):
+    return replace(trial, subject=trial.subject.model_copy(update={"shoe_mass_kg": 0.3}))
+
+
+def without_shoes(trial):
+    return replace(trial, notes=(*trial.notes, Note.of("no_shoes")))
+
+
+def with_braced_feet(trial):
+    return replace(trial, overridden_segments=("right_foot",))
+
+
 @pytest.mark.parametrize(
     ("changed", "expected", "absent", "not_cited"),
     [
@@ -84,6 +96,9 @@ def with_events(trial):
         (with_settings(hip="bell"), r"Bell et al\. \(1990\)", "Harrington", "harrington2007"),
         (with_settings(plate_delay_s=0.004), "a delay of 4 ms", "backward and forward", None),
         (with_events, "one foot alone passes 20 N", "Zeni", "zeni2008"),
+        (with_shoes, "Shoes of 0.3 kg each were added to the feet\\.", "had no shoes", None),
+        (without_shoes, "The body models had no shoes", "Shoes of", None),
+        (with_braced_feet, "stated values .*right_foot", "had no shoes", None),
     ],
 )
 def test_how_all_trials_were_processed_is_described_and_cited(
