@@ -72,39 +72,37 @@ def write_corrected(
         person["trials"] = {key: recording_tables(stated) for key, stated in trials}
     written, left_out = list[Correction](), list[str]()
     alike = alike_in_plates(own.cause for own in found.causes)
-    for own in found.causes:
-        if not own.cause.is_certain or own.cause.group not in MENDABLE:
+    source = os.path.relpath(results, out)
+    for shared in found.causes:
+        cause = shared.cause
+        if not cause.is_certain or cause.group not in MENDABLE:
             continue
-        name = f"{own.name}{own.cause.directed} {size_in_words(own.cause)}"
-        if own.cause.name in alike:
+        name = f"{shared.name}{cause.directed} {size_in_words(cause)}"
+        if cause.name in alike:
             left_out.append(f"{name}: in all plates, as an error of the body model would be")
-        elif own.fall < MIN_FALL:
+        elif shared.fall < MIN_FALL:
             left_out.append(f"{name}: it lowers no residual by {100 * MIN_FALL:.0f} %")
-        elif not own.holds:
+        elif not shared.holds:
             left_out.append(f"{name}: it does not lower the residuals of other trials")
-        elif setting := _state(own, study, tables["study.toml"], people, mass_kg):
-            written.append(_correction(own, setting, os.path.relpath(results, out)))
+        elif setting := _state(shared, study, tables["study.toml"], people, mass_kg):
+            axis = shared.axis
+            correction = Correction(
+                setting=setting,
+                cause=name,
+                trials=len(shared.trials),
+                residual=AXES[axis],
+                before=round(float(shared.rms[axis]), 2),
+                after=round(float(cause.left[axis]), 2),
+                held_out_percent=round(100 * float(shared.held_out[axis]), 1),
+                source=source,
+            )
+            written.append(correction)
     tables["study.toml"]["corrections"] = [each.model_dump() for each in written]
     for name, table in tables.items():
         with whole_file(out / name) as temporary:
             moved = _moved(table, study.folder, out)
             temporary.write_text(tomli_w.dumps(moved), encoding="utf-8")
     return written, left_out
-
-
-def _correction(own: SharedCause, setting: str, source: str) -> Correction:
-    """Give what is stated of a correction."""
-    axis = own.axis
-    return Correction(
-        setting=setting,
-        cause=f"{own.name}{own.cause.directed} {size_in_words(own.cause)}",
-        trials=len(own.trials),
-        residual=AXES[axis],
-        before=round(float(own.rms[axis]), 2),
-        after=round(float(own.cause.left[axis]), 2),
-        held_out_percent=round(100 * float(own.held_out[axis]), 1),
-        source=source,
-    )
 
 
 def _state(

@@ -169,22 +169,24 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
     Returns
     -------
     tuple of Fix
-        Faults of instruments or of the stated mass that are certain and without which a residual
-        would be smaller, also in the half that did not estimate it, the one with the largest share
-        first; of the body no single cause, since walking takes one for the other.
+        Faults of instruments, of the stated mass or of shoes that are certain and without which a
+        residual would be smaller, also in the half that did not estimate it, the one with the
+        largest share first; of the body no other cause, since walking takes one for another.
     """
-    found, alike, holds = [], alike_in_plates(budget.causes), budget.held_out >= 0
-    for cause in budget.causes:
-        if cause.name in alike:
-            continue
-        fall = cause.falls(budget.rms)
-        axis = int(fall.argmax())
-        action = what_to_do(cause, stated)
-        if action and cause.is_certain and fall[axis] >= MIN_FALL and holds[axis]:
-            rms = float(budget.rms[axis]), float(cause.left[axis])
-            found.append((fall[axis], Fix(cause.name, action, AXES[axis], *rms)))
-    found.sort(key=lambda each: -each[0])
-    return tuple(own for _, own in found[:MAX_FIXES])
+    alike = alike_in_plates(budget.causes)
+    fixes = [_fix(c, budget.rms, stated) for c in budget.causes if c.name not in alike]
+    holding = [fix for fix in fixes if fix and budget.held_out[AXES.index(fix.axis)] >= 0]
+    return tuple(sorted(holding, key=lambda fix: fix.after / fix.before)[:MAX_FIXES])
+
+
+def _fix(cause: EstimatedCause, rms: Array, stated: StatedNow) -> Fix | None:
+    """Say what to do about a cause; None where it is not certain, or hardly lowers these RMS."""
+    fall = cause.falls(rms)
+    axis = int(fall.argmax())
+    action = what_to_do(cause, stated)
+    if not action or not cause.is_certain or fall[axis] < MIN_FALL:
+        return None
+    return Fix(cause.name, action, AXES[axis], float(rms[axis]), float(cause.left[axis]))
 
 
 def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) -> tuple[str, ...]:
@@ -199,20 +201,14 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
     """
     alike = alike_in_plates(own.cause for own in causes)
     lines = [*alike_lines(alike, {own.cause.name: own.rms for own in causes})]
-    for own in causes:
-        if own.cause.name in alike:
-            continue
-        axis = own.axis
-        rms = float(own.rms[axis]), float(own.cause.left[axis])
-        action = what_to_do(own.cause, stated[own.trials[0]])
-        if not action or not own.cause.is_certain or own.fall < MIN_FALL:
-            continue
-        owner = own.name.removesuffix(own.cause.name)
-        count = f" ({len(own.trials)} trials)" * (len(own.trials) > 1)
-        held = ""
-        if not own.holds:
+    for shared in causes:
+        cause, trials = shared.cause, shared.trials
+        fix = None if cause.name in alike else _fix(cause, shared.rms, stated[trials[0]])
+        if fix is not None:
+            owner = shared.name.removesuffix(cause.name)
+            count = f" ({len(trials)} trials)" * (len(trials) > 1)
             held = " It does not lower the residuals of other trials: do not apply it."
-        lines.append(f"{owner}{Fix(own.cause.name, action, AXES[axis], *rms)}{count}{held}")
+            lines.append(f"{owner}{fix}{count}{held * (not shared.holds)}")
     return tuple(lines)
 
 
@@ -225,11 +221,11 @@ def alike_lines(
     residuals is of each cause, by its name.
     """
     for name, same in alike.items():
-        fall = max(own.falls(rms[own.name]).max() for own in same)
-        if name == same[0].name and fall >= MIN_FALL and any(own.is_certain for own in same):
+        fall = max(gain.falls(rms[gain.name]).max() for gain in same)
+        if name == same[0].name and fall >= MIN_FALL and any(gain.is_certain for gain in same):
             plates = "all plates alike" if len(same) > 1 else "the only plate"
-            faults = listed(dict.fromkeys(own.fault for own in same))
-            sizes = [f"{own.name.partition(':')[0]} {size_in_words(own)}" for own in same]
+            faults = listed(dict.fromkeys(gain.fault for gain in same))
+            sizes = [f"{gain.name.partition(':')[0]} {size_in_words(gain)}" for gain in same]
             yield (
                 f"Not certain: {faults}{same[0].directed} of {plates}, {listed(sizes)}. What the "
                 "body model lacks in all subjects, such as shoes that are not stated, looks the "

@@ -100,9 +100,8 @@ class EstimatedCause:
 def alike_in_plates(causes: Iterable[EstimatedCause]) -> dict[str, list[EstimatedCause]]:
     """Give gains that all plates have alike, by their names: an error of the body model looks so.
 
-    It has a direction in the lab, along which plates may have different components. The gain of an
-    only plate is one. A common gain of Fz is none: it is the body mass, which is a
-    cause of its own.
+    Gains are compared along a direction of the lab, where plates may have different components. The
+    gain of an only plate counts. A common gain of Fz does not: it is an error of the body mass.
     """
     of_direction: dict[str, list[EstimatedCause]] = {}
     for cause in causes:
@@ -153,11 +152,6 @@ class RmsUncertainty:
     compensated: bool
     rms: ByAxis
     draws: ByAxis
-
-    @property
-    def mean(self) -> Array:
-        """Mean of the RMS with these errors, (6,) [N, N·m]."""
-        return np.asarray(self.draws.mean(axis=0))
 
     @property
     def deviation(self) -> Array:

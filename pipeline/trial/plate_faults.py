@@ -18,10 +18,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from hbm.body import BALL_ABOVE_SOLE
+from hbm.body import BALL_ABOVE_SOLE, Body
 from hbm.coordinates import UP
+from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.signals.filtering import Method, low_pass
+from hbm.plausibility.unseen import unseen_covariance
+from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import delayed
 from hbm.signals.samples import stretches
 from hbm.spatial import (
@@ -33,10 +35,13 @@ from hbm.spatial import (
     shift_wrench,
     skew,
 )
+from pipeline.config.schema import Settings
 from pipeline.io.mended_plates import find_jumps, of_channels, reversing, turning
 from pipeline.io.recording import Plate
 from pipeline.io.stated import correction
 from pipeline.trial.checks import rest_level
+from pipeline.trial.gait.carried import places_of
+from pipeline.trial.gait.contact import FEET
 from pipeline.trial.subject import differing_masses
 
 MIN_JUMP: Final = np.array([0.08, 0.08, 0.15, 0.012, 0.012, 0.012])
@@ -102,30 +107,26 @@ class Witnesses:
     @classmethod
     def of(
         cls,
-        time: Array,
+        body: Body,
+        motion: Motion,
+        solved: Motion,
         wrenches: Sequence[Array],
         residual: Array,
-        pelvis: Array,
         carried: Mask,
-        places: Array,
-        foot_m: Sequence[float],
-        weight_n: float,
-        unseen: Array,
-        cutoff_hz: float,
-        method: Method,
+        settings: Settings,
     ) -> "Witnesses":
-        """Collect them from the stages of a trial.
-
-        ``residual`` and ``unseen`` are about the pelvis, (T, 3) [m]; ``places`` are pelvis, ankles
-        and balls, left before right, (T, 5, 3) [m].
-        """
-        every = np.stack([*wrenches])
-        filtered = np.stack([low_pass(one, time, cutoff_hz, method) for one in every])
+        """Collect them from the stages of a trial: the motion is filtered, the solved one not."""
+        time, pelvis, every = motion.time, motion.q[:, :3], np.stack([*wrenches])
+        cutoff_hz, method = settings.cutoff_hz, settings.filter
+        filtered = np.stack([low_pass(wrench, time, cutoff_hz, method) for wrench in every])
+        # the residual, about the pelvis, is what the motion needs beyond the plates
         need = filtered.sum(axis=0) + shift_wrench(residual, -pelvis)
         known = carried & np.isfinite(need).all(axis=1)
-        ankle, ball = places[:, 1:3], places[:, 3:]
-        feet = ankle, ball, np.array(foot_m)
-        return cls(time, every, filtered, need, known, *feet, weight_n, pelvis, unseen)
+        places = places_of(body, solved.q)
+        foot_m = np.array([body.lengths[foot] for foot in FEET])
+        feet = places[:, 1:3], places[:, 3:], foot_m
+        person = body.mass * GRAVITY_MPS2, pelvis, unseen_covariance(body, motion, carried)
+        return cls(time, every, filtered, need, known, *feet, *person)
 
     @property
     def step_s(self) -> float:

@@ -9,7 +9,6 @@ from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
 from hbm.plausibility.motion import implausible
-from hbm.plausibility.unseen import unseen_covariance
 from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices
 from pipeline.config.schema import (
@@ -23,10 +22,9 @@ from pipeline.config.schema import (
 from pipeline.config.study import Study
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
-from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import contact_notes
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
-from pipeline.trial.gait.events import SIDES, check_events, choose_method, foot_swings, other_events
+from pipeline.trial.gait.events import check_events, choose_method, foot_swings, other_events
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.platform import uncompensated_motion
@@ -206,22 +204,12 @@ def process_recording(
     notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
     notes += carried_notes(quality, motion.time, loads.need, loads.measured)
 
-    require_possible(loads.dynamics[ground.best].residual[counts], body)
+    residual = loads.dynamics[ground.best].residual
+    require_possible(residual[counts], body)
 
     # plates: their delay; each by itself, against its raw samples, the motion and the feet
-    witnesses = Witnesses.of(
-        motion.time,
-        ground.variants[ground.best],
-        loads.dynamics[ground.best].residual,
-        motion.q[:, :3],
-        counts,
-        places_of(body, pose.solved.q),
-        [body.lengths[f"{side}_foot"] for side in SIDES],
-        body.mass * GRAVITY_MPS2,
-        unseen_covariance(body, motion, counts),
-        settings.cutoff_hz,
-        settings.filter,
-    )
+    loaded = ground.variants[ground.best], residual, counts
+    witnesses = Witnesses.of(body, motion, pose.solved, *loaded, settings)
     right_labels = LABELS_WRONG.isdisjoint(note.code for note in notes)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes, still)
     faults = plate_faults(recording.plates, witnesses, by_motion=still and right_labels)

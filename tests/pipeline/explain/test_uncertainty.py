@@ -192,7 +192,7 @@ def test_delta_method_and_monte_carlo_agree_within_a_tenth(trial, request):
     delta = measured_uncertainty(found, effects, noise_of_samples(found.chain), result)[0][-1]
     error = 1 / np.sqrt(2 * draws)
     np.testing.assert_allclose(delta.deviation, drawn.std(axis=0, ddof=1), rtol=0.1 + 3 * error)
-    np.testing.assert_allclose(delta.mean, drawn.mean(axis=0), rtol=0.1)
+    np.testing.assert_allclose(delta.draws.mean(axis=0), drawn.mean(axis=0), rtol=0.1)
 
 
 def test_what_is_hidden_in_a_residual_is_taken_away_in_squares():
