@@ -28,6 +28,7 @@ SENTENCES: Final[Mapping[str, str]] = {
     ": direction about": "{plate}: orientation {size} too {far} about its {of}; measure it.",
 }
 """Part of a cause's name -> what is wrong, and what to do."""
+WITH_MARKERS: Final = "95 % intervals are of the RMS that markers on trunk and arms would show."
 CAPTION: Final = (
     "RMS with 95 % interval of measurement; percentage of the mean square ± 95 % interval. "
     "Negative: without this cause the residual would be larger."
@@ -318,6 +319,8 @@ def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
             ways = how_to_tell_apart(group.groups)
             how = f": {'; '.join(ways)}" if ways else ""
             yield f"Not separable in this trial, {group_name(group.groups)}{how}."
+    if any(cause.group in UNSEEN for cause in budget.causes):
+        yield WITH_MARKERS
     of = "cycles" if budget.cycles >= MIN_CYCLES else "frames"
     shares = zip(budget.held_out, AXES, strict=True)
     taken = ", ".join(f"{written(100 * share, 'z.0f')} % of {axis}" for share, axis in shares)

@@ -274,7 +274,8 @@ class Budget:
     rms
         Of each residual over the frames that were explained, reported axes, (6,) [N, N·m].
     low, high
-        Ends of its 95 % interval of measurement: what causes of usual size change it by.
+        Ends of its 95 % interval of measurement: what causes of usual size change it by; where
+        trunk or arms have no markers, of the RMS that markers on them would show.
     cycles
         How many gait cycles were explained; 0 for a stretch of the recording.
     found_cycles

@@ -8,6 +8,7 @@ import pytest
 
 from pipeline.budgets.words import (
     MASS,
+    WITH_MARKERS,
     StatedNow,
     budget_lines,
     budget_table,
@@ -98,6 +99,12 @@ def test_what_moves_unseen_and_surely_counts_is_to_get_markers(groups, said):
     whole = replace(budget(), groups=(GroupShare(groups, share, np.full(6, 0.1 / 0.98)),))
     lines = [line for line in budget_lines(whole, ()) if " % of Fx; " in line]
     assert lines == ([said] if said else [])
+
+
+@pytest.mark.parametrize(("group", "said"), [("unseen_arms", True), ("skin", False)])
+def test_an_interval_that_is_of_a_residual_with_more_markers_is_said_to_be(group, said):
+    lines = budget_lines(budget(CAUSE, replace(CAUSE, group=group)), ())
+    assert (WITH_MARKERS in lines) == said
 
 
 def test_faults_that_a_trial_does_not_tell_are_named():
