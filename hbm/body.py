@@ -20,7 +20,7 @@ from hbm.calibration_pose.anatomy import (
 )
 from hbm.calibration_pose.landmarks import locate_anatomy, stand_trunk
 from hbm.calibration_pose.shape import average, shape_of
-from hbm.coordinates import COORDINATES, LAST_Q, MOVING, SEGMENTS, SIDES, support
+from hbm.coordinates import COORDINATES, LAST_Q, LIMBS, MOVING, SEGMENTS, SIDES, support
 from hbm.ik.problem import undetermined
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
@@ -51,8 +51,6 @@ TOES_KG: Final = 1e-6
 
 TOES_GYRATION_M: Final = 0.01
 """Their radius of gyration, of the order of the toes' own."""
-
-LEGS: Final = tuple(f"{side}_{s}" for side in SIDES for s in ("thigh", "shank", "foot", "toes"))
 
 FEET: Final = tuple(f"{side}_foot" for side in SIDES)
 BALL_ABOVE_SOLE: Final = 0.12
@@ -291,9 +289,9 @@ def _stature(anatomy: Anatomy) -> float:
 def _unlocated_segments(anatomy: Anatomy) -> set[str]:
     """Segments whose joints could not be found, so that their markers cannot be placed."""
     if "thorax" not in anatomy.frames:
-        return set(MOVING[1:]) - set(LEGS)
-    arm = ("upper_arm", "forearm", "hand")
-    return {f"{side}_{s}" for side in SIDES if f"{side}_elbow" not in anatomy.points for s in arm}
+        return {*MOVING[1:]} - {*LIMBS["right leg"], *LIMBS["left leg"]}
+    unlocated = [side for side in SIDES if f"{side}_elbow" not in anatomy.points]
+    return {segment for side in unlocated for segment in LIMBS[f"{side} arm"][1:]}
 
 
 def _never_shown(segments: set[str]) -> tuple[str, ...]:

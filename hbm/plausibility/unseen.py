@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import INDEX, SIDES, UP
+from hbm.coordinates import INDEX, LIMBS, UP
 from hbm.ik.problem import undetermined
 from hbm.model import Body
 from hbm.motion import Motion
@@ -15,9 +15,7 @@ from hbm.spatial import GRAVITY_MPS2, Array, Mask, rotation_about
 MIN_SHARE_NOTED: Final = 0.02
 """Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
 TRUNK: Final = ("mid_trunk", "thorax")
-ARMS: Final = tuple(
-    f"{side}_{segment}" for side in SIDES for segment in ("upper_arm", "forearm", "hand")
-)
+ARMS: Final = (*LIMBS["right arm"][1:], *LIMBS["left arm"][1:])
 SPREAD_PERCENT: Final[Mapping[tuple[str, ...], Sequence[float]]] = {
     TRUNK: (4.4, 3.6, 2.7, 0.85, 1.1, 0.14),
     ("head",): (0.4, 0.3, 0.4, 0.16, 0.25, 0.02),

@@ -212,19 +212,10 @@ def measured_uncertainty(
     def over(frames: Indices) -> Iterator[RmsUncertainty]:
         hidden = _mean_square(usual[unseen][:, frames], sizes[:, unseen]) if unseen else 0.0
         for compensated, residual in variants.items():
-            added = [
-                k
-                for k, cause in enumerate(causes)
-                if k not in unseen and (compensated or cause.group != "compensation")
-            ]
-            draws = drawn_rms(
-                residual[frames],
-                usual[added][:, frames],
-                noise,
-                samples,
-                sizes[:, [*added, -1]],
-                hidden,
-            )
+            absent = UNSEEN if compensated else UNSEEN | {"compensation"}
+            added = [k for k, cause in enumerate(causes) if cause.group not in absent]
+            parts = residual[frames], usual[added][:, frames]
+            draws = drawn_rms(*parts, noise, samples, sizes[:, [*added, -1]], hidden)
             whole = rms(residual[frames])
             if unseen:
                 whole = np.sqrt(np.maximum(whole**2 - hidden, 0.0)).mean(axis=0)

@@ -185,14 +185,13 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
     best = [row for row in rows_of(threshold_table(result)) if row.compensated == compensated]
     if best:
         table = residual_table(result, "").query("headline and compensated == @compensated")
-        rows = zip(rows_of(table), HEALTHY_RMS, strict=True)
-        above = [row.axis for row, healthy in rows if row.rms > healthy]
+        above = table.loc[table["rms"] > [*HEALTHY_RMS], "axis"]
         beyond = [row.quantity for row in best if not row.passed]
         rms = "are below healthy walking in all six axes"
         if unseen:
             rms = "have no healthy reference with these markers"
-        elif above:
-            rms = f"exceed healthy walking in {join_names(above)}"
+        elif len(above):
+            rms = f"exceed healthy walking in {join_names([*above])}"
         peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
         yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} published limits."
     for row in best:

@@ -240,12 +240,13 @@ def misfit(
 ) -> Array:
     """Give how unlikely what a plate says is, by the motion where it is alone and by the feet.
 
-    ``wrench`` is in the plate's axes about its centre, (T, 6), filtered like the motion. The sum of
-    squares of differences by their standard deviations, independent ones, and the number of these,
-    (2,); of a plate that is moved, but for the mean difference of its pressure.
+    ``wrench`` is in the plate's axes about its centre, (T, 6), filtered like the motion. Gives the
+    sum of squares of independent differences by their standard deviations, and their number, (2,).
+    Of a plate that is moved, the mean difference of its pressure does not count.
     """
     weight_n, total = witnesses.weight_n, np.zeros(2)
     load = np.where(np.abs(wrench[:, 2]) < 1.0, np.nan, wrench[:, 2])
+    # the centre of pressure in the plane of the plate: moments by the load
     pressure = np.column_stack([-wrench[:, 4], wrench[:, 3]]) / load[:, None]
     away, error_m = list[Array](), list[Array]()
     if alone.any():
@@ -284,21 +285,21 @@ def find_states(
     dict and list
         Index of a plate -> the state that undoes what happened; pairs of indices.
     """
-    own = {k: [s for s in stances if s.plate == k] for k in range(len(plates))}
-    frames = {k: witnesses.alone(k) for k in own}
+    feet = {k: [s for s in stances if s.plate == k] for k in range(len(plates))}
+    frames = {k: witnesses.alone(k) for k in feet}
     enough = MIN_FRAMES_S / witnesses.step_s
     judged = [
         k
         for k, plate in enumerate(plates)
-        if np.isfinite(plate.corners).all() and (own[k] or frames[k].sum() > enough)
+        if np.isfinite(plate.corners).all() and (feet[k] or frames[k].sum() > enough)
     ]
 
     def cost(source: int, place: int, state: Array, *, moved: bool = False) -> Array:
         wrench = of_channels(
             plates[source], state, _in_plate(witnesses.filtered[source], plates[source])
         )
-        stood = own[source]
-        return misfit(wrench, plates[place], witnesses, frames[source], stood, moved=moved)
+        witness = witnesses, frames[source], feet[source]
+        return misfit(wrench, plates[place], *witness, moved=moved)
 
     plain = {k: cost(k, k, STATES[""]) for k in judged}
     pairs = []
@@ -307,11 +308,8 @@ def find_states(
         after = cost(one, other, STATES[""]) + cost(other, one, STATES[""])
         if _better(before, after):
             pairs.append((one, other))
-    exchanged = {k for pair in pairs for k in pair}
     states = {}
-    for k in judged:
-        if k in exchanged:
-            continue
+    for k in {*judged}.difference(*pairs):
         costs = {name: cost(k, k, state) for name, state in STATES.items()}
         best = min(costs, key=lambda name: float(costs[name][0]))
         elsewhere = cost(k, k, STATES[""], moved=True)
@@ -499,8 +497,8 @@ def find_places(witnesses: Witnesses, stances: Sequence[Stance], left_out: set[i
             of = np.array([row[1] for row in mine])
             sign = np.array([row[2] if axis else 1.0 for row in mine])
             value = np.array([row[3][axis] for row in mine])
-            own = np.array([np.hypot(OWN[row[0]][axis], row[4][axis]) for row in mine])
-            covariance = np.diag(own**2)
+            spread = np.array([np.hypot(OWN[row[0]][axis], row[4][axis]) for row in mine])
+            covariance = np.diag(spread**2)
             for kind, common in COMMON.items():
                 side = np.where(kinds == kind, sign if kind == "feet" else 1.0, 0.0)
                 covariance += common[axis] ** 2 * np.outer(side, side)
@@ -524,17 +522,17 @@ def find_places(witnesses: Witnesses, stances: Sequence[Stance], left_out: set[i
 def _place_rows(
     witnesses: Witnesses, stances: Sequence[Stance]
 ) -> Iterator[tuple[str, int, float, Array, Array]]:
-    """Give witness, plate, side (1 where left is medial); along, left, direction off, (3,).
+    """Give witness, plate, side (1 where left is medial), and how far off pressure is, (3,).
 
-    And the SD of these by unseen segments, (3,).
+    That is along and left of the foot [m], and direction [°]; last their SD by unseen segments.
     """
     for k in range(len(witnesses.wrenches)):
-        own = [stance for stance in stances if stance.plate == k]
-        if not own:
+        on_plate = [stance for stance in stances if stance.plate == k]
+        if not on_plate:
             continue
-        ahead, across = _walked(own, k)
+        ahead, across = _walked(on_plate, k)
         off = []
-        for stance in own:
+        for stance in on_plate:
             frames = stance.frames
             pressure = _pressure(witnesses.wrenches[k, frames], stance.expected[:, 2])
             away = pressure - stance.expected
@@ -556,11 +554,11 @@ def _place_rows(
                 yield "feet", k, side, np.median(same, axis=0), np.zeros(3)
         alone = witnesses.alone(k)
         if alone.sum() * witnesses.step_s > MIN_FRAMES_S:
-            level = np.full(int(alone.sum()), np.mean([s.expected[:, 2].mean() for s in own]))
-            away = _pressure(witnesses.filtered[k, alone], level)
-            away -= _pressure(witnesses.need[alone], level)
-            mean = np.average(away, axis=0, weights=witnesses.need[alone, 2])
-            one, other = witnesses.need[alone, :2], witnesses.filtered[k, alone, :2]
+            level = np.full(int(alone.sum()), np.mean([s.expected[:, 2].mean() for s in on_plate]))
+            need = witnesses.need[alone]
+            away = _pressure(witnesses.filtered[k, alone], level) - _pressure(need, level)
+            mean = np.average(away, axis=0, weights=need[:, 2])
+            one, other = need[:, :2], witnesses.filtered[k, alone, :2]
             turned = np.degrees(
                 np.arctan2(
                     np.sum(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]),
@@ -570,11 +568,9 @@ def _place_rows(
             foot = np.column_stack([ahead, across, UP])
             place = np.array([*witnesses.ball[alone].mean(axis=(0, 1))[:2], level[0]])
             doubt = witnesses.doubt(alone, foot, place)
-            load, shear = (
-                np.mean(np.linalg.norm(witnesses.need[alone, part], axis=1))
-                for part in (slice(2, 3), slice(0, 2))
-            )
-            along_m, across_m = OF_STANCE * doubt[[4, 3]] / load
+            # a moment moves the pressure by its share of the load, a force to the left turns shear
+            along_m, across_m = OF_STANCE * doubt[[4, 3]] / np.abs(need[:, 2]).mean()
+            shear = np.linalg.norm(one, axis=1).mean()
             unsure = np.array([along_m, across_m, np.degrees(doubt[1] / shear)])
             yield "motion", k, 1.0, np.array([mean @ ahead, mean @ across, turned]), unsure
 

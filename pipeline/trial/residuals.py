@@ -19,7 +19,6 @@ from pipeline.trial.window import frames_within
 HEALTHY_RMS: Final = (37.1, 30.4, 63.1, 11.4, 20.5, 4.5)
 HEALTHY: Final = "healthy adults on a treadmill at rest (van de Loosdrecht 2018, Table III)"
 """RMS residuals [N, N·m], and of whom; they are lower in lighter people."""
-EXPECTED: Final = "Expected: by the motion of segments that no marker shows, in walking people."
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
 DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")
@@ -307,7 +306,8 @@ def reference_of(residuals: pd.DataFrame) -> tuple[str, Mapping[str, float], str
     """
     expected = residuals.groupby("axis")["expected"].mean()
     if expected.notna().any():
-        return "Expected", {axis: float(expected[axis]) for axis in AXES}, EXPECTED
+        meaning = "Expected: by the motion of segments that no marker shows, in walking people."
+        return "Expected", {axis: float(expected[axis]) for axis in AXES}, meaning
     healthy = dict(zip(AXES, HEALTHY_RMS, strict=True))
     return "Healthy", healthy, f"Healthy: RMS of {HEALTHY}; lower in lighter people."
 
