@@ -365,12 +365,8 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
     """
     filtered, weight_n = witnesses.filtered, witnesses.weight_n
     mass_kg, use = weight_n / GRAVITY_MPS2, witnesses.carried
-    used = [
-        k
-        for k in range(len(plates))
-        if (use & (np.abs(filtered[k, :, 2]) > LOADED * weight_n)).sum() * witnesses.step_s
-        > MIN_FRAMES_S
-    ]
+    count = (use & (np.abs(filtered[..., 2]) > LOADED * weight_n)).sum(axis=1)
+    used = np.flatnonzero(count * witnesses.step_s > MIN_FRAMES_S).tolist()
     if not used or left_out & {*used}:
         return []
     found = []
@@ -391,15 +387,13 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
             continue
         inverse = np.linalg.inv(normal)
         factor = inverse @ design.T @ target
-        loaded = np.array(
-            [(np.abs(filtered[k, use, 2]) > LOADED * weight_n).sum() for k, _ in names]
-        )
+        loaded = np.array([count[k] for k, _ in names])
         if axes == (2,) and _alike(factor):
             continue
         doubts = [witnesses.doubt(use, plates[k].rotation, plates[k].center)[a] for k, a in names]
-        sd = np.hypot(error * weight_n, OF_STANCE * np.array(doubts)) * np.sqrt(
-            np.diag(inverse) * loaded
-        )
+        # what the motion says is as unsure in all frames: their number makes no gain surer
+        unsure_n = np.hypot(error * weight_n, OF_STANCE * np.array(doubts))
+        sd = unsure_n * np.sqrt(np.diag(inverse) * loaded)
         for number, (k, axis) in enumerate(names):
             same = [n for n, (other, a) in enumerate(names) if a == axis and other != k]
             strength = np.sqrt(np.diag(normal)[number] / loaded[number]) / weight_n
@@ -493,21 +487,20 @@ def find_places(witnesses: Witnesses, stances: Sequence[Stance], left_out: set[i
         mine = [row for row in rows if np.isfinite(row[3][axis])]
         mine = [row for row in mine if row[1] not in left_out | askew]
         while mine:
-            kinds = np.array([row[0] for row in mine])
-            of = np.array([row[1] for row in mine])
-            sign = np.array([row[2] if axis else 1.0 for row in mine])
-            value = np.array([row[3][axis] for row in mine])
-            spread = np.array([np.hypot(OWN[row[0]][axis], row[4][axis]) for row in mine])
+            kinds, of, side, differs, unsure = map(np.array, zip(*mine, strict=True))
+            spread = np.hypot([OWN[kind][axis] for kind in kinds], unsure[:, axis])
             covariance = np.diag(spread**2)
             for kind, common in COMMON.items():
-                side = np.where(kinds == kind, sign if kind == "feet" else 1.0, 0.0)
-                covariance += common[axis] ** 2 * np.outer(side, side)
+                # across and in direction, errors of left and right feet have opposite signs
+                sign = side if kind == "feet" and axis else 1.0
+                together = np.where(kinds == kind, sign, 0.0)
+                covariance += common[axis] ** 2 * np.outer(together, together)
             inverse = np.linalg.inv(covariance)
             certain = []
             for plate in {*of}:
                 here = (of == plate).astype(float)
                 information = here @ inverse @ here
-                off, sd = here @ inverse @ value / information, information**-0.5
+                off, sd = here @ inverse @ differs[:, axis] / information, information**-0.5
                 if abs(off) > max(SURE_PLACE[axis] * sd, MIN_PLACE[axis]):
                     place = Place(int(plate), axis, float(off), float(1.96 * sd))
                     certain.append((abs(off) / sd, place))
@@ -669,28 +662,16 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, by_motion: bo
         gains = []
     for gain in gains:
         explained.add(gain.plate)
+        plate, what = plates[gain.plate], WRENCH_COMPONENTS[gain.axis]
         if gain.share < 0:
-            what = WRENCH_COMPONENTS[gain.axis]
-            number = plates[gain.plate].number
-            remedy = correction(f"{number}: reverse {what}")
-            notes.append(Note.of("plate_reversed", plate=number, what=what, remedy=remedy))
+            remedy = correction(f"{plate.number}: reverse {what}")
+            notes.append(Note.of("plate_reversed", plate=plate.number, what=what, remedy=remedy))
             continue
-        along = np.abs(plates[gain.plate].rotation[:, gain.axis])
-        notes.append(
-            Note.of(
-                "plate_gain",
-                plate=plates[gain.plate].number,
-                component=WRENCH_COMPONENTS[gain.axis],
-                direction=AXES[int(np.argmax(along))],
-                share=gain.share,
-                low=gain.low,
-                high=gain.high,
-                remedy=correction(
-                    f"{plates[gain.plate].number}: gain {WRENCH_COMPONENTS[gain.axis]} "
-                    f"{1 / gain.share:.3f}"
-                ),
-            )
-        )
+        direction = AXES[int(np.argmax(np.abs(plate.rotation[:, gain.axis])))]
+        size = {"share": gain.share, "low": gain.low, "high": gain.high}
+        remedy = correction(f"{plate.number}: gain {what} {1 / gain.share:.3f}")
+        of = {"component": what, "direction": direction, "remedy": remedy}
+        notes.append(Note.of("plate_gain", plate=plate.number, **of, **size))
     found = find_places(witnesses, stances, explained)
     for k in dict.fromkeys(place.plate for place in found):
         off = {place.axis: place for place in found if place.plate == k}
