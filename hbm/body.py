@@ -124,9 +124,9 @@ def build_body(
     Raises
     ------
     ValueError
-        If mass, stature or the length of the legs is implausible, no marker set fits, an override
-        is impossible or states something worn on a foot beside its shoe, a landmark is missing that
-        no rule can replace, or Pinocchio refuses the body.
+        If mass, stature or the length of the legs is implausible, or no marker set fits; if an
+        override is impossible, or states something worn on a foot besides its shoe; if a landmark
+        is missing that no rule can replace, or Pinocchio refuses the body.
 
     Examples
     --------
@@ -320,8 +320,8 @@ def _inertias(
 def shoe_inertia(ball: Array, length: float, mass_kg: float, sole_height_m: float) -> Inertia:
     """Give a shoe, in the frame of its foot.
 
-    It is as long as the foot, and its mass is spread evenly over this length, at half the height of
-    the sole: the upper weighs little.
+    Its mass is spread evenly over the length of the foot, at half the height of the sole: the upper
+    weighs little.
 
     Parameters
     ----------

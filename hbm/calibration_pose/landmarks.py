@@ -352,8 +352,8 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
 def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
     """Place a trunk that no marker shows: upright above the hips, with lengths by stature.
 
-    In the calibration pose it stands vertically above the middle of the hips and faces where the
-    pelvis does, however the iliac spines lie; that is its frame.
+    In the calibration pose it stands vertically above the middle of the hips, however the iliac
+    spines lie, and faces where the pelvis does; that is its frame.
 
     Notes
     -----

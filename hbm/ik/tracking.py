@@ -183,9 +183,9 @@ def solve_ik(
     -------
     Motion
         ``q``, marker errors and which coordinates were observed; ``v`` and ``a`` are NaN until
-        `filter_motion`. What the markers of the trial do not determine is held near zero by a prior
-        (`hbm.ik.problem`), what none of them shows at zero, and a trunk upright in the lab
-        (`hbm.ik.upright`); coordinates that lose their markers for a while, and limbs whose
+        `filter_motion`. A prior holds near zero what the markers of the trial do not determine
+        (`hbm.ik.problem`); what none of them shows is zero. A trunk is held upright in the lab
+        instead (`hbm.ik.upright`). Coordinates that lose their markers for a while, and limbs whose
         markers fit no pose, are interpolated in time.
         Only a pelvis or a trunk that markers do not show leaves a frame unsolved.
 

@@ -72,8 +72,8 @@ def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
     Returns
     -------
     Array
-        Covariance in lab axes about the pelvis origin, (6, 6) [N, N·m]; zero where markers show
-        trunk, head and arms, but for hands alone; NaN of no frame.
+        Covariance in lab axes about the pelvis origin, (6, 6) [N, N·m]. Zero where markers show
+        trunk, head and arms; hands alone do not count. NaN of no frame.
 
     Notes
     -----

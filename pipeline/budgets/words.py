@@ -170,9 +170,9 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
     Returns
     -------
     tuple of Fix
-        Faults of instruments, of the stated mass or of shoes that are certain and without which a
-        residual would be smaller, also in the half that did not estimate it, the one with the
-        largest share first; of the body no other cause, since walking takes one for another.
+        Certain faults of instruments, of the stated mass or of shoes; the one that lowers a
+        residual most comes first. Each lowers one by 3 % at least, for which causes of one half
+        explain the other. Other causes of the body are not named: walking takes one for another.
     """
     alike = alike_in_plates(budget.causes)
     fixes = [_fix(c, budget.rms, stated) for c in budget.causes if c.name not in alike]
@@ -216,10 +216,10 @@ def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) 
 def alike_lines(
     alike: Mapping[str, Sequence[EstimatedCause]], rms: Mapping[str, Array]
 ) -> Iterator[str]:
-    """Say which gains all plates have alike, where one would be certain and is worth a word.
+    """Say which gains all plates have alike, where one of them by itself would be certain.
 
-    It is not: what the body model of all subjects lacks, such as shoes, looks the same. The RMS of
-    residuals is of each cause, by its name.
+    Together they are not: what the body model of all subjects lacks, such as shoes, looks the same.
+    ``rms`` is that of the residuals, (6,), by the name of a cause.
     """
     for name, same in alike.items():
         fall = max(gain.falls(rms[gain.name]).max() for gain in same)

@@ -143,7 +143,7 @@ class RmsUncertainty:
     compensated
         Whether the plates are compensated.
     rms
-        As measured, (6,) [N, N·m]; less what segments without markers usually add.
+        As measured, (6,) [N, N·m]; without what segments without markers usually add.
     draws
         The RMS with causes of drawn sizes, (N, 6): the nth draw of a cause has the same size in all
         trials that share it, so that draws tell how residuals of different trials vary together.

@@ -195,8 +195,8 @@ def measured_uncertainty(
 
     Notes
     -----
-    What segments without markers add is in the residual already, and not in one of which markers
-    show all: mean squares of draws of it are taken away.
+    What segments without markers add is in the residual already. Its mean square, drawn, is
+    subtracted: so the interval is of the residual that markers on all segments would show.
     """
     chain, causes, cycles = part.chain, part.causes, part.series.frames
     usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects

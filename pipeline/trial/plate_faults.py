@@ -88,8 +88,8 @@ class Witnesses:
     pelvis
         (T, 3) [m].
     unseen
-        Covariance of what the motion of unseen segments adds to the need, lab axes about the
-        pelvis, (6, 6) [N, N·m].
+        Covariance of what unseen segments add to the need, lab axes about the pelvis, (6, 6) [N,
+        N·m].
     """
 
     time: Array

@@ -237,7 +237,8 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
             is none.
         expected
             One standard deviation of what the motion of segments that no marker shows adds
-            (`hbm.plausibility.unseen`); NaN where markers show trunk, head and arms.
+            (`hbm.plausibility.unseen`); NaN where markers show trunk, head and arms. Hands alone
+            do not count.
 
     Examples
     --------
