@@ -64,7 +64,7 @@ def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
     motion
         The motion, T frames.
     frames
-        Over which to average where the subject faces, (T,).
+        Over which to average where the subject faces, (T,); without any, forward is the lab's X.
 
     Returns
     -------
@@ -89,7 +89,8 @@ def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
         product = correlation * np.sqrt(variance[moment] * variance[force])
         covariance[moment, force] = covariance[force, moment] = product
     # from axes of heading to those of the lab, in every frame, and their mean
-    turn = rotation_about(UP, motion.q[frames & motion.converged, INDEX["PelvisYaw"]])
+    yaw = motion.q[frames & motion.converged, INDEX["PelvisYaw"]]
+    turn = rotation_about(UP, yaw if len(yaw) else [0.0])
     turns = np.zeros((len(turn), 6, 6))
     turns[:, :3, :3] = turns[:, 3:, 3:] = turn
     return np.asarray((turns @ covariance @ turns.transpose(0, 2, 1)).mean(axis=0))
