@@ -109,7 +109,7 @@ class FrameTracker:
     def solve(self, position: Array) -> FrameSolution:
         """Solve a frame that follows the last one kept, from markers (M, 3), and keep nothing."""
         self.position[0] = position
-        if self.q is not None and self.weak_trunk:
+        if self.q is not None and self.problem.weak_trunk:
             self.problem.reference[0, TRUNK] = self._upright(self.q)
         if not self.seen.all():
             self._hold_what_was_never_seen()
@@ -147,8 +147,9 @@ class FrameTracker:
         self.shown[solution.observed] = solution.q[solution.observed]
         if visible[self.seen].all():
             self.usual_pivots = solution.pivots
-        self.heading.step(time, solution.q[[YAW]])
-        if not self.problem.locked[TRUNK].all():
+        if self.problem.unseen_trunk or self.problem.weak_trunk:
+            self.heading.step(time, solution.q[[YAW]])
+        if not self.problem.unseen_trunk:
             return solution
         q = solution.q.copy()
         q[TRUNK] = self._upright(q)
@@ -158,11 +159,6 @@ class FrameTracker:
         """Give the angles, (3,), with which the trunk of a pose stands upright, facing ahead."""
         angles: Array = upright_trunk(q[None], self.heading.value)[0]
         return angles
-
-    @property
-    def weak_trunk(self) -> bool:
-        """Whether a prior holds a trunk that some marker shows."""
-        return bool((self.problem.prior[TRUNK] * ~self.problem.locked[TRUNK]).any())
 
     def _first(self) -> tuple[Solved, bool]:
         """Solve a frame before which none was solved."""

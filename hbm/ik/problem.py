@@ -184,13 +184,15 @@ class Problem:
         posture = usual * MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
         self.prior[:] = np.where(undetermined, posture, 0.0)
         self.carriers = OF_CARRIERS & ~self.locked
+        self.unseen_trunk = bool(self.locked[TRUNK].all())
+        self.weak_trunk = bool((self.prior[TRUNK] * ~self.locked[TRUNK]).any())
         self.least_pivots = np.full(N_Q, MIN_PIVOT * self.attachment.weight.max())
         self.least_pivots[undetermined] = -np.inf
         self.least_pivots[self.locked] = np.inf
 
     def stand_upright(self) -> None:
         """Refer the prior of a trunk that markers show weakly to the lab's vertical."""
-        if not (self.prior[TRUNK] * ~self.locked[TRUNK]).any():
+        if not self.weak_trunk:
             return
         fitted = self.rigid_fit(np.arange(len(self.time)))
         angles = upright_trunk(fitted, slow_heading(self.time, fitted[:, YAW]))

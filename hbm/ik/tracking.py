@@ -233,7 +233,7 @@ def solve_ik(
     found.converged[~placed] = False
     found.q[~found.converged] = np.nan
     found.error[~found.converged] = np.nan
-    if problem.locked[TRUNK].all():
+    if problem.unseen_trunk:
         found.q[:, TRUNK] = upright_trunk(found.q, slow_heading(problem.time, found.q[:, YAW]))
     unknown = np.full(found.q.shape, np.nan)
     return Motion(

@@ -67,22 +67,19 @@ def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
     motion
         The motion, T frames.
     frames
-        Over which to average where the subject faces, (T,).
+        Over which to average where the subject faces, (T,); without any, forward is the lab's X.
 
     Returns
     -------
     Array
         Covariance in lab axes about the pelvis origin, (6, 6) [N, N·m]. Zero where markers show
-        trunk, head and arms; hands alone do not count. NaN of no frame.
+        trunk, head and arms; hands alone do not count.
 
     Notes
     -----
     Each part contributes by the share of its mass that is unseen. Other ways of moving differ:
     arms that are held forward in a squat add 6 % of body weight × stature to My.
     """
-    yaw = motion.q[frames & motion.converged, INDEX["PelvisYaw"]]
-    if not len(yaw):
-        return np.full((6, 6), np.nan)
     segments = unseen_segments(body, motion)
     percent_of = body.mass * GRAVITY_MPS2 / 100 * np.repeat([1.0, body.height_m], 3)
     variance = np.zeros(6)
@@ -95,5 +92,6 @@ def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
         product = correlation * np.sqrt(variance[moment] * variance[force])
         covariance[moment, force] = covariance[force, moment] = product
     # from axes of heading to those of the lab, in every frame, and their mean
-    turns = np.kron(np.eye(2), rotation_about(UP, yaw))
+    yaw = motion.q[frames & motion.converged, INDEX["PelvisYaw"]]
+    turns = np.kron(np.eye(2), rotation_about(UP, yaw if len(yaw) else [0.0]))
     return np.asarray((turns @ covariance @ turns.transpose(0, 2, 1)).mean(axis=0))

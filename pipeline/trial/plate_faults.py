@@ -217,8 +217,6 @@ LEAST_GAIN: Final = 15.0
 reach 4."""
 MAX_LEFT: Final = 0.45
 """Of the misfit, that the other state may leave: it has to explain what is wrong."""
-OF_PLACE: Final = 4.0
-"""By which the two numbers of another place have to reduce a misfit: twice their count (Akaike)."""
 
 
 STATES: Final[dict[str, Array]] = {
@@ -268,7 +266,7 @@ def misfit(
         every = np.concatenate(away)
         every = every - np.nanmean(every, axis=0) if moved else every
         total += np.nansum(np.square(every / np.concatenate(error_m))), every.size
-    return np.asarray(total * witnesses.step_s / CORRELATED_S + np.array([OF_PLACE * moved, 0.0]))
+    return np.asarray(total * witnesses.step_s / CORRELATED_S)
 
 
 def _in_plate(wrench: Array, plate: Plate) -> Array:

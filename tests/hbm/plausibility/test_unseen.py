@@ -42,8 +42,9 @@ def test_nothing_is_expected_where_markers_show_the_body(unseen):
     assert not expected(unseen).any()
 
 
-def test_of_no_frame_nothing_is_known_to_be_expected():
-    assert np.isnan(expected(UPPER, frames=(False, False, False))).all()
+def test_where_no_frame_counts_the_axes_are_those_of_the_lab():
+    no_frame = expected(UPPER, yaw=1.0, frames=(False, False, False))
+    np.testing.assert_array_equal(no_frame, expected(UPPER, yaw=0.0))
 
 
 def test_a_walk_with_markers_on_the_legs_alone_is_as_unsure_as_those_of_other_laboratories():
