@@ -211,8 +211,7 @@ def build_body(
     lengths = {s: distance(proximal, distal) for s, (proximal, distal, _) in shape.ends.items()}
     overrides = dict(overrides or {})
     if shoe_mass_kg:
-        shoes = {"mass_kg": shoe_mass_kg, "sole_height_m": sole_height_m}
-        notes.append(Note.of("shoes_stated", **shoes))
+        notes.append(Note.of("shoes_stated", mass_kg=shoe_mass_kg, sole_height_m=sole_height_m))
         for foot in FEET:
             ball = shape.offsets[foot.replace("foot", "toes")]
             shoe = shoe_inertia(ball, lengths[foot], shoe_mass_kg, sole_height_m)

@@ -174,9 +174,8 @@ class Stance(NamedTuple):
 
 
 PRESSURE_ALONG: Final = 0.40
-PRESSURE_MEDIAL_M: Final = 0.0
-"""Where pressure lies under a foot in the middle half of a stance: from the ankle to the tip by the
-length of the foot, and from the line from ankle to ball."""
+"""Where pressure lies under a foot in the middle half of a stance, on the line from ankle to ball:
+from the ankle, by the length of the foot."""
 
 
 def find_stances(witnesses: Witnesses) -> Iterator[Stance]:
@@ -199,8 +198,7 @@ def find_stances(witnesses: Witnesses) -> Iterator[Stance]:
             along /= np.linalg.norm(along, axis=1)[:, None]
             left = np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(along))])
             length = witnesses.foot_m[foot]
-            medial = PRESSURE_MEDIAL_M * (1.0 if foot == 1 else -1.0)
-            expected = ankle + PRESSURE_ALONG * length * along + medial * left
+            expected = ankle + PRESSURE_ALONG * length * along
             expected[:, 2] = ball[:, 2] - BALL_ABOVE_SOLE * length
             yield Stance(plate, foot, frames, along, left, expected)
 
@@ -324,8 +322,7 @@ def _better(before: Array, after: Array) -> bool:
 
 # Gains of single channels
 
-SHEAR_ERROR: Final = 0.012
-LOAD_ERROR: Final = 0.012
+FORCE_ERROR: Final = 0.012
 """Standard deviation of what a plate's force differs by from the motion's, by body weight, in the
 direction of the force itself."""
 MIN_SHEAR: Final = 0.05
@@ -368,7 +365,7 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
     if not used or left_out & {*used}:
         return []
     found = []
-    for axes, error in (((0, 1), SHEAR_ERROR), ((2,), LOAD_ERROR)):
+    for axes in ((0, 1), (2,)):
         columns, names = [], []
         for k in used:
             in_plate = filtered[k, use, :3] @ plates[k].rotation
@@ -390,7 +387,7 @@ def find_gains(plates: Sequence[Plate], witnesses: Witnesses, left_out: set[int]
             continue
         doubts = [witnesses.doubt(use, plates[k].rotation, plates[k].center)[a] for k, a in names]
         # what the motion says is as unsure in all frames: their number makes no gain surer
-        unsure_n = np.hypot(error * weight_n, OF_STANCE * np.array(doubts))
+        unsure_n = np.hypot(FORCE_ERROR * weight_n, OF_STANCE * np.array(doubts))
         sd = unsure_n * np.sqrt(np.diag(inverse) * loaded)
         for number, (k, axis) in enumerate(names):
             same = [n for n, (other, a) in enumerate(names) if a == axis and other != k]
@@ -666,10 +663,10 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, by_motion: bo
             notes.append(Note.of("plate_reversed", plate=plate.number, what=what, remedy=remedy))
             continue
         direction = AXES[int(np.argmax(np.abs(plate.rotation[:, gain.axis])))]
+        of = {"component": what, "direction": direction}
         size = {"share": gain.share, "low": gain.low, "high": gain.high}
         remedy = correction(f"{plate.number}: gain {what} {1 / gain.share:.3f}")
-        of = {"component": what, "direction": direction, "remedy": remedy}
-        notes.append(Note.of("plate_gain", plate=plate.number, **of, **size))
+        notes.append(Note.of("plate_gain", plate=plate.number, **of, **size, remedy=remedy))
     found = find_places(witnesses, stances, explained)
     for k in dict.fromkeys(place.plate for place in found):
         off = {place.axis: place for place in found if place.plate == k}
