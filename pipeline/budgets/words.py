@@ -56,16 +56,20 @@ class StatedNow:
         Of the plates, and of the body.
     calibrated
         Whether the plates are corrected by a calibration, which has its own delays.
+    shoes
+        Whether the body has shoes, which may be lighter than stated.
     """
 
     delay_s: float
     mass_kg: float
     calibrated: bool
+    shoes: bool = False
 
     @classmethod
     def of(cls, result: TrialResult, *, calibrated: bool) -> "StatedNow":
         """Give what a result was processed with."""
-        return cls(result.settings.plate_delay_s or 0.0, result.body.mass, calibrated)
+        delay_s, shoes = result.settings.plate_delay_s or 0.0, bool(result.subject.shoe_mass_kg)
+        return cls(delay_s, result.body.mass, calibrated, shoes)
 
 
 def group_name(names: Sequence[str]) -> str:
@@ -255,6 +259,8 @@ def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
             shown = size_in_words(cause) if words in (": zero of", ": Fz in") else size
             of += cause.directed
             return sentence.format(plate=plate, size=shown, much=much, where=where, far=far, of=of)
+    if cause.group == "shoes" and not is_more and not stated.shoes:
+        return ""  # no shoe weighs less than none: the foot's own mass is wrong
     known = f"{cause.name} {size_in_words(cause)}"
     mend = groups()[cause.group].get("mend", "").format(cause=known)
     return f"{mend[:1].upper()}{mend[1:]}." if mend else ""

@@ -101,6 +101,16 @@ def test_what_moves_unseen_and_surely_counts_is_to_get_markers(groups, said):
     assert lines == ([said] if said else [])
 
 
+@pytest.mark.parametrize(
+    ("size_kg", "stated", "acts"), [(0.3, False, True), (-0.3, False, False), (-0.3, True, True)]
+)
+def test_a_shoe_is_to_be_weighed_unless_none_is_stated_and_none_is_missing(size_kg, stated, acts):
+    shoes = replace(CAUSE, name="shoes: missing mass", group="shoes", unit="kg", size=size_kg)
+    action = what_to_do(shoes, replace(UNCALIBRATED, shoes=stated))
+    assert action.startswith("Weigh one shoe") == acts
+    assert bool(action) == acts
+
+
 @pytest.mark.parametrize(("group", "said"), [("unseen_arms", True), ("skin", False)])
 def test_an_interval_that_is_of_a_residual_with_more_markers_is_said_to_be(group, said):
     lines = budget_lines(budget(CAUSE, replace(CAUSE, group=group)), ())
