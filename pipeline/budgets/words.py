@@ -244,14 +244,12 @@ def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
     much, plate = "much" if is_more else "little", cause.name.partition(":")[0].capitalize()
     of, far = cause.name.split()[-1], "far" if is_more else "little"
     if cause.name == LATE and not stated.calibrated:
-        delay_s = stated.delay_s + cause.size
-        when = "late" if is_more else "early"
+        delay_s, when = stated.delay_s + cause.size, "late" if is_more else "early"
         setting = f"plate_delay_s = {delay_s:.3f} (--plate-delay-ms {1000 * delay_s:.0f})"
         return f"The plates are {size} {when}; set {setting}."
     if cause.name == MASS:
         mass_kg = stated.mass_kg / (1 + cause.size)
-        large = "large" if is_more else "small"
-        fits = f"{mass_kg:.1f} kg would fit"
+        large, fits = "large" if is_more else "small", f"{mass_kg:.1f} kg would fit"
         return f"The body mass is {size} too {large}; weigh the subject: {fits}."
     for words, sentence in SENTENCES.items():
         if words in cause.name:
