@@ -80,7 +80,7 @@ def build_body(
     limbs: Mapping[str, LimbMeasures] | None = None,
     marker_offset_m: float = MARKER_OFFSET_M,
     overrides: Mapping[str, SegmentOverride] | None = None,
-    shoe_mass_kg: float = 0.0,
+    shoe_mass_kg: float | None = None,
     sole_height_m: float = 0.0,
 ) -> Body:
     """Build a subject's body from a calibration pose.
@@ -110,7 +110,8 @@ def build_body(
         Segment -> inertia that is known better than from de Leva's table; the total mass stays
         ``mass``.
     shoe_mass_kg
-        Mass of one shoe, of which each foot wears one (`shoe_inertia`); by default none [kg].
+        Mass of one shoe, of which each foot wears one (`shoe_inertia`) [kg]; 0 for bare feet; by
+        default unknown, and not in the body.
     sole_height_m
         Thickness of its sole [m].
 
@@ -219,7 +220,7 @@ def build_body(
             if override.worn is not None:
                 raise ValueError(f"{foot}: both shoe_mass_kg and worn are stated; state one")
             overrides[foot] = replace(override, worn=shoe)
-    elif overrides.keys().isdisjoint(FEET):
+    elif shoe_mass_kg is None and overrides.keys().isdisjoint(FEET):
         notes.append(Note.of("no_shoes"))
     if rules:
         of_rules = tuple(f"{missing} ({rule})" for missing, rule in rules.items())

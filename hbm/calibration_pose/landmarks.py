@@ -218,7 +218,9 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     else:
         if not TRUNK_LANDMARKS.isdisjoint(at):
             needed = "C7 or T2 with JN, both acromions, or T10 or T8 with XIPH and JN"
-            anatomy.rules[needed] = "trunk, head and arms stay in neutral, without their markers"
+            anatomy.rules[needed] = (
+                "trunk upright in the lab, head and arms in line with it, without their markers"
+            )
         return
     pelvis = anatomy.frames["pelvis"]
     if R[:, 0] @ pelvis[:, 0] < 0 or R[:, 2] @ pelvis[:, 2] < 0:

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import INDEX, LIMBS, UP
+from hbm.coordinates import FIXED_TO, INDEX, LIMBS, UP
 from hbm.ik.problem import undetermined
 from hbm.model import Body
 from hbm.motion import Motion
@@ -32,9 +32,14 @@ LEVERS: Final = ((3, 1, -0.9), (4, 0, 0.77))
 def unseen_segments(body: Body, motion: Motion) -> tuple[str, ...]:
     """Give the segments that the markers of a motion leave uncertain by more than 5 cm.
 
-    Gives none where they are too light to matter, as hands are.
+    Gives none that moves with a marker that is seen, and none where all are as light as hands.
     """
-    segments = undetermined(body, seen_markers(motion))[1] if motion.converged.any() else ()
+    if not motion.converged.any():
+        return ()
+    markers = seen_markers(motion)
+    shown = {body.segment_of[name] for name in markers}
+    uncertain = undetermined(body, markers)[1]
+    segments = tuple(s for s in uncertain if FIXED_TO.get(s, s) not in shown)
     return segments if mass_share(body, segments) >= MIN_SHARE_NOTED else ()
 
 

@@ -128,7 +128,7 @@ def size_in_words(cause: EstimatedCause) -> str:
     factor, unit = SHOWN_UNITS.get(cause.unit, (1.0, cause.unit))
     size, half = factor * cause.size, factor * NORMAL_95 * cause.deviation
     digits = 2 if half < 0.95 else 1 if half < 9.5 else 0
-    return f"{written(size, f'.{digits}f')} ± {half:.{digits}f} {unit}"
+    return f"{written(size, f'z.{digits}f')} ± {half:.{digits}f} {unit}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,8 @@ def pool_recordings(residuals: pd.DataFrame, weigh: Weigh = "cycle") -> pd.DataF
         row: dict[str, object] = dict(zip(CELL_COLUMNS, cell, strict=True))
         row["window"] = " and ".join(own["window"].unique())
         weights = recording_weights(own, weigh)
+        if own["expected"].notna().any():  # recordings whose markers show all add nothing
+            own = own.fillna({"expected": 0.0})
         row |= {name: root_mean_square(own[name].to_numpy(), weights) for name in MEAN_SQUARES}
         row["n_recordings"] = len(own)
         rows.append({**row, "n_cycles": own["n_cycles"].sum(), "n_frames": own["n_frames"].sum()})

@@ -338,8 +338,9 @@ def expectation(residuals: pd.DataFrame, what: str = "Trunk, head or arms have n
     measured = [f"{means.rms_percent[axis]:.{digits[axis]}f}" for axis in AXES]
     some = " in some recordings" * (len(unseen) < len(residuals))
     return (
-        f"{what}{some}; expected from that alone: {', '.join(expected[:3])} % of body weight, "
-        f"{', '.join(expected[3:])} % of body weight × stature; measured {', '.join(measured)}."
+        f"{what}{some}; expected from that alone in walking: {', '.join(expected[:3])} % of body "
+        f"weight, {', '.join(expected[3:])} % of body weight × stature; measured "
+        f"{', '.join(measured)}."
     )
 
 

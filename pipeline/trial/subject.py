@@ -377,7 +377,7 @@ def subject_body(
                 limbs=limbs,
                 marker_offset_m=settings.marker_offset_m,
                 overrides=segments,
-                shoe_mass_kg=subject.shoe_mass_kg or 0.0,
+                shoe_mass_kg=subject.shoe_mass_kg,
                 sole_height_m=subject.sole_height_m,
             )
         except ImplausibleLegs as error:

@@ -159,9 +159,15 @@ def test_a_prosthetic_foot_may_wear_a_stated_shoe_but_nothing_else():
     [
         (None, {}, ["no_shoes"]),
         (None, {"shoe_mass_kg": 0.3}, ["shoes_stated"]),
+        (None, {"shoe_mass_kg": 0.0}, []),
         (read_overrides(TOML), {}, []),
     ],
-    ids=["nothing is stated", "shoes are stated", "what a foot wears is stated"],
+    ids=[
+        "nothing is stated",
+        "shoes are stated",
+        "bare feet are stated",
+        "what a foot wears is stated",
+    ],
 )
 def test_a_body_says_whether_it_has_shoes(overrides, shoes, noted):
     notes = built(overrides, **shoes).notes

@@ -18,11 +18,12 @@ PERCENT = BODY.mass * GRAVITY_MPS2 / 100 * np.repeat([1.0, BODY.height_m], 3)
 UPPER = (*TRUNK, "head", *ARMS, "left_shoulder", "right_shoulder")
 
 
-def expected(unseen=(), yaw=0.0, frames=(True, True, True)):
-    """The covariance where markers of some segments are never seen, the body facing a yaw."""
+def expected(unseen=(), yaw=0.0, frames=(True, True, True), but=""):
+    """The covariance where markers of segments, but one, are never seen, facing a yaw."""
     q = np.zeros((3, N_Q))
     q[:, INDEX["PelvisYaw"]] = yaw
-    hidden = [segment in unseen for segment in BODY.marker_segment]
+    markers = zip(BODY.markers, BODY.marker_segment, strict=True)
+    hidden = [segment in unseen and name != but for name, segment in markers]
     error_m = np.where(hidden, np.nan, 0.002) * np.ones((3, 1))
     motion = replace(
         motion_of(np.arange(3) / 100, q, 0 * q, 0 * q), markers=BODY.markers, marker_error=error_m
@@ -40,6 +41,13 @@ HANDS = ("left_hand", "right_hand")
 @pytest.mark.parametrize("unseen", [(), HANDS], ids=["all are shown", "hands are light"])
 def test_nothing_is_expected_where_markers_show_the_body(unseen):
     assert not expected(unseen).any()
+
+
+def test_a_trunk_that_one_marker_shows_is_no_unseen_trunk():
+    """Head and arms remain."""
+    of_trunk = [n for n, s in zip(BODY.markers, BODY.marker_segment, strict=True) if s == "thorax"]
+    for shown in of_trunk:
+        assert (spread(expected(UPPER, but=shown))[:3] < spread(expected(UPPER))[:3] / 2).all()
 
 
 def test_where_no_frame_counts_the_axes_are_those_of_the_lab():

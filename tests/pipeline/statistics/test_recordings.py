@@ -34,6 +34,12 @@ def test_a_value_over_recordings_is_the_rms_of_all_their_gait_cycles(found):
     assert (pooled.n_recordings, pooled.n_cycles) == (len(rms), len(every_cycle))
 
 
+def test_a_recording_whose_markers_show_all_adds_nothing_to_what_is_expected():
+    mixed = recordings([3.0, 3.0], [10, 10]).assign(expected=[np.nan, 4.0])
+    assert value(mixed).expected == pytest.approx(np.sqrt(4.0**2 / 2))
+    assert np.isnan(value(mixed.assign(expected=np.nan)).expected)
+
+
 def test_recordings_are_equal_where_the_study_says_so():
     assert value(recordings([1.0, 7.0], [30, 10]), "recording").rms == pytest.approx(5.0)
 
