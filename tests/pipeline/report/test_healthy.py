@@ -60,6 +60,6 @@ def test_what_is_expected_is_compared_with_the_recordings_that_lack_markers_alon
     first, *_ = verdict_values([], partly_unseen(), WALKING, stated=False)["headline"]
     assert first == (
         "Trunk, head or arms have no markers in some recordings; expected from that alone in "
-        "walking: Fx 2.0, Fy 2.0, Fz 2.0 % of body weight, Mx 2.00, My 2.00, Mz 2.00 % of body weight × "
-        "stature; measured 4.0, 4.0, 4.0, 4.00, 4.00, 4.00."
+        "walking: Fx 2.0, Fy 2.0, Fz 2.0 % of body weight, Mx 2.00, My 2.00, Mz 2.00 % of body "
+        "weight × stature; measured 4.0, 4.0, 4.0, 4.00, 4.00, 4.00."
     )
