@@ -17,7 +17,7 @@ import numpy as np
 from hbm.coordinates import CARRIERS, FIXED_TO, MOVING, N_Q, SEGMENTS, TREE
 from hbm.ik.descent import MarkerAttachment, Solved, solve_frames
 from hbm.ik.start import Start
-from hbm.ik.upright import TRUNK, YAW, slow_heading, upright_trunk
+from hbm.ik.upright import TRUNK, standing_trunk
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.poses import marker_positions, segment_frames
@@ -195,9 +195,8 @@ class Problem:
         if not self.weak_trunk:
             return
         fitted = self.rigid_fit(np.arange(len(self.time)))
-        angles = upright_trunk(fitted, slow_heading(self.time, fitted[:, YAW]))
         self.reference = np.zeros(fitted.shape)
-        self.reference[:, TRUNK] = np.nan_to_num(angles)
+        self.reference[:, TRUNK] = np.nan_to_num(standing_trunk(self.time, fitted))
 
     def markers_on(self, segments: Collection[str]) -> Indices:
         """Give the numbers of the markers on some segments."""

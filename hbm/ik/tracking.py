@@ -23,7 +23,7 @@ from hbm.coordinates import FIRST_Q, LAST_Q, LIMBS, N_Q, TREE
 from hbm.ik.continuity import continuous
 from hbm.ik.descent import MAX_ABSOLUTE_RISE, Solved
 from hbm.ik.problem import MIN_PIVOT, OF_CARRIERS, ROTATES, Problem
-from hbm.ik.upright import TRUNK, YAW, slow_heading, upright_trunk
+from hbm.ik.upright import TRUNK, standing_trunk
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
@@ -234,7 +234,7 @@ def solve_ik(
     found.q[~found.converged] = np.nan
     found.error[~found.converged] = np.nan
     if problem.unseen_trunk:
-        found.q[:, TRUNK] = upright_trunk(found.q, slow_heading(problem.time, found.q[:, YAW]))
+        found.q[:, TRUNK] = standing_trunk(problem.time, found.q)
     unknown = np.full(found.q.shape, np.nan)
     return Motion(
         problem.time,

@@ -45,3 +45,8 @@ def upright_trunk(q: Array, heading: Array) -> Array:
     roll, pitch = rotation_about(BACK, q[:, ROLL]), rotation_about(-np.array(LEFT), q[:, PITCH])
     turn = rotation_about(UP, heading - q[:, YAW])
     return three_angles(roll @ pitch @ turn, TRUNK.start)
+
+
+def standing_trunk(time: Array, q: Array) -> Array:
+    """Give the angles of an upright trunk, (F, 3) [rad], from all poses of a trial, (F, 46)."""
+    return upright_trunk(q, slow_heading(time, q[:, YAW]))

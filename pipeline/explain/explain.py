@@ -69,7 +69,8 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     uncertainty, of_window, bands = measured_uncertainty(part, as_measured, noise, result)
 
     residual, of_causes = chain.residual[counts], effects[:, counts]
-    sure, half = uncertainty[-1].rms, NORMAL_95 * uncertainty[-1].deviation
+    whole, middle = rms(residual), uncertainty[-1].rms
+    half = NORMAL_95 * uncertainty[-1].deviation
     groups, unexplained = _shares(posterior, causes, residual, of_causes, left[counts])
     estimated = [
         EstimatedCause(
@@ -96,14 +97,14 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     return Budget(
         source=result.source,
         compensated=result.compensated is not None,
-        rms=rms(residual),
-        low=np.maximum(sure - half, 0.0),
-        high=sure + half,
+        rms=whole,
+        low=np.maximum(middle - half, 0.0),
+        high=middle + half,
         cycles=cycles,
         found_cycles=part.found_cycles,
         groups=groups,
         unexplained=unexplained,
-        causes=tuple(sorted(estimated, key=lambda each: float((each.left / rms(residual)).min()))),
+        causes=tuple(sorted(estimated, key=lambda each: float((each.left / whole).min()))),
         held_out=_held_out(chain.residual - left, effects, part, noise),
         notes=tuple(notes),
         uncertainty=uncertainty,

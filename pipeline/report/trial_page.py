@@ -179,12 +179,13 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
     """
     if result.shortage:
         yield f"No residuals: {result.shortage}."
-    if unseen := unseen_sentence(result):
+    table = residual_table(result, "")
+    if unseen := unseen_sentence(result, table):
         yield unseen
     compensated = result.compensated is not None
     best = [row for row in rows_of(threshold_table(result)) if row.compensated == compensated]
     if best:
-        table = residual_table(result, "").query("headline and compensated == @compensated")
+        table = table.query("headline and compensated == @compensated")
         above = table.loc[table["rms"] > [*HEALTHY_RMS], "axis"]
         beyond = [row.quantity for row in best if not row.passed]
         rms = "are below healthy walking in all six axes"

@@ -33,7 +33,6 @@ from hbm.spatial import (
     Mask,
     rotate_wrench,
     shift_wrench,
-    skew,
 )
 from pipeline.config.schema import Settings
 from pipeline.io.mended_plates import find_jumps, of_channels, reversing, turning
@@ -141,11 +140,10 @@ class Witnesses:
 
     def doubt(self, frames: Mask, axes: Array, place: Array) -> Array:
         """Give the SD of what unseen segments need, (6,), in axes, (3, 3), about a place, (3,)."""
-        lever = self.pelvis[frames].mean(axis=0) - place
-        # from the pelvis to the place: forces get a moment, lever × force
-        carry = np.block([[np.eye(3), np.zeros((3, 3))], [skew(lever), np.eye(3)]])
-        turn = np.kron(np.eye(2), axes.T) @ carry
-        return np.asarray(np.sqrt(np.diag(turn @ self.unseen @ turn.T)))
+        # each row is what a unit wrench about the pelvis is about the place
+        units = shift_wrench(np.eye(6), place - self.pelvis[frames].mean(axis=0))
+        change = rotate_wrench(units, axes.T)
+        return np.asarray(np.sqrt(np.diag(change.T @ self.unseen @ change)))
 
 
 class Stance(NamedTuple):

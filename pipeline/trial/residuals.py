@@ -313,9 +313,8 @@ def reference_of(residuals: pd.DataFrame) -> tuple[str, Mapping[str, float], str
     return "Healthy", healthy, f"Healthy: RMS of {HEALTHY}; lower in lighter people."
 
 
-def unseen_sentence(result: TrialResult) -> str:
-    """Say what of the residuals closest to the truth is expected, as `expectation` does."""
-    table = residual_table(result, "")
+def unseen_sentence(result: TrialResult, table: pd.DataFrame) -> str:
+    """Say what is expected of the residuals closest to the truth, in a trial's `residual_table`."""
     best = table["headline"] & (table["compensated"] == (result.compensated is not None))
     share = mass_share(result.body, unseen_segments(result.body, result.motion))
     what = f"{100 * share:.0f} % of the body's mass has no markers"

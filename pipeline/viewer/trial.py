@@ -214,7 +214,7 @@ def trial_summary(result: TrialResult) -> str:
         )
         blocks += [
             "## Pelvis residuals (RMS)",
-            *filter(None, [unseen_sentence(result)]),
+            *filter(None, [unseen_sentence(result, table)]),
             markdown(shown),
             "% of body weight, or of body weight × stature.",
             "## Peaks against Hicks et al. 2015",

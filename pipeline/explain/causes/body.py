@@ -16,6 +16,7 @@ from hbm.body import FEET, shoe_inertia
 from hbm.coordinates import FIXED_TO, MOVING, PARENT, SIDES, UP
 from hbm.ik.tracking import solve_ik
 from hbm.model import Body
+from hbm.plausibility.unseen import TRUNK
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
 from hbm.signals.filtering import oscillation
@@ -23,7 +24,6 @@ from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.explain.cause import Cause, Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
 
-TRUNK: Final = ("thorax", "mid_trunk")
 ARMS: Final = ("upper_arm", "forearm", "hand")
 LONG_BONES: Final = ("thigh", "shank")
 """Segments whose inertia lies between two joint centres that may be wrong."""

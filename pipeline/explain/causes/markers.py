@@ -139,7 +139,8 @@ def _series(
 
 def _unseen(chain: ProcessingChain, rotation: Array) -> Iterator[tuple[str, str, str, Array]]:
     """Give group, name, kind of prior and change of q per radian, (T, 46), of what is not shown."""
-    seen = {on for on in chain.body.marker_segment if _columns(chain, on)}
+    segment_of = chain.body.segment_of
+    seen = {segment_of[name] for name in chain.markers.names if name in segment_of}
     if seen <= {*BELOW_TRUNK}:
         # head and arms follow the trunk, which turns about the lumbar joint
         pelvis, thorax = (rotation[:, MOVING.index(name)] for name in ("pelvis", "thorax"))
