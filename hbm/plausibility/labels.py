@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -161,7 +161,33 @@ MIN_FORWARD_M: Final = 0.05
 unknown then."""
 
 
-def sides_exchanged(marker_set: MarkerSet, markers: Markers, recording: str) -> tuple[Note, ...]:
+class ExchangedSides(NamedTuple):
+    """Left and right markers that carry each other's labels throughout a recording.
+
+    Attributes
+    ----------
+    recording
+        Its name.
+    pairs
+        Labels, left and right.
+    rename
+        The options that exchange them.
+    """
+
+    recording: str
+    pairs: tuple[tuple[str, str], ...]
+    rename: str
+
+    @property
+    def note(self) -> Note:
+        """What to tell people."""
+        pairs = listed(map("/".join, self.pairs))
+        return Note.of("sides_exchanged", recording=self.recording, pairs=pairs, rename=self.rename)
+
+
+def sides_exchanged(
+    marker_set: MarkerSet, markers: Markers, recording: str
+) -> ExchangedSides | None:
     """Find left and right markers that carry each other's labels throughout a recording.
 
     Parameters
@@ -171,12 +197,12 @@ def sides_exchanged(marker_set: MarkerSet, markers: Markers, recording: str) -> 
     markers
         The trial, or the calibration pose.
     recording
-        Its name, for the note.
+        Its name.
 
     Returns
     -------
-    tuple of Note
-        One ``sides_exchanged``, which names the pairs and the options that exchange them.
+    ExchangedSides or None
+        The pairs; None without any.
 
     Notes
     -----
@@ -196,9 +222,8 @@ def sides_exchanged(marker_set: MarkerSet, markers: Markers, recording: str) -> 
     >>> knees = {"LLEK": "RLEK", "RLEK": "LLEK"}
     >>> names = tuple(knees.get(name, name) for name in static.names)
     >>> trial = hbm.Markers(static.time, names, static.position)
-    >>> for note in sides_exchanged(hbm.marker_sets()["hbm2"], trial, "walk.c3d"):
-    ...     print(note.values["pairs"])
-    LLEK/RLEK
+    >>> sides_exchanged(hbm.marker_sets()["hbm2"], trial, "walk.c3d").pairs
+    (('LLEK', 'RLEK'),)
     """
     chosen = marker_set.present(markers.names)
     landmark, segment = chosen.landmark, chosen.segment
@@ -211,11 +236,9 @@ def sides_exchanged(marker_set: MarkerSet, markers: Markers, recording: str) -> 
             leftward_m[left, right] = _median(np.sum(between * to_the_left, axis=-1))
     pairs = [pair for pair, distance_m in leftward_m.items() if distance_m < -MIN_SEPARATION_M]
     if not pairs:
-        return ()
+        return None
     every = not any(distance_m > MIN_SEPARATION_M for distance_m in leftward_m.values())
-    rename = exchange(pairs, recording, every)
-    names = listed(map("/".join, pairs))
-    return (Note.of("sides_exchanged", recording=recording, pairs=names, rename=rename),)
+    return ExchangedSides(recording, tuple(pairs), exchange(pairs, recording, every))
 
 
 def _of(markers: Markers, name: str) -> Array:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.trial.chain import Chain
 
 OF_PERSON: Final = ("inertia", "soft_tissue", "markers", "skin")
 """Groups that are always named together: in simulated trials, of which the truth is known, walking
@@ -82,7 +82,7 @@ def priors() -> dict[str, Prior]:
     return {kind: Prior(**own, usual=own["size"]) for kind, own in stated.items()}
 
 
-Change = Callable[[ProcessingChain, float], ProcessingChain]
+Change = Callable[[Chain, float], Chain]
 """Gives the chain with a cause of a size: as if the recording had that fault besides its own."""
 
 
@@ -122,7 +122,7 @@ class Cause:
     along: Array | None = None
     in_lab: str = ""
 
-    def effect(self, chain: ProcessingChain) -> Array:
+    def effect(self, chain: Chain) -> Array:
         """Give the residual that it adds per unit of its size, (T, 6) [N, N·m per unit].
 
         Central difference over one standard deviation to either side, in lab axes about the pelvis

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.segments import SegmentOverride
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import Array, Mask
 from pipeline.explain.cause import Cause
@@ -13,12 +14,13 @@ from pipeline.explain.causes.body import body_causes, soft_tissue_causes
 from pipeline.explain.causes.markers import marker_causes
 from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.causes.treadmill import compensation_causes, platform_causes
-from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.explain.series import CycleSeries, cycle_series, stretch_series
 from pipeline.explain.shares import NORMAL_95
 from pipeline.explain.sizes import Posterior, sizes_from_cycles
 from pipeline.io.recording import Recording
+from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.inputs import Inputs
 from pipeline.trial.quality import settling_s
 from pipeline.trial.residuals import counted
 from pipeline.trial.result import TrialResult
@@ -67,7 +69,7 @@ class ExplainedPart:
         How many cycles there are; 0 where stretches are explained.
     """
 
-    chain: ProcessingChain
+    chain: Chain
     causes: tuple[Cause, ...]
     series: CycleSeries
     found_cycles: int
@@ -94,6 +96,15 @@ class ExplainedPart:
         return first, second
 
 
+def chain_of(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Chain:
+    """Give the chain of a processed trial: its recording as read, with the body that it had."""
+    segments = {name: SegmentOverride() for name in result.overridden_segments}
+    inputs = Inputs(
+        recording=recording, subject=result.subject, laboratory=laboratory, segments=segments
+    )
+    return Chain(inputs, result.settings).changed(body=result.body)
+
+
 def explained_part(
     recording: Recording, laboratory: Laboratory, result: TrialResult
 ) -> ExplainedPart:
@@ -115,7 +126,7 @@ def explained_part(
             "causes of its residuals cannot be estimated"
         )
     frames = _frames(spans, result, laboratory)
-    chain = processing_chain(recording, laboratory, result, frames)
+    chain = chain_of(recording, laboratory, result).of_frames(frames)
     spans = spans[(spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])]
     phases = spans if by_cycles or result.span else cycles
     if not len(phases):
@@ -147,7 +158,7 @@ def _stretches(result: TrialResult) -> Array:
     return np.reshape(found, (-1, 2))
 
 
-def highest_hz(chain: ProcessingChain) -> float:
+def highest_hz(chain: Chain) -> float:
     """Give the frequency up to which sizes are estimated [Hz]."""
     return HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz
 
@@ -165,7 +176,7 @@ def _frames(spans: Array, result: TrialResult, laboratory: Laboratory) -> slice:
     return slice(*np.searchsorted(time, (start, stop)))
 
 
-def left_by_filter(chain: ProcessingChain) -> Array:
+def left_by_filter(chain: Chain) -> Array:
     """Compute what the filter leaves in the residual, (T, 6) [N, N·m].
 
     The equations of motion multiply coordinates with each other and forces with positions, and the
@@ -183,7 +194,7 @@ def left_by_filter(chain: ProcessingChain) -> Array:
 
 
 def linearised(
-    chain: ProcessingChain,
+    chain: Chain,
     causes: Sequence[Cause],
     left: Array,
     series: CycleSeries,

@@ -16,7 +16,7 @@ from hbm.spatial import Array, Indices
 from pipeline.explain.budget import Bands, RmsUncertainty
 from pipeline.explain.cause import UNSEEN, Cause, groups, priors
 from pipeline.explain.linearise import ExplainedPart, rms
-from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.trial.chain import Chain
 from pipeline.trial.residuals import counted, reported
 from pipeline.trial.result import TrialResult
 
@@ -130,16 +130,14 @@ def _normal(shape: int | tuple[int, int], *names: str) -> Array:
     return np.random.default_rng(int.from_bytes(seed)).standard_normal(shape)
 
 
-def noise_of_samples(chain: ProcessingChain, seed: int = 0) -> Array:
+def noise_of_samples(chain: Chain, seed: int = 0) -> Array:
     """Draw once what noise of markers and plates changes the residual by: its RMS, (6,)."""
     rng = np.random.default_rng(seed)
     noisy = with_noise(chain, chain.markers.position, np.zeros_like(chain.q), rng)
     return np.asarray(np.sqrt(np.nanmean((noisy.residual - chain.residual) ** 2, axis=0)))
 
 
-def with_noise(
-    chain: ProcessingChain, position: Array, unseen: Array, rng: np.random.Generator
-) -> ProcessingChain:
+def with_noise(chain: Chain, position: Array, unseen: Array, rng: np.random.Generator) -> Chain:
     """Measure a chain again: markers somewhere, with other noise of markers and plates.
 
     Parameters
@@ -155,7 +153,7 @@ def with_noise(
 
     Returns
     -------
-    ProcessingChain
+    Chain
         With the coordinates that the inverse kinematics finds.
     """
     known = priors()

@@ -5,7 +5,6 @@ of them refuses is collected, and the next one follows.
 """
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
@@ -40,7 +39,6 @@ from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import uncertainty_limits
-from pipeline.trial.once import computing_once
 from pipeline.trial.plate_units import require_units, reversed_plates
 from pipeline.trial.quality import Quality, flagged, settled_frames, settling_s
 from pipeline.trial.study_files import (
@@ -182,11 +180,10 @@ def check_study(study: Study) -> Findings:
             if trial.exclude is not None:
                 findings.remark(str(name), f"excluded: {trial.exclude}")
                 continue
-            with computing_once() if study.variants else nullcontext():
-                for way, pose in zip(ways, poses, strict=True):
-                    recording = way.read(trial.file, trial, person.static)
-                    if recording is not None:
-                        _TrialCheck(way, person, trial, way.study.rule(name), recording).run(pose)
+            for way, pose in zip(ways, poses, strict=True):
+                recording = way.read(trial.file, trial, person.static)
+                if recording is not None:
+                    _TrialCheck(way, person, trial, way.study.rule(name), recording).run(pose)
         if without := [name for name in study.file.conditions if name not in person.trials]:
             findings.remark(subject, f"no trial for {listed(without)}")
     _remark_repeated(study, findings)
@@ -262,7 +259,7 @@ class _TrialCheck:
             if not loaded[number][np.argmin(np.abs(plates[number].time - time_s))]:
                 raise ValueError(f"contacts: nobody is on plate {number} at {time_s:g} s")
 
-        self.remark(*(fact.note for fact in reversed_plates(self.recording)))
+        self.remark(*(fact.note for fact in reversed_plates(self.recording).values()))
         self.attempt(lambda: require_units(self.recording, self.person.person.mass_kg))
         stated = self.trial.contacts if plates else ()
         for contact in stated:
@@ -345,15 +342,13 @@ class _TrialCheck:
         swings = foot_swings(markers, body.marker_set)
         source, doubts = choose_method(recording.events, swings, settings.events)
         self.remark(*warnings_of(doubts))
-        events, note = gait_events(recording.events, markers, body.marker_set, source)
-        unknown = note.code == "events_unknown"
+        events, note, unknown = gait_events(recording.events, markers, body.marker_set, source)
         guessed = source in BY_PLATES  # the run's events need poses; these may err
         if unknown and not guessed:
             self.remark(note)
 
         def count(rule: Condition) -> None:
-            said, pose = [note], platform
-            rest = settling, pose, said, least, swings.feet
+            rest = settling, platform, least, swings.feet, unknown
             counted = what_counts(recording, events, quality, rule, *rest)
             later = [event for event in events if event.time >= rule.skip_s]
             shown = found_cycles(later, SIDES) if rule.wanted == "cycle" else counted.found
@@ -361,12 +356,11 @@ class _TrialCheck:
             no_step = not (stepped or unknown)
             unperturbed = rule.perturbed and (counted.onsets < rule.skip_s).all()
             sure = not guessed or no_step or unperturbed or rule.skip_s > time[-1]
-            for shortage in (note for note in said if note.code == "no_residuals"):
-                reason = str(shortage.values["reason"])
-                if sure:
-                    self.fault(reason)
-                elif not unknown:
-                    self.remark(f"by the markers' gait events, before a pose is solved: {reason}")
+            if counted.shortage and sure:
+                self.fault(counted.shortage)
+            elif counted.shortage and not unknown:
+                before = "by the markers' gait events, before a pose is solved"
+                self.remark(f"{before}: {counted.shortage}")
 
         pulse = self.rule.pulse_channel
         if self.rule.perturbed:  # all gait cycles first: without any, perturbations do not matter

@@ -3,11 +3,11 @@
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pydantic import TypeAdapter
 
@@ -21,8 +21,10 @@ from pipeline.io.write import write_text
 from pipeline.run.program import computation_digest
 from pipeline.run.store import FORMAT_VERSION, read_trial, write_trial
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.once import computing_once
 from pipeline.trial.result import TrialResult
+
+if TYPE_CHECKING:
+    from pipeline.trial.chain import Chain
 
 KEY_DIGITS: Final = 16
 """Of each SHA-256 in a trial's key: two differ but for a chance of 1 in 10¹⁹."""
@@ -101,20 +103,16 @@ def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
     """Process one trial and its variants and write results; failures become outcomes.
 
     Each result is written whole or not at all. Without a ``laboratory``, that of the study is read.
+    What a variant has in common with the others is read and computed once.
     """
-    with computing_once() if job.variants else nullcontext():
-        return _with_variants(job, _process(job, laboratory), laboratory)
-
-
-def _with_variants(job: Job, outcome: Outcome, laboratory: Laboratory | None) -> Outcome:
-    """Process the variants of a trial whose main outcome is known."""
+    outcome, chain = _process(job, laboratory, None)
     if outcome.failure is not None:
         return outcome
     failed = {}
     for name, variant in job.variants.items():
         alike = variant.study.file.treadmill == job.study.file.treadmill
         alike &= variant.study.file.plates == job.study.file.plates
-        of_variant = _process(variant, laboratory if alike else None)
+        of_variant, chain = _process(variant, laboratory if alike else None, chain)
         with suppress(OSError):
             record_failure(variant.target, variant.name, of_variant.failure)
         if of_variant.failure is not None:
@@ -124,14 +122,17 @@ def _with_variants(job: Job, outcome: Outcome, laboratory: Laboratory | None) ->
     return replace(outcome, failed_variants=failed)
 
 
-def _process(job: Job, laboratory: Laboratory | None) -> Outcome:
-    """Process one trial as one study states it."""
-    from pipeline.trial.process import process_trial
+def _process(
+    job: Job, laboratory: Laboratory | None, like: "Chain | None"
+) -> "tuple[Outcome, Chain | None]":
+    """Process one trial as one study states it, like another chain of it; give its own."""
+    from pipeline.trial.process import process_chain, trial_chain
 
     try:
         if (there := _stored(job)) is not None:
-            return there
-        result = process_trial(job.study, *job.name, laboratory=laboratory)
+            return there, like
+        chain = trial_chain(job.study, job.name, laboratory, like=like)
+        result = process_chain(chain, job.study, job.name)
         if trial_key(job.study, job.name) != job.key:
             raise ValueError(
                 "one of its files changed while it was processed, or this process has another "
@@ -140,8 +141,8 @@ def _process(job: Job, laboratory: Laboratory | None) -> Outcome:
         result = replace(result, key=job.key)
         write_trial(result, job.target)
     except Exception as error:
-        return Outcome(job, "failed", describe_error(error))
-    return _outcome(job, "done", result)
+        return Outcome(job, "failed", describe_error(error)), like
+    return _outcome(job, "done", result), chain
 
 
 def stored_outcome(job: Job) -> Outcome | None:

@@ -1,7 +1,7 @@
 """Checks of a trial's markers, motion and plates: what is wrong, or cannot be."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -12,6 +12,7 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.plausibility.labels import (
+    ExchangedSides,
     changed_distances,
     labels_exchanged,
     median_distance,
@@ -30,7 +31,6 @@ from hbm.spatial import (
 )
 from hbm.spelling import written
 from pipeline.io.recording import Recording
-from pipeline.io.stated import correction
 from pipeline.trial.subject import (
     MAX_STILL_EXTENT_M,
     TENTH_S,
@@ -50,14 +50,40 @@ OTHER_MASS: Final = 0.08
 """Difference of body masses by the smallest; that of wrong zeros and gains of plates is smaller."""
 MIN_OTHER: Final = 2
 """Lengths that differ, and the mass: one length may be that of a marker that was moved."""
-EXPLAINED: Final = {
-    *("marker_distances_changed", "marker_error_large"),
-    *("joint_angles_impossible", "mass_differs"),
-}
-"""What a pose of another person causes."""
 
 
-def check_markers(body: Body, trial: Recording, pose: Recording) -> tuple[Note, ...]:
+class MarkerChecks(NamedTuple):
+    """What is wrong with the labels of a trial and its calibration pose.
+
+    Attributes
+    ----------
+    sides
+        Of trial and pose, those in which left and right are exchanged.
+    exchanged
+        Labels that change places within the trial.
+    distances
+        Between markers of a segment, that differ from those of the pose.
+    held
+        Positions that were held.
+    """
+
+    sides: tuple[ExchangedSides, ...]
+    exchanged: tuple[Note, ...]
+    distances: tuple[Note, ...]
+    held: tuple[Note, ...]
+
+    @property
+    def wrong(self) -> bool:
+        """Whether labels are exchanged, so that the motion tells nothing of the plates."""
+        return bool(self.sides or self.exchanged)
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """All but the distances, which another person's pose may explain."""
+        return (*(each.note for each in self.sides), *self.exchanged, *self.held)
+
+
+def check_markers(body: Body, trial: Recording, pose: Recording) -> MarkerChecks:
     """Find wrong labels in a trial or its calibration pose, and positions that were held.
 
     Parameters
@@ -69,47 +95,38 @@ def check_markers(body: Body, trial: Recording, pose: Recording) -> tuple[Note, 
 
     Returns
     -------
-    tuple of Note
-        ``sides_exchanged``, ``labels_exchanged``, ``marker_distances_changed``,
-        ``markers_frozen`` and ``markers_constant``, where there are any.
+    MarkerChecks
+        Sides, labels, distances, and positions that were held.
     """
-    notes = list(sides_exchanged(body.marker_set, trial.markers, trial.source.name))
-    if pose is not trial:
-        notes += sides_exchanged(body.marker_set, pose.markers, pose.source.name)
-    return (
-        *notes,
-        *labels_exchanged(trial.markers, body.markers),
-        *changed_distances(body, trial.markers),
-        *repeated_positions(body, trial.markers),
+    files = {id(each): each for each in (trial, pose)}.values()
+    sides = (sides_exchanged(body.marker_set, f.markers, f.source.name) for f in files)
+    return MarkerChecks(
+        tuple(each for each in sides if each is not None),
+        labels_exchanged(trial.markers, body.markers),
+        changed_distances(body, trial.markers),
+        repeated_positions(body, trial.markers),
     )
 
 
 def other_person(
-    notes: Iterable[Note],
-    body: Body,
-    trial: Recording,
-    pose: Recording,
-    known_kg: Mapping[str, float],
-) -> list[Note]:
+    body: Body, trial: Recording, pose: Recording, known_kg: Mapping[str, float]
+) -> Note | None:
     """Find out whether the calibration pose is another person's.
 
     Parameters
     ----------
-    notes
-        Of the trial.
     body
         From the pose.
     trial, pose
-        The recordings; they may be the same.
+        The recordings.
     known_kg
         What is known of the body mass, by where it comes from.
 
     Returns
     -------
-    list of Note
-        The notes; where two lengths, or one and the mass, differ by more than skin moves, with
-        ``static_of_another`` first and without those that this explains. Of a length on both sides
-        the smaller difference counts.
+    Note or None
+        ``static_of_another`` where two lengths, or one and the mass, differ by more than skin
+        moves. Of a length on both sides the smaller difference counts.
     """
     marked = body.marker_set.present(body.markers).landmark
     found = []
@@ -123,9 +140,8 @@ def other_person(
             found.append(f"{name} {1000 * there:.0f} mm there, {1000 * here:.0f} mm here")
     heavier = max(known_kg.values()) / min(known_kg.values()) - 1 > OTHER_MASS
     if not found or len(found) + heavier < MIN_OTHER:
-        return [*notes]
-    other = Note.of("static_of_another", file=pose.source.name, lengths=found, known_kg=known_kg)
-    return [other, *(note for note in notes if note.code not in EXPLAINED)]
+        return None
+    return Note.of("static_of_another", file=pose.source.name, lengths=found, known_kg=known_kg)
 
 
 def _lengths_apart(there: float, here: float) -> float:
@@ -233,7 +249,14 @@ def _pelvis_unseen(body: Body, motion: Motion) -> Mask:
     return unseen
 
 
-def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ...]:
+class MotionChecks(NamedTuple):
+    """What was locked, interpolated, left out or not solved; and what does not fit the body."""
+
+    notes: tuple[Note, ...]
+    misfits: tuple[Note, ...]
+
+
+def check_motion(body: Body, motion: Motion, markers: Markers) -> MotionChecks:
     """Find what was locked, interpolated, left out or not solved in a trial's motion.
 
     Parameters
@@ -247,7 +270,7 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ..
 
     Returns
     -------
-    tuple of Note
+    MotionChecks
         ``coordinates_held``, ``mass_not_shown``, ``limb_unknown``, ``pelvis_unseen``, ``gaps``,
         ``interpolated``, ``marker_error_large`` and ``joint_angles_impossible``, where there are
         any. Samples are missing where a marker has a gap in a frame that was solved.
@@ -272,7 +295,8 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ..
         notes.append(Note.of("gaps", samples=samples, unsolved=unsolved, frames=every))
     if interpolated:
         notes.append(Note.of("interpolated", frames=interpolated))
-    return (*notes, *large_marker_errors(body, motion), *impossible_angles(body, motion))
+    misfits = (*large_marker_errors(body, motion), *impossible_angles(body, motion))
+    return MotionChecks(tuple(notes), misfits)
 
 
 MAX_REST_SHARE: Final = 0.1
@@ -309,9 +333,30 @@ STEADY_TENTHS: Final = 4
 """Tenths of a second on either side of a jump in which load and subject are steady."""
 
 
+class WrongZeros(NamedTuple):
+    """What unloaded plates read [N], other components that are far from zero, what corrects it."""
+
+    rest_n: Mapping[str, float]
+    components: tuple[str, ...]
+    mendings: tuple[str, ...]
+
+    def note(self, remedy: str, body_kg: float) -> Note:
+        """Give the note about it."""
+        total_n = sum(self.rest_n.values())
+        of_all = {"total_n": total_n, "mass_kg": total_n / GRAVITY_MPS2}
+        return Note.of(
+            "plates_not_zeroed",
+            rest_n=self.rest_n,
+            **of_all,
+            components=self.components or ["none"],
+            remedy=remedy,
+            body_kg=body_kg,
+        )
+
+
 def check_plates(
     recording: Recording, wrenches: Sequence[Array], mass_kg: float
-) -> tuple[Note, ...]:
+) -> tuple[WrongZeros | None, tuple[Note, ...]]:
     """Find plates that are not zero when nobody is on them, and loads that jump.
 
     Parameters
@@ -326,13 +371,13 @@ def check_plates(
 
     Returns
     -------
+    WrongZeros or None
+        Where an unloaded plate reads more than 10 N either way, all together more than 20 N, or
+        another component is more than 10 N or 5 N·m from zero then.
     tuple of Note
         ``plate_samples_zero`` where samples of a loaded plate are exactly zero;
-        ``plates_apart`` where the plates cover less than 0.9 of the markers' time;
-        ``plates_not_zeroed`` where an unloaded plate reads more than 10 N either way, all together
-        more than 20 N, or another component is more than 10 N or 5 N·m from zero then;
-        ``load_jumps`` where their total changes by a fifth of the body weight while the subject
-        stands still.
+        ``plates_apart`` where the plates cover less than 0.9 of the markers' time; ``load_jumps``
+        where their total changes by a fifth of the body weight while the subject stands still.
     """
     time, weight_n = recording.markers.time, mass_kg * GRAVITY_MPS2
     vertical, rest_n, others = dict[str, Array](), dict[str, float](), list[str]()
@@ -340,28 +385,22 @@ def check_plates(
     for plate, wrench in zip(recording.plates, wrenches, strict=True):
         name = f"plate {plate.number}"
         vertical[name] = wrench[:, 2]
-        level = rest_level(wrench[:, 2], time, weight_n)
-        if level is not None:
-            rest_n[name] = level
-            means = tenths(shift_wrench(wrench, plate.center), time, *common_tenths(time))
-            at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
-            usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
+        usual = zero_of(shift_wrench(wrench, plate.center), time, weight_n)
+        if usual is not None:
+            rest_n[name] = usual[2]
             far = np.flatnonzero(np.abs(usual) > MAX_REST)
             others += [f"{name} {WRENCH_COMPONENTS[k]} {written(usual[k], '+.0f')}" for k in far]
-            zero = rotate_wrench([*usual[:2], level, *usual[3:]], plate.rotation.T)
+            zero = rotate_wrench(usual, plate.rotation.T)
             zeros += [
                 f"{plate.number}: zero {component} {reads:.1f}"
                 for component, reads, least in zip(WRENCH_COMPONENTS, zero, MIN_ZERO, strict=True)
                 if abs(reads) > least
             ]
-    notes = list[Note]()
+    wrong_zeros = None
     largest_n, total_n = max(map(abs, rest_n.values()), default=0), sum(rest_n.values())
     if others or largest_n > MAX_REST_N or abs(total_n) > MAX_TOTAL_REST_N:
-        read = {"rest_n": rest_n, "total_n": total_n, "mass_kg": total_n / GRAVITY_MPS2}
-        values = {"components": others or ["none"], "remedy": correction(*zeros)}
-        notes.append(Note.of("plates_not_zeroed", **read, **values, body_kg=mass_kg))
-    return (
-        *notes,
+        wrong_zeros = WrongZeros(rest_n, tuple(others), tuple(zeros))
+    return wrong_zeros, (
         *_zero_samples(recording, rest_n, MIN_LOADED * weight_n),
         *_apart(recording),
         *load_jumps(vertical, recording.markers.position, time, weight_n),
@@ -407,6 +446,21 @@ def _apart(recording: Recording) -> tuple[Note, ...]:
         return ()
     times = {"first_s": first_s, "last_s": last_s, "start_s": start_s, "stop_s": stop_s}
     return (Note.of("plates_apart", **times),)
+
+
+def zero_of(wrench: Array, time: Array, weight_n: float) -> Array | None:
+    """Give what a plate reads when nobody is on it, (6,), of its wrench about its centre, (T, 6).
+
+    None where it is always loaded; the other components are zero where they are not known.
+    """
+    level = rest_level(wrench[:, 2], time, weight_n)
+    if level is None:
+        return None
+    means = tenths(wrench, time, *common_tenths(time))
+    at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
+    zero = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
+    zero[2] = level
+    return zero
 
 
 def rest_level(vertical: Array, time: Array, weight_n: float) -> float | None:

@@ -121,9 +121,9 @@ def require_units(recording: Recording, mass_kg: float | None = None) -> None:
         raise ValueError(f"{recording.source.name}: {found} on them; {_remedy(factors)}")
 
 
-def reversed_plates(recording: Recording) -> list[Fact]:
-    """Say which plates pull the subject down, and how to mend them: as brings them under feet."""
-    facts, feet = list[Fact](), _feet(recording)
+def reversed_plates(recording: Recording) -> dict[int, Fact]:
+    """Say which plates pull the subject down; what brings them under the feet mends them."""
+    facts, feet = dict[int, Fact](), _feet(recording)
     for plate in recording.plates:
         pull_n = -float(plate.rotation[2] @ mean_force(plate.wrench_in_plate[:, :3]))
         if pull_n < MIN_MEAN_LOAD_N:
@@ -135,7 +135,7 @@ def reversed_plates(recording: Recording) -> list[Fact]:
         }
         remedy = correction(min(off, key=lambda deed: off[deed]))
         doubt = f"it pulls the subject down by {pull_n:.0f} N on average: set {remedy}"
-        facts.append(Fact("in_doubt", f"plate {plate.number}", doubt))
+        facts[plate.number] = Fact("in_doubt", f"plate {plate.number}", doubt)
     return facts
 
 

@@ -1,55 +1,22 @@
 """One trial from recording to residuals: the whole method, top to bottom."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
-from hbm.body import Body
-from hbm.engines.engine import choose_engine
-from hbm.markers import MarkerSet, recognise_marker_set
-from hbm.notes import Note
-from hbm.plausibility.motion import implausible
+from hbm.markers import MarkerSet
 from hbm.segments import SegmentOverride
-from hbm.spatial import GRAVITY_MPS2, Array, Indices
-from pipeline.config.schema import (
-    Condition,
-    PlateContact,
-    Settings,
-    Subject,
-    Treadmill,
-    TrialName,
-)
+from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill, TrialName
 from pipeline.config.study import Study
-from pipeline.io.recording import Event, Recording
-from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
-from pipeline.trial.gait.contact import contact_notes
-from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
-from pipeline.trial.gait.events import check_events, choose_method, foot_swings, other_events
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
-from pipeline.trial.ground.platform import uncompensated_motion
-from pipeline.trial.ground.uncertainty import uncertainty_notes
-from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
-from pipeline.trial.plate_faults import (
-    LABELS_WRONG,
-    Witnesses,
-    misweigh,
-    plate_faults,
-    weight_of_steps,
-    without_explained,
-)
-from pipeline.trial.plate_units import require_possible, require_units, reversed_plates
-from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
+from pipeline.io.recording import Recording
+from pipeline.trial.chain import Chain
+from pipeline.trial.findings.correct import find_faults
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.inputs import Inputs
+from pipeline.trial.notes import notes_of
+from pipeline.trial.plate_units import require_possible, require_units
 from pipeline.trial.result import TrialResult
-from pipeline.trial.stages import (
-    Loads,
-    Pose,
-    dynamics_under_feet,
-    frame_quality,
-    known_forces,
-    plate_delay,
-    solve_pose,
-)
+from pipeline.trial.stages import known_forces
 from pipeline.trial.study_files import (
     read_body_files,
     read_study_file,
@@ -57,16 +24,6 @@ from pipeline.trial.study_files import (
     saying_what_was_read,
     with_unused_renames,
 )
-from pipeline.trial.subject import (
-    ON_PLATES,
-    BodyMass,
-    MassUnknownError,
-    body_mass,
-    differing_masses,
-    roughly_weighed,
-    subject_body,
-)
-from pipeline.trial.window import what_counts
 
 
 def process_recording(
@@ -136,131 +93,72 @@ def process_recording(
     >>> f"{result.body.mass:.1f} kg, {len(result.cycles['right'])} gait cycles"
     '74.6 kg, 3 gait cycles'
     """
-    laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
-    choose_engine(settings.engine)
-    recording = with_corrected_plates(recording, laboratory.plates)
-    standing = with_corrected_plates(static, laboratory.plates) if static else recording
-    notes += (*recording.notes, *(fact.note for fact in reversed_plates(recording)))
+    inputs = Inputs(
+        recording=recording,
+        subject=subject,
+        static=static,
+        static_window_s=static_window_s,
+        hip_trial=hip_trial,
+        segments=segments or {},
+        marker_set=marker_set,
+        laboratory=laboratory or Laboratory(Treadmill()),
+        condition=condition or Condition(),
+        contacts=tuple(contacts),
+    )
+    return result_of(Chain(inputs, settings, jobs=jobs))
 
+
+def result_of(chain: Chain) -> TrialResult:
+    """Pass a trial through its stages; a ValueError says what it lacks, or what is wrong with it.
+
+    A chain computes a stage where it is first asked for; here they stand in the order of the
+    method.
+    """
+    inputs, settings = chain.inputs, chain.settings
     # units: what no body does is no geometry
-    for each in (recording, standing)[: 2 - (standing is recording)]:
-        require_units(each, subject.mass_kg)
+    for recording in {id(each): each for each in (chain.trial, chain.standing)}.values():
+        require_units(recording, inputs.subject.mass_kg)
+    inputs.require_all(settings)
 
     # body: segments and joints from the calibration pose, scaled by mass and stature
-    try:
-        mass = _body_mass(recording, standing, subject, settings, marker_set)
-    except MassUnknownError as unknown:
-        rough = subject.model_copy(update={"mass_kg": roughly_weighed(recording, unknown)})
-        again = partial(
-            process_recording,
-            recording,
-            settings=settings,
-            static=static,
-            static_window_s=static_window_s,
-            hip_trial=hip_trial,
-            segments=segments,
-            marker_set=marker_set,
-            laboratory=laboratory,
-            condition=condition,
-            contacts=contacts,
-            jobs=jobs,
-        )
-        return _weighed_by_steps(again, again(rough), unknown)
-    body = subject_body(
-        standing,
-        subject,
-        settings,
-        mass.mass_kg,
-        window_s=static_window_s,
-        marker_set=marker_set,
-        hip_trial=hip_trial,
-        segments=segments,
-    )
-    notes += (mass.note, *implausible(body), *check_markers(body, recording, standing), *body.notes)
-
-    # pose: inverse kinematics and low-pass
-    pose = solve_pose(body, recording.markers, settings, notes, jobs)
-    motion = pose.motion
-    notes += check_motion(body, pose.solved, pose.markers)
-
+    body = chain.body
+    # pose: inverse kinematics, without outliers, and low-pass
+    motion = chain.pose.motion
     # ground: plates at the markers' times, compensated in their own frames, then in the lab
-    lab = bind(recording, laboratory, settings.plate_delay_s)
-    ground = ground_wrenches(lab, motion.time, notes, settings.cutoff_hz, settings.filter)
-    is_stated = laboratory.treadmill.platform is not None or laboratory.calibration is not None
-    moves = () if is_stated else uncompensated_motion(recording, body.markers)
-    still = ground.pose is None and not moves
-    notes += moves
-    notes += check_plates(recording, ground.variants[ground.best], mass.mass_kg)
-
-    # dynamics: joint forces and pelvis residual of every variant
-    loads = dynamics_under_feet(body, pose, ground, settings, contacts, jobs)
-    notes += (loads.dynamics[ground.best].engine.note, *contact_notes(loads.shared, motion.time))
-
+    ground = chain.ground
+    # loads: joint forces and pelvis residual of every variant
+    loads = chain.loads
     # quality: in which frames pose and support are known and filters have settled
-    settling = settling_s(laboratory.filters(settings))
-    quality = frame_quality(body, pose, ground, loads, settings, settling)
-    counts = free_of(quality)
-    uncertainty = ground.uncertainty(motion.q[:, :3])
-    notes += () if uncertainty is None else uncertainty_notes(uncertainty[counts])
-    notes += carried_notes(quality, motion.time, loads.need, loads.measured)
+    quality = chain.quality
+    require_possible(loads.dynamics[ground.best].residual[chain.counts], body)
+    # gait and window: events, and the cycles that count
+    events, window = chain.gait.events, chain.window
 
-    residual = loads.dynamics[ground.best].residual
-    require_possible(residual[counts], body)
-
-    # plates: their delay; each by itself, against its raw samples, the motion and the feet
-    loaded = ground.variants[ground.best], residual, counts
-    witnesses = Witnesses.of(body, motion, pose.solved, *loaded, settings)
-    right_labels = LABELS_WRONG.isdisjoint(note.code for note in notes)
-    delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes, still)
-    faults = plate_faults(recording.plates, witnesses, by_motion=still and right_labels)
-    notes, faults = without_explained(notes, faults, mass.known_kg)
-    notes += faults
-    carried_kg = None if misweigh(faults) else weight_of_steps(witnesses)
-    if carried_kg is not None:
-        notes.append(Note.of("mass_carried", mass_kg=carried_kg))
-    notes += differing_masses(mass.known_kg, carried_kg)
-
-    # gait: events and the cycles that count
-    events, feet = _events(lab, body, pose, ground, loads, quality, notes, settings)
-    counted = what_counts(
-        recording,
-        events,
-        quality,
-        condition or Condition(),
-        settling,
-        ground.pose,
-        notes,
-        settings.min_valid_share,
-        feet,
-    )
-    if static is not None:
-        known_kg = {**mass.known_kg, **({ON_PLATES: carried_kg} if carried_kg else {})}
-        notes = other_person(notes, body, recording, standing, known_kg)
     return TrialResult(
-        source=recording.source,
-        subject=subject,
+        source=chain.trial.source,
+        subject=inputs.subject,
         settings=settings,
         body=body,
-        markers=recording.markers,
-        first_frame=recording.first_frame,
-        plates=tuple(plate.place for plate in recording.plates),
+        markers=chain.trial.markers,
+        first_frame=chain.trial.first_frame,
+        plates=tuple(plate.place for plate in chain.trial.plates),
         motion=motion,
         variants=known_forces(loads.dynamics, quality),
         ground=loads.wrenches,
-        overridden_segments=tuple(segments or ()),
+        overridden_segments=tuple(inputs.segments),
         platform=ground.pose,
         events=events,
-        cycles=counted.cycles,
-        unit=counted.unit,
-        found_cycles=counted.found,
-        span=counted.span,
+        cycles=window.cycles,
+        unit=window.unit,
+        found_cycles=window.found,
+        span=window.span,
         quality=quality,
-        onsets=counted.onsets,
-        part=counted.part,
-        uncertainty=uncertainty,
-        delay_s=delay_s,
-        delay_uncertainty_s=delay_uncertainty_s,
-        notes=tuple(notes),
+        onsets=window.onsets,
+        part=window.part,
+        uncertainty=chain.uncertainty,
+        delay_s=chain.delay.seconds,
+        delay_uncertainty_s=chain.delay.uncertainty_s,
+        notes=notes_of(chain, find_faults(chain)),
     )
 
 
@@ -310,104 +208,52 @@ def process_trial(
     True
     """
     name = TrialName(subject, condition, recording)
-    person, trial, rule = study.subject(subject), study.trial(name), study.rule(name)
+    return process_chain(trial_chain(study, name, laboratory, jobs=jobs), study, name)
+
+
+def process_chain(chain: Chain, study: Study, name: TrialName) -> TrialResult:
+    """Process a trial of a study; an error says what was found on reading its files, too."""
+    inputs, session = chain.inputs, study.trial(name).session or ""
+    with saying_what_was_read(inputs.recording, inputs.static, inputs.hip_trial):
+        result = result_of(chain)
+    return replace(result, condition=name.condition, recording=name.recording, session=session)
+
+
+def trial_chain(
+    study: Study,
+    name: TrialName,
+    laboratory: Laboratory | None = None,
+    *,
+    like: Chain | None = None,
+    jobs: int = 1,
+) -> Chain:
+    """Give the chain of a trial of a study.
+
+    ``like`` is the chain of the same trial in another way of processing: what both have in common
+    is read and computed once. Errors are those of `process_trial`.
+    """
+    person, trial = study.subject(name.subject), study.trial(name)
     if trial.file is None or trial.exclude is not None:
         raise ValueError(f"{name} is excluded: {trial.exclude}")
-    walk = read_study_file(study, trial.file, trial, person.static)
-    static = read_study_file(study, person.static) if person.static else None
+    before = None if like is None else like.inputs
+    if before is not None and before.recording.stated == study.stated_of(trial):
+        recording, static = before.recording, before.static
+    else:
+        recording = read_study_file(study, trial.file, trial, person.static)
+        static = read_study_file(study, person.static) if person.static else None
     hip_trial, segments = read_body_files(study, person)
-    walk = with_unused_renames(walk, static, hip_trial)
-    with saying_what_was_read(walk, static, hip_trial):
-        result = process_recording(
-            walk,
-            person.person,
-            study.file.settings,
-            static=static,
-            hip_trial=hip_trial,
-            segments=segments,
-            marker_set=study.marker_set,
-            laboratory=laboratory or read_study_laboratory(study),
-            condition=rule,
-            contacts=trial.contacts,
-            jobs=jobs,
-        )
-    return replace(result, condition=condition, recording=recording, session=trial.session or "")
-
-
-def _weighed_by_steps(
-    again: Callable[[Subject], TrialResult], rough: TrialResult, unknown: MassUnknownError
-) -> TrialResult:
-    """Process a trial once more with the mass that its steps show, where nothing else tells it."""
-    carried = [note for note in rough.notes if note.code == "mass_carried"]
-    if not carried:
-        raise unknown
-    mass_kg = float(str(carried[0].values["mass_kg"]))
-    result = again(rough.subject.model_copy(update={"mass_kg": mass_kg}))
-    by_steps = Note.of("mass_by_steps", mass_kg=mass_kg)
-    notes = (by_steps if note.code == "mass_stated" else note for note in result.notes)
-    return replace(result, notes=tuple(notes))
-
-
-def _body_mass(
-    recording: Recording,
-    standing: Recording,
-    subject: Subject,
-    settings: Settings,
-    marker_set: MarkerSet | None,
-) -> BodyMass:
-    """Give the body mass, or say all at once that the trial lacks: labels, plates, mass."""
-    faults, mass = list[str](), None
-    if len(recording.markers.time) < 2:
-        faults.append(f"{recording.source.name}: it is one frame; residuals need a motion")
-    if marker_set is None and settings.marker_set is None:
-        try:
-            recognise_marker_set(standing.markers.names)
-        except ValueError as unknown:
-            faults.append(f"{standing.source.name}: {unknown}")
-    if not recording.plates:
-        file = recording.source
-        plates = {
-            ".trc": "give its file of forces, MOT or .forces (--forces, forces of the trial)",
-            ".tsv": f"put its files of forces, {file.stem}_f_1.tsv and so on, beside it",
-        }.get(file.suffix.lower(), "export it with its plates")
-        faults.append(
-            f"{file.name}: {recording.why_no_plates}; residuals need the ground reaction wrench: "
-            f"{plates}"
-        )
-    try:
-        mass = body_mass(subject, standing, recording)
-    except MassUnknownError:
-        if not faults:
-            raise
-        faults.append("the mass is missing too (--mass-kg)")
-    if mass is None or faults:
-        raise ValueError("; ".join(faults))
-    return mass
-
-
-def _events(
-    lab: BoundLaboratory,
-    body: Body,
-    pose: Pose,
-    ground: Ground,
-    loads: Loads,
-    quality: Indices,
-    notes: list[Note],
-    settings: Settings,
-) -> tuple[tuple[Event, ...], Array]:
-    """Give a trial's gait events by the method of the settings; checks of them are noted.
-
-    With where the feet are from the pelvis, (T, 2, 3) [m].
-    """
-    time, of_file = pose.motion.time, lab.recording.events
-    of_plates = plate_events(
-        loads.shared.contacts, plate_loads(lab), time, body.mass * GRAVITY_MPS2
+    stated: dict[str, Any] = {
+        "recording": with_unused_renames(recording, static, hip_trial),
+        "static": static,
+        "hip_trial": hip_trial,
+        "marker_set": study.marker_set,
+        "laboratory": laboratory or read_study_laboratory(study),
+        "condition": study.rule(name),
+    }
+    settings = study.file.settings
+    if like is not None:
+        return like.changed(settings=settings, **stated)
+    inputs = Inputs(
+        subject=person.person, segments=segments or {}, contacts=trial.contacts, **stated
     )
-    motion = foot_motion(body, time, pose.solved.q, ground.pose)
-    swings = foot_swings(lab.recording.markers, body.marker_set)
-    method, doubts = choose_method(of_file, swings, settings.events)
-    events, note = detect_events(of_file, of_plates, motion, pose.markers, body.marker_set, method)
-    carried = free_of(quality, NO_SUPPORT)
-    reference = other_events(of_plates, swings.events, carried, method)
-    notes += (*doubts, note, *check_events(events, reference))
-    return events, swings.feet
+    return Chain(inputs, settings, jobs=jobs)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from enum import IntFlag
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -156,7 +156,14 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     return settled
 
 
-def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -> tuple[Note, ...]:
+class SupportNotes(NamedTuple):
+    """Which frames are left out for want of support, and in which that count it is doubtful."""
+
+    notes: tuple[Note, ...]
+    doubtful: tuple[Note, ...]
+
+
+def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -> SupportNotes:
     """Say what plates measure of what the motion needs where frames are left out, or doubtful.
 
     Parameters
@@ -170,7 +177,7 @@ def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -
 
     Returns
     -------
-    tuple of Note
+    SupportNotes
         ``plates_shared`` and ``frames_not_carried`` where there are such frames;
         ``carried_in_part`` where, in frames that count, plates measure more than `MAX_DOUBTFUL` too
         little or too much on average over `STEP_S`.
@@ -197,11 +204,8 @@ def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -
         for each in (np.ones(len(time)), need, measured)
     )
     doubtful = counts & (present > 0.5) & (np.abs(found - needed) > MAX_DOUBTFUL * needed)
-    if doubtful.any():
-        number = int(np.count_nonzero(doubtful))
-        notes.append(
-            Note.of(
-                "carried_in_part", frames=number, first_s=time[doubtful][0], share=share(doubtful)
-            )
-        )
-    return tuple(notes)
+    if not doubtful.any():
+        return SupportNotes(tuple(notes), ())
+    number, first_s = int(np.count_nonzero(doubtful)), time[doubtful][0]
+    in_part = Note.of("carried_in_part", frames=number, first_s=first_s, share=share(doubtful))
+    return SupportNotes(tuple(notes), (in_part,))

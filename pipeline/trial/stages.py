@@ -1,23 +1,16 @@
-"""The stages between ground and results that whole trials, explanations and live frames share.
+"""The stages between ground and results: pose, loads under the feet, quality, delay of the plates.
 
-A trial passes *pose*, *ground* (`pipeline.trial.ground.wrenches`), *dynamics* and *quality* in
-this order; every stage adds its *notes* to the list that it is handed. `pipeline.trial.process`
-calls all of them. An explanation changes an input of a stage and runs what depends on it
-(`pipeline.explain.processing_chain`).
-
-One frame at a time: `by_foot` (`pipeline.trial.gait.contact`) takes the plates of one frame,
-(P, 6), as it takes those of a trial, (T, P, 6), and `in_lab` (`pipeline.trial.ground.platform`) any
-number of frames. What a frame needs of the frames before it is in small objects with a method for
-the next one: `hbm.plausibility.outliers.MarkerTracker` and
-`hbm.signals.filtering.RealtimeFilter` for pose and forces, and
-`pipeline.trial.gait.carried.Support` for the quality, whose flags are those of
-`pipeline.trial.quality.Quality`. `pipeline.trial.ground.laboratory.bind` looks up delays, models
-and channels once, before the first frame.
+`pipeline.trial.chain` passes a trial through them. Live frames pass the same functions one at a
+time: `by_foot` (`pipeline.trial.gait.contact`) takes the plates of one frame, (P, 6), as it takes
+those of a trial, (T, P, 6), and `in_lab` (`pipeline.trial.ground.platform`) any number of frames.
+What a frame needs of the frames before it is in small objects with a method for the next one:
+`hbm.plausibility.outliers.MarkerTracker` and `hbm.signals.filtering.RealtimeFilter` for pose and
+forces, and `pipeline.trial.gait.carried.Support` for the quality.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,8 +19,6 @@ from hbm.body import Body
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.markers import Markers
 from hbm.motion import Motion
-from hbm.notes import Note
-from hbm.plausibility.outliers import solve_motion
 from hbm.signals.filtering import (
     acceleration_lag_s,
     longest_gap_s,
@@ -49,7 +40,6 @@ from pipeline.trial.gait.contact import (
     share_between_feet,
 )
 from pipeline.trial.ground.wrenches import Ground
-from pipeline.trial.once import once
 from pipeline.trial.quality import NO_SUPPORT, Quality, flagged, free_of, settled_frames
 
 MAX_UNCERTAIN_N: Final = 10.0
@@ -70,15 +60,11 @@ class Pose:
     motion: Motion
 
 
-def solve_pose(
-    body: Body, markers: Markers, settings: Settings, notes: list[Note], jobs: int = 1
-) -> Pose:
-    """Find the coordinates that the markers show, without outliers, and filter them."""
-    used, solved, outliers = once(solve_motion)(body, markers, settings.filter, jobs)
-    notes += outliers
+def filtered_pose(markers: Markers, solved: Motion, settings: Settings) -> Pose:
+    """Filter the motion that markers show."""
     motion = filter_motion(solved, cutoff=settings.cutoff_hz, method=settings.filter)
     whole = over_short_gaps(solved.q, solved.time, settings.cutoff_hz, settings.filter)
-    return Pose(used, replace(solved, q=whole), motion)
+    return Pose(markers, replace(solved, q=whole), motion)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,15 +226,33 @@ def known_forces(dynamics: Mapping[str, Dynamics], quality: Indices) -> dict[str
     return {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
 
 
-def plate_delay(
-    loads: Loads, best: str, counts: Mask, settings: Settings, notes: list[Note], still: bool
-) -> tuple[float, float]:
+class PlateDelay(NamedTuple):
+    """How much later a trial's plates are than its markers.
+
+    Attributes
+    ----------
+    seconds, uncertainty_s
+        The delay, and half of its 95 % interval; NaN where it is not determined.
+    why_unknown
+        Why it is not; empty where it is.
+    """
+
+    seconds: float
+    uncertainty_s: float
+    why_unknown: str = ""
+
+    @property
+    def is_long(self) -> bool:
+        """Whether the plates are surely later, or earlier, than instruments usually are."""
+        surely_s = abs(self.seconds) - self.uncertainty_s
+        return abs(self.seconds) > MAX_DELAY_S and surely_s > MAX_DELAY_S / 2
+
+
+def plate_delay(loads: Loads, best: str, counts: Mask, settings: Settings) -> PlateDelay:
     """Estimate how much later a trial's plates are than its markers, from its inverse dynamics.
 
-    Half of the 95 % interval follows the delay [s]; both are NaN where
-    `compensation.marker_plate_delay` refuses. On ground that stands still, a long one is a warning:
-    a platform that moves shows it better. Residual and plates' forces together are what the
-    motion needs, which the real-time filter makes later than the plates' forces.
+    Residual and plates' forces together are what the motion needs, which the real-time filter makes
+    later than the plates' forces.
     """
     dynamics = loads.dynamics[best]
     force = np.sum([*loads.wrenches[best].values()], axis=0)[:, :3]
@@ -256,14 +260,6 @@ def plate_delay(
     try:
         found = marker_plate_delay(force, need, dynamics.time)
     except ValueError as error:
-        notes.append(Note.of("plate_delay_unknown", reason=str(error)))
-        return np.nan, np.nan
+        return PlateDelay(np.nan, np.nan, str(error))
     lag_s = acceleration_lag_s(dynamics.time) if settings.filter == "realtime" else 0.0
-    delay_s = found.seconds + lag_s
-    size = {"delay_s": delay_s, "uncertainty_s": found.uncertainty}
-    notes.append(Note.of("plate_delay", **size))
-    surely_s = abs(delay_s) - found.uncertainty
-    if still and abs(delay_s) > MAX_DELAY_S and surely_s > MAX_DELAY_S / 2:
-        stated_s = (settings.plate_delay_s or 0.0) + delay_s
-        notes.append(Note.of("plates_late", **size, stated_s=stated_s))
-    return delay_s, found.uncertainty
+    return PlateDelay(found.seconds + lag_s, found.uncertainty)

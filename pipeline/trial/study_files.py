@@ -15,7 +15,6 @@ from pipeline.io.read import read_recording
 from pipeline.io.recording import Fact, Recording, saying
 from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.once import once
 from pipeline.trial.plate_units import reversed_plates
 
 
@@ -48,7 +47,7 @@ def read_study_file(
     trial = trial or Trial()
     for wanted in filter(None, (name, trial.forces, trial.record)):
         require_file(study.folder, wanted)
-    return once(read_recording)(
+    return read_recording(
         study.path(name),
         study.stated_of(trial),
         study.path(trial.forces) if trial.forces else None,
@@ -140,7 +139,7 @@ def saying_what_was_read(recording: Recording, *others: Recording | None) -> Ite
     def said() -> Iterator[Note | Fact]:
         for file in (file for file in (recording, *others) if file is not None):
             yield from file.facts
-            yield from reversed_plates(file)
+            yield from reversed_plates(file).values()
             yield from file.notes
 
     with saying(said()):  # looked for only where there is an error

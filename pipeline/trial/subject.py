@@ -19,7 +19,6 @@ from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Plate, Recording
-from pipeline.trial.once import once
 
 TENTH_S: Final = 0.1
 """Noise of plates and markers averages out in it, and a subject who stands hardly moves."""
@@ -131,6 +130,7 @@ MIN_LOAD_SHARE: Final = 0.7
 MAX_MASS_DIFFERENCE: Final = 0.03
 """Of the smallest: more than clothes, shoes, a meal and a plate's gain error together."""
 ON_PLATES: Final = "on the plates over steps"
+STATED: Final = "stated"
 
 
 class MassUnknownError(ValueError):
@@ -153,6 +153,23 @@ class BodyMass(NamedTuple):
     mass_kg: float
     known_kg: Mapping[str, float]
     note: Note
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether somebody stated it, so that the plates did not weigh it."""
+        return STATED in self.known_kg
+
+    @classmethod
+    def rough(cls, mass_kg: float) -> "BodyMass":
+        """Give one with which steps can be found that weigh better."""
+        return cls(mass_kg, {ON_PLATES: mass_kg}, Note.of("mass_by_steps", mass_kg=mass_kg))
+
+    @classmethod
+    def by_steps(cls, mass_kg: float | None, unknown: MassUnknownError) -> "BodyMass":
+        """Give the mass that steps show; where they show none the error says what is missing."""
+        if mass_kg is None:
+            raise unknown
+        return cls.rough(mass_kg)
 
 
 def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None) -> BodyMass:
@@ -193,7 +210,7 @@ def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None)
     whole = [w for w in weighings if file_kg is None or w[0] >= MIN_WHOLE_SHARE * file_kg]
     found: dict[str, tuple[float, Note]] = {}
     if subject.mass_kg is not None:
-        found["stated"] = subject.mass_kg, Note.of("mass_stated", mass_kg=subject.mass_kg)
+        found[STATED] = subject.mass_kg, Note.of("mass_stated", mass_kg=subject.mass_kg)
     if whole:
         found["standing on the plates"] = whole[0]
     if file_kg is not None:
@@ -366,7 +383,7 @@ def subject_body(
 
     def built(hip: HipRule | dict[str, Array]) -> Body:
         try:
-            return once(build_body)(
+            return build_body(
                 pose.markers,
                 mass=mass,
                 sex=subject.sex,
@@ -386,8 +403,8 @@ def subject_body(
         except ValueError as error:
             with suppress(ValueError):  # of labels of no set
                 chosen = marker_set or named or recognise_marker_set(pose.markers.names)
-                for note in sides_exchanged(chosen, pose.markers, pose.source.name):
-                    error.add_note(f"{note.text}; exchange them: {note.values['rename']}")
+                if sides := sides_exchanged(chosen, pose.markers, pose.source.name):
+                    error.add_note(f"{sides.note}; exchange them: {sides.rename}")
             raise
 
     if settings.hip != "functional":

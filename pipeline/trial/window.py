@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from typing import Final, Literal
 
@@ -126,6 +126,10 @@ class Counted:
         Whether ``usable`` and ``cycles`` are gait cycles, steps or stances.
     found
         How many of them the events of these sides show, whether they count or not.
+    shortage
+        Why there are no residuals; empty where there are.
+    notes
+        What was left out, or counts in place of gait cycles.
     """
 
     usable: dict[str, Array]
@@ -135,6 +139,8 @@ class Counted:
     span: Span | None
     unit: Unit
     found: int
+    shortage: str = ""
+    notes: tuple[Note, ...] = ()
 
 
 def what_counts(
@@ -144,14 +150,14 @@ def what_counts(
     rule: Condition,
     settling: tuple[float, float],
     pose: PlatformPose | None,
-    notes: list[Note],
     min_valid_share: float,
     feet: Array | None = None,
+    why_no_events: str = "",
 ) -> Counted:
     """Find what of a trial counts: gait cycles, a part of each, or a span of the recording.
 
     Parameters are those of `cut_cycles`, `select_cycles`, `perturbed_part` and `counted_span`, and
-    so are the errors; the platform's pose is at the T frames. What is left out is noted.
+    so are the errors; the platform's pose is at the T frames.
     """
     time, counts, wanted = recording.markers.time, free_of(quality), rule.wanted
     unit, usable, left_out = _cut(events, time, quality, wanted, min_valid_share, feet)
@@ -166,19 +172,19 @@ def what_counts(
     if unit != "cycle":
         found = sum(map(len, usable.values())) + len(every)
     counted = Counted(usable, cycles, onsets, part, span, unit, found)
+    notes = list[Note]()
     if excluded:
         reasons = counted_reasons(excluded)
         noun = NOUNS[unit] + "s" * (len(excluded) > 1)
         notes.append(Note.of("cycles_left_out", count=len(excluded), unit=noun, reasons=reasons))
-    why = [str(note.values["reason"]) for note in notes if note.code == "events_unknown"]
     solved = free_of(quality, Quality.POSE_UNKNOWN)
     asked = unit if wanted == unit else "cycle"
     of_asked = cut_cycles(events, time, quality, min_valid_share, asked, feet)[1].values()
-    shortage = cycle_shortage(events, [*chain(*of_asked)], time, solved, "".join(why), asked)
-    notes += (*selection, *of_part)
+    of_cycles = cycle_shortage(events, [*chain(*of_asked)], time, solved, why_no_events, asked)
     strikes = () if {*every} == {NO_SWING} else events  # who stands makes no gait cycle
-    notes += _nothing_counts(wanted, counted, strikes, shortage, time, counts, solved)
-    return counted
+    shortage, instead = _nothing_counts(wanted, counted, strikes, of_cycles, time, counts, solved)
+    notes += (*selection, *of_part, *instead)
+    return replace(counted, shortage=shortage, notes=tuple(notes))
 
 
 def _cut(
@@ -378,20 +384,20 @@ def _nothing_counts(
     time: Array,
     counts: Mask,
     solved: Mask,
-) -> tuple[Note, ...]:
-    """Say why nothing counts, or why the recording counts in place of gait cycles."""
+) -> tuple[str, tuple[Note, ...]]:
+    """Say why nothing counts, and what is to be known where that or something else counts."""
     part, span, cycles = counted.part, counted.span, counted.cycles
     some_cycles = any(map(len, cycles.values()))
     parts = cycles if part is None else {s: np.reshape(p, (-1, 2)) for s, p in part.spans.items()}
     if (frames_within(time, parts, span) & counts).any():
         if wanted is not None or (span is None and counted.unit == "cycle"):
-            return ()
+            return "", ()
         if span is None:
             count = sum(map(len, cycles.values()))
             unit = NOUNS[counted.unit] + "s" * (count > 1)
-            return (Note.of("steps_for_cycles", reason=shortage, count=count, unit=unit),)
+            return "", (Note.of("steps_for_cycles", reason=shortage, count=count, unit=unit),)
         code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
-        return (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
+        return "", (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
     frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames are used"
     why = f"{np.count_nonzero(inside & ~solved)} unsolved, else the plates do not carry the subject"
@@ -403,4 +409,4 @@ def _nothing_counts(
     elif wanted is None:
         takes = "; --span all uses them" if (counts & inside).any() else ""
         reason += f"; {frames}, less than min_valid_share ({why}){takes}"
-    return (Note.of("no_residuals", reason=reason),)
+    return reason, (Note.of("no_residuals", reason=reason),)

@@ -22,7 +22,7 @@ from hbm.segments import NO_INERTIA, Inertia
 from hbm.signals.filtering import oscillation
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.explain.cause import Cause, Prior, priors
-from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
+from pipeline.trial.chain import Chain, needed_wrench
 
 ARMS: Final = ("upper_arm", "forearm", "hand")
 LONG_BONES: Final = ("thigh", "shank")
@@ -54,7 +54,7 @@ JOINTS: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
 """Joint of a leg -> the segment that it carries."""
 
 
-def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
+def body_causes(chain: Chain) -> Iterator[Cause]:
     """Give what may be wrong with the body of a trial.
 
     Yields
@@ -83,7 +83,7 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
         if segments[0] in LONG_BONES:
             wider = partial(_with_gyration, own=own)
             yield Cause(f"{name}: radii of gyration", "inertia", known["gyration"], wider)
-    shoe = known["stated_shoe_mass" if chain.shoes_stated else "shoe_mass"]
+    shoe = known["stated_shoe_mass" if chain.shoes_are_known else "shoe_mass"]
     shoe = replace(shoe, size=min(shoe.size, LIGHT_SHOE * every[FEET[0]].mass))
     yield Cause("shoes: missing mass", "shoes", shoe, _without_shoes)
     joints = [(f"{s} {joint}", f"{s}_{own}") for joint, own in JOINTS.items() for s in SIDES]
@@ -97,14 +97,14 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
         yield _of_geometry(chain, f"{side} knee: axis about z", known["knee_axis"], altered)
 
 
-def _with_segments(chain: ProcessingChain, segments: Mapping[str, Inertia]) -> ProcessingChain:
+def _with_segments(chain: Chain, segments: Mapping[str, Inertia]) -> Chain:
     """Give the chain with some segments of other inertia."""
     every = {**chain.body.segments, **segments}
     mass = sum(part.mass for part in every.values())
     return chain.changed(body=replace(chain.body, segments=every, mass=mass))
 
 
-def _with_share(chain: ProcessingChain, share: float, *, own: tuple[str, ...]) -> ProcessingChain:
+def _with_share(chain: Chain, share: float, *, own: tuple[str, ...]) -> Chain:
     """Make segments heavier by a share and the others, if any, lighter, so that the mass stays.
 
     What asks for almost no mass or less, leaves a little.
@@ -119,7 +119,7 @@ def _with_share(chain: ProcessingChain, share: float, *, own: tuple[str, ...]) -
     return _with_segments(chain, scaled)
 
 
-def _without_shoes(chain: ProcessingChain, mass_kg: float) -> ProcessingChain:
+def _without_shoes(chain: Chain, mass_kg: float) -> Chain:
     """Take a shoe of a mass off each foot, and make all else heavier, so that the mass stays."""
     body = chain.body
     segments = dict(body.segments)
@@ -132,9 +132,7 @@ def _without_shoes(chain: ProcessingChain, mass_kg: float) -> ProcessingChain:
     return _with_share(bare, body.mass / bare.body.mass - 1, own=tuple(segments))
 
 
-def _with_center(
-    chain: ProcessingChain, distance: float, *, own: tuple[str, ...], by: Array
-) -> ProcessingChain:
+def _with_center(chain: Chain, distance: float, *, own: tuple[str, ...], by: Array) -> Chain:
     """Move centres of mass along an axis of their segments [m]; on the left, its mirror image."""
     segments = dict(chain.body.segments)
     for name in own:
@@ -143,9 +141,7 @@ def _with_center(
     return _with_segments(chain, segments)
 
 
-def _with_gyration(
-    chain: ProcessingChain, share: float, *, own: tuple[str, ...]
-) -> ProcessingChain:
+def _with_gyration(chain: Chain, share: float, *, own: tuple[str, ...]) -> Chain:
     """Make radii of gyration larger by a share."""
     parts, factor = chain.body.segments, (1 + share) ** 2
     wider = {name: replace(parts[name], tensor=factor * parts[name].tensor) for name in own}
@@ -153,7 +149,7 @@ def _with_gyration(
 
 
 def _of_geometry(
-    chain: ProcessingChain, name: str, prior: Prior, altered: Callable[[Body, float], Body]
+    chain: Chain, name: str, prior: Prior, altered: Callable[[Body, float], Body]
 ) -> Cause:
     """Give a cause that alters joints of the body, and so what the inverse kinematics finds.
 
@@ -164,7 +160,7 @@ def _of_geometry(
         (solve_ik(altered(chain.body, small), chain.markers).q - chain.q) / small
     )
 
-    def change(of: ProcessingChain, size: float) -> ProcessingChain:
+    def change(of: Chain, size: float) -> Chain:
         return of.changed(body=altered(of.body, size), q=of.q + size * follow)
 
     return Cause(name, "markers", prior, change)
@@ -261,7 +257,7 @@ TISSUE_STEP: Final = 0.1
 """Of frequency and damping ratio, for differences."""
 
 
-def soft_tissue_causes(chain: ProcessingChain) -> Iterator[Cause]:
+def soft_tissue_causes(chain: Chain) -> Iterator[Cause]:
     """Give what soft tissue does to a trial.
 
     Yields
@@ -288,7 +284,7 @@ def soft_tissue_causes(chain: ProcessingChain) -> Iterator[Cause]:
                 yield Cause(name, "soft_tissue", known[f"tissue_{kind}"], change)
 
 
-def _with_wrench(chain: ProcessingChain, size: float, *, wrench: Array) -> ProcessingChain:
+def _with_wrench(chain: Chain, size: float, *, wrench: Array) -> Chain:
     """Add to what soft tissue adds to the wrench on the ground."""
     return chain.changed(soft_tissue=chain.soft_tissue + size * wrench)
 
@@ -352,12 +348,12 @@ def oscillator_wrench(
     return np.hstack([force, np.cross(place, force) + np.cross(shift, pull + force)])
 
 
-def _course(chain: ProcessingChain, segment: str) -> tuple[float, Array, Array]:
+def _course(chain: Chain, segment: str) -> tuple[float, Array, Array]:
     """Give mass [kg], course (T, 3) [m] and pull (T, 3) [m/s²] of a segment's centre of mass."""
     own = chain.body.segments[segment]
     k = MOVING.index(FIXED_TO.get(segment, segment))
-    rotation, origin = segment_frames(chain.body, chain.motion.value)
+    rotation, origin = segment_frames(chain.body, chain.filtered.value)
     unit = Inertia(1.0, own.center, np.zeros((3, 3)))
     only = {name: unit if name == segment else NO_INERTIA for name in chain.body.segments}
-    needed = needed_wrench(replace(chain.body, segments=only), chain.motion)
+    needed = needed_wrench(replace(chain.body, segments=only), chain.filtered)
     return own.mass, origin[:, k] + rotation[:, k] @ own.center, needed[:, :3]

@@ -15,7 +15,7 @@ from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.spatial import Array, rotation_about
 from pipeline.explain.cause import Cause, Prior, priors
-from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.trial.chain import Chain
 
 CLUSTERS: Final = (
     *("pelvis", "thorax", "head"),
@@ -39,9 +39,7 @@ STEP: Final = 0.001
 """Displacement that the inverse kinematics is linearised by [m or rad]."""
 
 
-def marker_causes(
-    chain: ProcessingChain, spans: Sequence[tuple[float, float]] | Array
-) -> Iterator[Cause]:
+def marker_causes(chain: Chain, spans: Sequence[tuple[float, float]] | Array) -> Iterator[Cause]:
     """Give what may be wrong with the markers of a trial.
 
     Parameters
@@ -126,7 +124,7 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
 
 
 def _series(
-    name: str, group: str, first: Prior, moved: Callable[..., ProcessingChain], phase: Array
+    name: str, group: str, first: Prior, moved: Callable[..., Chain], phase: Array
 ) -> Iterator[Cause]:
     """Give the terms of a Fourier series of a displacement: as measured, or by its first one."""
     decreasing = tuple(first.size / h**DECREASE for h in range(1, HARMONICS + 1))
@@ -137,7 +135,7 @@ def _series(
             yield Cause(f"{name}, {wave} {h} a cycle", group, prior, change)
 
 
-def _unseen(chain: ProcessingChain, rotation: Array) -> Iterator[tuple[str, str, str, Array]]:
+def _unseen(chain: Chain, rotation: Array) -> Iterator[tuple[str, str, str, Array]]:
     """Give group, name, kind of prior and change of q per radian, (T, 46), of what is not shown."""
     segment_of = chain.body.segment_of
     seen = {segment_of[name] for name in chain.markers.names if name in segment_of}
@@ -158,16 +156,14 @@ def _unseen(chain: ProcessingChain, rotation: Array) -> Iterator[tuple[str, str,
             yield "unseen_arms", f"{side} arm without markers: flexion", "unseen_arm", q
 
 
-def _columns(chain: ProcessingChain, segment: str) -> list[int]:
+def _columns(chain: Chain, segment: str) -> list[int]:
     """Give the columns of a segment's markers."""
     own = zip(chain.body.markers, chain.body.marker_segment, strict=True)
     names = [name for name, on in own if on == segment and name in chain.markers.names]
     return [chain.markers.names.index(name) for name in names]
 
 
-def _displacement(
-    chain: ProcessingChain, columns: Sequence[int], position: Array
-) -> Callable[..., ProcessingChain]:
+def _displacement(chain: Chain, columns: Sequence[int], position: Array) -> Callable[..., Chain]:
     """Give the change by markers that are displaced, (T, K, 3) [m per m or rad] of their course.
 
     The coordinates follow in proportion, as the inverse kinematics makes them follow a small one.
@@ -178,23 +174,21 @@ def _displacement(
 
 
 def _displaced(
-    chain: ProcessingChain,
+    chain: Chain,
     size: float,
     *,
     columns: Sequence[int],
     position: Array,
     q: Array,
     course: Array,
-) -> ProcessingChain:
+) -> Chain:
     """Displace markers over time, and the coordinates with them."""
     step = size * course[:, None]
     markers = _with_displaced(chain.markers, columns, step[:, None] * position)
     return chain.changed(markers=markers, q=chain.q + step * q)
 
 
-def _with_coordinates(
-    chain: ProcessingChain, size: float, *, q: Array, course: Array
-) -> ProcessingChain:
+def _with_coordinates(chain: Chain, size: float, *, q: Array, course: Array) -> Chain:
     """Change coordinates that no marker shows over time."""
     return chain.changed(q=chain.q + size * course[:, None] * q)
 

@@ -15,8 +15,8 @@ from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
 from pipeline.explain.cause import Cause, Change, Prior, priors
-from pipeline.explain.processing_chain import ProcessingChain
 from pipeline.io.recording import Plate
+from pipeline.trial.chain import Chain
 from pipeline.trial.ground.platform import plate_marker_delay
 
 MIN_SWING_S: Final = 0.2
@@ -37,9 +37,7 @@ UNKNOWN: Final = 1e12
 """Variance of a response that no calibration examined."""
 
 
-def plate_causes(
-    chain: ProcessingChain, delay: tuple[float, float] | None = None
-) -> Iterator[Cause]:
+def plate_causes(chain: Chain, delay: tuple[float, float] | None = None) -> Iterator[Cause]:
     """Give what may be wrong with the plates of a trial.
 
     Parameters
@@ -109,7 +107,7 @@ def _responses(plate: int) -> Iterator[tuple[str, str, list[tuple[int, int]], Ch
         yield f"direction about {letter}", "direction", [(j, k), (k, j)], turned, -1
 
 
-def response_error(chain: ProcessingChain, plate: Plate) -> Array:
+def response_error(chain: Chain, plate: Plate) -> Array:
     """Give the standard error of a plate's response by its calibration, in its own axes, (6, 6).
 
     Responses to components that its recordings did not excite are unknown; without a calibration
@@ -125,7 +123,7 @@ def response_error(chain: ProcessingChain, plate: Plate) -> Array:
     return np.asarray(np.sqrt(square.T @ variance @ square))
 
 
-def zeros(chain: ProcessingChain, k: int) -> Sequence[Prior]:
+def zeros(chain: Chain, k: int) -> Sequence[Prior]:
     """Give how wrong the zeros of a plate's components may be, 6.
 
     Usual sizes, but where the plate's readings of this trial while nobody is on it say more, and
@@ -209,7 +207,7 @@ def swing_zero(
     return np.mean(means, axis=0), np.hypot(error, same)
 
 
-def _measured_delay(chain: ProcessingChain) -> Prior | None:
+def _measured_delay(chain: Chain) -> Prior | None:
     """Give the delay of the plates by their calibration or the platform's motion, if possible."""
     known, laboratory = priors(), chain.lab.laboratory
     if laboratory.plates is not None:
@@ -217,46 +215,46 @@ def _measured_delay(chain: ProcessingChain) -> Prior | None:
         if all(one is not None and one.delay_s is not None for one in calibrations):
             return known["calibrated_delay"]
     platform = laboratory.treadmill.platform
-    if platform is not None and platform.markers and chain.felt:
-        assert chain.pose is not None
-        readings = chain.felt[0][:, : len(chain.lab.models[0].acceleration_mean)]
-        late = plate_marker_delay(chain.pose, readings, mean_rate_hz(chain.time))
+    if platform is not None and platform.markers and chain.accelerations:
+        assert chain.platform is not None
+        readings = chain.accelerations[0][:, : len(chain.lab.models[0].acceleration_mean)]
+        late = plate_marker_delay(chain.platform, readings, mean_rate_hz(chain.time))
         if late is not None:
             least = known["calibrated_delay"].size
-            size = np.linalg.norm([late.standard_error, chain.sensors_apart_s, least])
+            size = np.linalg.norm([late.standard_error, chain.lab.sensors_apart_s, least])
             return known["delay"].narrowed(float(size), late.seconds)
     return None
 
 
-def _late(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
+def _late(chain: Chain, delay_s: float) -> Chain:
     """Make the plates later [s] than markers and platform; the ends are held."""
     later = [delayed(chain.time, wrench, delay_s) for wrench in chain.wrenches]
     return chain.changed(wrenches=tuple(later))
 
 
-def _with_zero(chain: ProcessingChain, size: float, *, plate: int, zero: Array) -> ProcessingChain:
+def _with_zero(chain: Chain, size: float, *, plate: int, zero: Array) -> Chain:
     """Add a constant wrench times a size."""
     return _with_plate(chain, plate, chain.wrenches[plate] + size * zero)
 
 
-def _with_gain(chain: ProcessingChain, share: float, *, plate: int, gain: Array) -> ProcessingChain:
+def _with_gain(chain: Chain, share: float, *, plate: int, gain: Array) -> Chain:
     """Add a share of a plate's wrench, by a matrix."""
     wrench = chain.wrenches[plate]
     return _with_plate(chain, plate, wrench + share * (wrench @ gain.T))
 
 
-def _moved(chain: ProcessingChain, size: float, *, plate: int, by: Array) -> ProcessingChain:
+def _moved(chain: Chain, size: float, *, plate: int, by: Array) -> Chain:
     """Take a plate to be where it is not, by a vector in its own axes times a size [m]."""
     return _with_plate(chain, plate, shift_wrench(chain.wrenches[plate], -size * by))
 
 
-def _turned(chain: ProcessingChain, size: float, *, plate: int, about: Array) -> ProcessingChain:
+def _turned(chain: Chain, size: float, *, plate: int, about: Array) -> Chain:
     """Take a plate to be turned about an axis of its own through its centre [rad]."""
     turn = rotation_about(about, size)
     return _with_plate(chain, plate, transform_wrench(chain.wrenches[plate], turn, np.zeros(3)))
 
 
-def _with_plate(chain: ProcessingChain, plate: int, wrench: Array) -> ProcessingChain:
+def _with_plate(chain: Chain, plate: int, wrench: Array) -> Chain:
     wrenches = list(chain.wrenches)
     wrenches[plate] = wrench
     return chain.changed(wrenches=tuple(wrenches))

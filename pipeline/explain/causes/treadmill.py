@@ -16,7 +16,7 @@ from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench
 from pipeline.explain.cause import Cause, Prior, priors
-from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.trial.chain import Chain
 from pipeline.trial.ground.platform import in_lab
 
 SHARE: Final = 0.95
@@ -27,7 +27,7 @@ THINNED_HZ: Final = 20.0
 UP: Final = np.array([0.0, 0.0, 1.0])
 
 
-def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
+def compensation_causes(chain: Chain) -> Iterator[Cause]:
     """Give what compensating the plates of a trial may leave.
 
     Yields
@@ -39,7 +39,7 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
         was subtracted.
     """
     known = priors()
-    if chain.felt:
+    if chain.accelerations:
         for number, (along, added) in enumerate(principal_directions(chain), start=1):
             # the plate and component to which most is added, 1 N·m counting as 10 N
             sizes = [np.sqrt(np.nanmean(each**2, axis=0)) * [1, 1, 1, 10, 10, 10] for each in added]
@@ -63,7 +63,7 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
         yield Cause(f"{name}: belt speed delayed", "compensation", known["belt_delay"], later)
 
 
-def principal_directions(chain: ProcessingChain) -> list[tuple[Array, list[Array]]]:
+def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
     """Find the few errors of the inertia models that do most to the residual.
 
     Parameters
@@ -96,7 +96,7 @@ def principal_directions(chain: ProcessingChain) -> list[tuple[Array, list[Array
     residual = chain.residual
     weight = 1 / np.sqrt(np.nanmean(residual**2, axis=0))
     signals, effects = [], []
-    for k, (model, felt) in enumerate(zip(chain.lab.models, chain.felt, strict=True)):
+    for k, (model, felt) in enumerate(zip(chain.lab.models, chain.accelerations, strict=True)):
         basis = _basis(model, felt, rate_hz)
         signals.append(_scaled(model, basis, slow))
         passed = _scaled(model, chain.low_pass(basis)[::step], slow)
@@ -151,44 +151,44 @@ def _root(covariance: Array) -> Array:
     return np.asarray(directions * np.sqrt(np.maximum(variance, 0)))
 
 
-def _to_residual(chain: ProcessingChain, plate: int) -> Array:
+def _to_residual(chain: Chain, plate: int) -> Array:
     """Give what a wrench of a plate, in its own axes, is in the residual, (T, 6, 6)."""
     columns = []
     for unit in np.eye(6):
         alone = np.tile(unit, (len(chain.time), 1))
-        (moved,) = in_lab([alone], [chain.plates[plate]], chain.pose)
-        columns.append(shift_wrench(moved, chain.motion.value[:, :3]))
+        (moved,) = in_lab([alone], [chain.plates[plate]], chain.platform)
+        columns.append(shift_wrench(moved, chain.filtered.value[:, :3]))
     return np.stack(columns, axis=2)
 
 
-def _sensors_delay(chain: ProcessingChain) -> Prior:
+def _sensors_delay(chain: Chain) -> Prior:
     """Give how much later the accelerometers may be than the calibration found."""
     errors = [sensor.delay_error_s for sensor in chain.lab.sensors]
     stated = [error for error in errors if error is not None]
     if not stated or len(stated) < len(errors):
         return priors()["accelerometer_delay"]
     between = priors()["accelerometer_delay_between_days"]
-    size = np.linalg.norm([max(stated), chain.sensors_apart_s, between.size])
+    size = np.linalg.norm([max(stated), chain.lab.sensors_apart_s, between.size])
     return replace(between, size=float(size))
 
 
-def _subtracted(chain: ProcessingChain, size: float, *, more: Sequence[Array]) -> ProcessingChain:
+def _subtracted(chain: Chain, size: float, *, more: Sequence[Array]) -> Chain:
     """Subtract more than was subtracted, by a wrench per plate times a size."""
     left = [wrench - size * own for wrench, own in zip(chain.wrenches, more, strict=True)]
     return chain.changed(wrenches=tuple(left))
 
 
-def _late_sensors(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
+def _late_sensors(chain: Chain, delay_s: float) -> Chain:
     """Make the accelerometers later [s]."""
-    later = tuple(delayed(chain.time, felt, delay_s) for felt in chain.felt)
+    later = tuple(delayed(chain.time, felt, delay_s) for felt in chain.accelerations)
     added = [
         (after - before) @ model.gain[:-1]
-        for model, before, after in zip(chain.lab.models, chain.felt, later, strict=True)
+        for model, before, after in zip(chain.lab.models, chain.accelerations, later, strict=True)
     ]
-    return _subtracted(chain, 1.0, more=added).changed(felt=later)
+    return _subtracted(chain, 1.0, more=added).changed(accelerations=later)
 
 
-def _late_belt(chain: ProcessingChain, delay_s: float, *, plate: int) -> ProcessingChain:
+def _late_belt(chain: Chain, delay_s: float, *, plate: int) -> Chain:
     """Make the channel of a belt's speed later [s]."""
     later = list(chain.belts)
     later[plate] = delayed(chain.time, later[plate], delay_s)
@@ -200,7 +200,7 @@ PoseChange = Callable[[PlatformPose, float], PlatformPose]
 """Gives a platform's pose with a fault of a size."""
 
 
-def platform_causes(chain: ProcessingChain) -> Iterator[Cause]:
+def platform_causes(chain: Chain) -> Iterator[Cause]:
     """Give what may be wrong with the platform's pose in a trial.
 
     Yields
@@ -211,7 +211,7 @@ def platform_causes(chain: ProcessingChain) -> Iterator[Cause]:
         Nothing where the platform stands still.
     """
     platform = chain.lab.laboratory.treadmill.platform
-    if chain.pose is None or platform is None:
+    if chain.platform is None or platform is None:
         return
     kind = "marker" if platform.markers else "channel"
     under = np.mean([plate.center for plate in chain.plates], axis=0)
@@ -236,9 +236,9 @@ def _of_pose(title: str, kind: str, change: PoseChange, *, moving: bool = True) 
     return Cause(f"platform: {title}", "platform", priors()[kind], with_pose, of_platform=moving)
 
 
-def _with_pose(chain: ProcessingChain, size: float, *, change: PoseChange) -> ProcessingChain:
-    assert chain.pose is not None  # there are no causes else
-    return chain.changed(pose=change(chain.pose, size))
+def _with_pose(chain: Chain, size: float, *, change: PoseChange) -> Chain:
+    assert chain.platform is not None  # there are no causes else
+    return chain.changed(platform=change(chain.platform, size))
 
 
 def _late(pose: PlatformPose, delay_s: float, *, time: Array) -> PlatformPose:

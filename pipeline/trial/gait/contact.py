@@ -327,18 +327,23 @@ def forces_of_legs(frames: Mask) -> Mask:
     return np.asarray(frames[:, None] & of_leg)
 
 
-def contact_notes(shared: SharedPlates, time: Array) -> tuple[Note, ...]:
-    """Name contacts that cannot be assigned to a foot, and plates with pressure far from both."""
+def far_from_feet(shared: SharedPlates) -> tuple[Note, ...]:
+    """Name plates with pressure far from both feet."""
     notes = []
     for plate in sorted({contact.plate for contact in shared.contacts}):
         distance_m = float(np.median([c.distance_m for c in shared.contacts if c.plate == plate]))
         if distance_m > FAR_M:
             notes.append(Note.of("pressure_far_from_feet", plate=plate, distance_m=distance_m))
-    doubtful = [(contact.start, contact.stop) for contact in shared.contacts if contact.ambiguous]
-    if doubtful:
-        times = _listed(time, doubtful)
-        notes.append(Note.of("contacts_ambiguous", contacts=len(doubtful), times=times))
     return tuple(notes)
+
+
+def ambiguous_contacts(shared: SharedPlates, time: Array) -> tuple[Note, ...]:
+    """Name contacts that cannot be assigned to a foot."""
+    doubtful = [(contact.start, contact.stop) for contact in shared.contacts if contact.ambiguous]
+    if not doubtful:
+        return ()
+    times = _listed(time, doubtful)
+    return (Note.of("contacts_ambiguous", contacts=len(doubtful), times=times),)
 
 
 def _drop_brief(pressure: Pressure, loaded: Sequence[Span], time: Array) -> None:

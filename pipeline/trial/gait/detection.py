@@ -22,6 +22,7 @@ from pipeline.trial.gait.events import (
     LABELS,
     MIN_STRIDE_S,
     SIDES,
+    FoundEvents,
     event_times,
     gait_events,
     in_order,
@@ -352,7 +353,7 @@ def detect_events(
     markers: Markers,
     marker_set: MarkerSet,
     method: EventMethod,
-) -> tuple[tuple[Event, ...], Note]:
+) -> FoundEvents:
     """Give a trial's gait events.
 
     Parameters
@@ -369,10 +370,8 @@ def detect_events(
 
     Returns
     -------
-    events
-        In order of time.
-    note
-        The method and how many foot strikes it found, or why there are no events.
+    FoundEvents
+        With the method and how many foot strikes it found, or why there are no events.
     """
     if method in ("file", "zeni"):
         return gait_events(of_file, markers, marker_set, method)
@@ -381,20 +380,20 @@ def detect_events(
         try:
             by_motion = foot_motion_events(motion)
         except ValueError as error:  # the markers' rate is too low for the filter
-            return (), Note.of("events_unknown", reason=str(error))
+            return FoundEvents.none(str(error))
         events, corrections = combined_events(by_motion, events)
         code = "events_calibrated" if corrections else "events_uncalibrated"
         if not events:
             known = np.isfinite(motion.ankles.sum(axis=1) + motion.pelvis)
             longest_s = max((np.ptp(motion.time[a:b]) for a, b in stretches(known)), default=0.0)
-            return (), Note.of("events_unknown", reason=NO_SWING.format(longest_s))
+            return FoundEvents.none(NO_SWING.format(longest_s))
     counts = {side: event_times(events, "foot_strike", side).size for side in SIDES}
     if not corrections:
-        return events, Note.of(code, **counts)
+        return FoundEvents(events, Note.of(code, **counts))
     timed = len({*events} & {*of_plates})
     offset_ms = {kind: 1000 * seconds for kind, seconds in corrections.items()}
     note = Note.of(code, **counts, timed=timed, events=len(events), offset_ms=offset_ms)
-    return events, note
+    return FoundEvents(events, note)
 
 
 def combined_events(

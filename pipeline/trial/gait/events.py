@@ -38,9 +38,32 @@ FACING: Final = "ASIS", "PSIS"
 and, left and right, where the pelvis faces."""
 
 
+class FoundEvents(NamedTuple):
+    """Gait events of a trial.
+
+    Attributes
+    ----------
+    events
+        In order of time.
+    note
+        Which events these are and how many, or why there are none.
+    why_none
+        Why there are none; empty where there are.
+    """
+
+    events: tuple[Event, ...]
+    note: Note
+    why_none: str = ""
+
+    @classmethod
+    def none(cls, reason: str) -> "FoundEvents":
+        """No events, for a reason."""
+        return cls((), Note.of("events_unknown", reason=reason), reason)
+
+
 def gait_events(
     of_file: tuple[Event, ...], markers: Markers, marker_set: MarkerSet, method: EventMethod
-) -> tuple[tuple[Event, ...], Note]:
+) -> FoundEvents:
     """Give the gait events that a recording shows before its motion is solved.
 
     They are the file's own or Zeni's, which stand in for "plates" and "auto".
@@ -56,22 +79,20 @@ def gait_events(
 
     Returns
     -------
-    events
-        In order of time; none where neither the file nor the markers give any.
-    note
-        Which events these are and how many, or why there are none.
+    FoundEvents
+        None where neither the file nor the markers give any.
     """
     if method == "file" and not of_file:
-        return (), Note.of("events_unknown", reason=NONE_IN_FILE)
+        return FoundEvents.none(NONE_IN_FILE)
     if method == "file":
         events, code = of_file, "events_of_file"
     else:
         try:
             events, code = zeni_events(markers, marker_set), "events_from_markers"
         except ValueError as error:
-            return (), Note.of("events_unknown", reason=str(error))
+            return FoundEvents.none(str(error))
     left, right = (event_times(events, "foot_strike", side).size for side in SIDES)
-    return events, Note.of(code, left=left, right=right)
+    return FoundEvents(events, Note.of(code, left=left, right=right))
 
 
 def choose_method(

@@ -15,7 +15,6 @@ from hbm.spelling import short
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2, angle_in_rad, length_in_m, speed_in_mps
-from pipeline.trial.once import once
 
 MAX_HELD_S: Final = 0.5
 """At either end, over which the nearest known value is used: no delay is longer."""
@@ -293,7 +292,7 @@ class RealtimeAccelerometers:
         return np.hstack(kinds) if self.lags_s else now
 
     def _readings(self, time: Array, readings: Array, at: Array) -> Array:
-        evaluate = partial(once(Convolution.evaluate), self.resampling)
+        evaluate = partial(Convolution.evaluate, self.resampling)
         delays_s = self.delays_s
         if len(set(delays_s)) == 1:
             return evaluate(time, readings, at + delays_s[0])

@@ -27,7 +27,6 @@ from pipeline.trial.ground.calibration_recording import (
     setup_of,
 )
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
-from pipeline.trial.once import once
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
@@ -166,6 +165,16 @@ class BoundLaboratory:
         return sensor_delays_s(self.laboratory.treadmill, self.sensors)
 
     @property
+    def sensors_apart_s(self) -> float:
+        """By how much the accelerometers' delays differ, one standard deviation [s].
+
+        Accelerometers on one converter are equally late: where a platform bends, the calibration
+        takes bending for delay.
+        """
+        delays = [sensor.correction_s for sensor in self.sensors]
+        return float(np.std(delays, ddof=1)) if len(delays) > 1 else 0.0
+
+    @property
     def lags_s(self) -> tuple[float, ...]:
         """Lags of dynamic models [s]; none of static ones."""
         return self.models[0].lags_s if self.models else ()
@@ -189,7 +198,7 @@ class BoundLaboratory:
         late = relative_delays_s(self.recording.plates, self.laboratory.plates)
         earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
         if method != "realtime":
-            return once(at_plate_times)(*self.filtered, earlier, self.sensor_delays_s, self.lags_s)
+            return at_plate_times(*self.filtered, earlier, self.sensor_delays_s, self.lags_s)
         assert self.recording.analog is not None
         rates_hz = self.recording.analog.rate_hz, self.recording.markers.rate_hz
         live = RealtimeAccelerometers.of(self.sensor_delays_s, self.lags_s, *rates_hz)

@@ -34,7 +34,6 @@ from pipeline.trial.ground.uncertainty import (
     uncertainty_limits,
     wrench_spread,
 )
-from pipeline.trial.once import once
 
 
 def plate_artefacts(
@@ -119,12 +118,14 @@ class Ground:
         platform.
     correlation
         Between all plates, as `sum_deviation` takes it, (6 P, 6 P).
-    felt
+    accelerations
         Per plate what the accelerometers felt at the markers' times, as its inertia model takes it,
         (T, K) [m/s²]; empty without a calibration of the platform.
     belts
         Per plate what was subtracted of its accelerating belt, in the plate's own axes, (T, 6)
         [N, N·m]; empty without a calibration of the belts.
+    notes
+        How the wrenches were compensated and brought to the lab, and what is doubtful about that.
     """
 
     plates: Sequence[Plate]
@@ -133,8 +134,9 @@ class Ground:
     pose: PlatformPose | None
     spreads: tuple[Spread, ...] = ()
     correlation: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    felt: tuple[Array, ...] = ()
+    accelerations: tuple[Array, ...] = ()
     belts: tuple[Array, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def best(self) -> str:
@@ -158,7 +160,6 @@ class Ground:
 def ground_wrenches(
     lab: BoundLaboratory,
     time: Array,
-    notes: list[Note],
     cutoff_hz: float = SLOW_HZ,
     method: Method = "zero_phase",
 ) -> Ground:
@@ -170,9 +171,6 @@ def ground_wrenches(
         The laboratory in this trial.
     time
         Marker times, (T,) [s].
-    notes
-        Here it is added how the wrenches were compensated and brought to the lab, and what is
-        doubtful about that.
     cutoff_hz
         Of the filter that the wrenches pass next, which leaves less of their noise [Hz].
     method
@@ -200,13 +198,13 @@ def ground_wrenches(
     recording, laboratory, plates = lab.recording, lab.laboratory, lab.recording.plates
     platform, belt = laboratory.treadmill.platform, laboratory.treadmill.belt
     live = method == "realtime"
-    at_markers = once(resample_in_real_time if live else resample)
+    at_markers = resample_in_real_time if live else resample
     times = [time + delay_s for delay_s in lab.delays_s]
     measured = [
         at_markers(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)
     ]
     constant = (p for p in plates if (p.wrench_in_plate == p.wrench_in_plate[0]).all())
-    notes += [Note.of("plate_constant", plate=plate.number) for plate in constant]
+    notes = [Note.of("plate_constant", plate=plate.number) for plate in constant]
 
     variants, felt, added = {"measured": measured}, list[Array](), list[Array]()
     if lab.models:
@@ -256,8 +254,9 @@ def ground_wrenches(
             for model, plate, acceleration in zip(lab.models, plates, felt, strict=False)
         ),
         correlation=lab.correlation,
-        felt=tuple(felt),
+        accelerations=tuple(felt),
         belts=tuple(added),
+        notes=tuple(notes),
     )
 
 

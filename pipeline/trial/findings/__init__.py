@@ -1,0 +1,1 @@
+"""What is wrong with a trial: suspicions weighed against their rivals, corrections tried."""

@@ -1,0 +1,222 @@
+"""What motion and feet say of the load on the plates: the evidence by which plates are judged."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from hbm.body import BALL_ABOVE_SOLE, Body
+from hbm.motion import Motion
+from hbm.plausibility.unseen import unseen_covariance
+from hbm.signals.filtering import low_pass
+from hbm.signals.samples import stretches
+from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
+from pipeline.config.schema import Settings
+from pipeline.io.recording import Plate
+from pipeline.trial.checks import zero_of
+from pipeline.trial.gait.carried import places_of
+from pipeline.trial.gait.contact import FEET
+
+MIN_STANCE_S: Final = 0.25
+MAX_STANCE_S: Final = 1.5
+"""Of a foot that walks or runs over a plate; a longer one stands."""
+LOADED: Final = 0.1
+"""Of body weight, either way: a plate that carries a foot."""
+MAX_STANCE_MPS: Final = 0.3
+"""Sum over axes of the standard deviation of the velocity of the ball of a foot that stands: 0.02
+to 0.09; of one that swings 0.8 and more."""
+PRESSURE_ALONG: Final = 0.40
+"""Where pressure lies under a foot in the middle half of a stance, on the line from ankle to ball:
+from the ankle, by the length of the foot."""
+HEALTHY_SD: Final = np.array([0.033, 0.025, 0.040, 0.0075, 0.0125, 0.004])
+"""Standard deviation of the residual of healthy walks with all markers, by body weight and by body
+weight × stature: forward, left, up, and about the same axes."""
+MIN_WEIGHING_S: Final = 0.35
+"""Of a stretch that the plates carry: over it, the change of the vertical velocity divided by the
+time is known to 0.03 m/s², a third of a percent of gravity."""
+MAX_APART: Final = 0.12
+"""RMS difference of the load from what the motion needs, by their mean: healthy walks differ by 2
+to 7 %; where they differ by more, something else than the mass is wrong."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What motion and feet say about the load of the plates, at T frames.
+
+    Attributes
+    ----------
+    plates
+        Where they are, P of them.
+    time
+        (T,) [s].
+    wrenches
+        Of each plate through the filter of the motion, without what it reads when nobody is on it,
+        lab axes about the lab origin, (P, T, 6) [N, N·m].
+    load
+        Vertical force of each plate, unfiltered, (P, T) [N].
+    needed
+        Wrench that the motion needs, lab axes about the pelvis origin, (T, 6).
+    pelvis
+        Where that is, (T, 3) [m].
+    carried
+        Frames in which the plates carry the subject and motion and forces are known, (T,).
+    ankle, ball
+        Of the left and the right foot, (T, 2, 3) [m].
+    foot_m
+        Length of the left and the right foot, (2,).
+    weight_n
+        Body weight.
+    covariance
+        Of the residual of a healthy person, lab axes about the pelvis, with what unseen segments
+        add, (6, 6).
+    """
+
+    plates: tuple[Plate, ...]
+    time: Array
+    wrenches: Array
+    load: Array
+    needed: Array
+    pelvis: Array
+    carried: Mask
+    ankle: Array
+    ball: Array
+    foot_m: Array
+    weight_n: float
+    covariance: Array
+
+    @classmethod
+    def of(
+        cls,
+        body: Body,
+        motion: Motion,
+        solved: Motion,
+        plates: Sequence[Plate],
+        wrenches: Sequence[Array],
+        residual: Array,
+        carried: Mask,
+        settings: Settings,
+    ) -> "Evidence":
+        """Collect it from the stages of a trial: the motion is filtered, the solved one is not."""
+        time, pelvis, every = motion.time, motion.q[:, :3], np.stack([*wrenches])
+        places, weight_n = places_of(body, solved.q), body.mass * GRAVITY_MPS2
+        cutoff_hz, method = settings.cutoff_hz, settings.filter
+        filtered = np.stack([low_pass(wrench, time, cutoff_hz, method) for wrench in every])
+        # the residual is what the motion needs beyond the plates
+        needed = residual + shift_wrench(filtered.sum(axis=0), pelvis)
+        known = carried & np.isfinite(needed).all(axis=1)
+        # what plates read without load is judged by itself
+        for plate, raw, wrench in zip(plates, every, filtered, strict=True):
+            zero = zero_of(shift_wrench(raw, plate.center), time, weight_n)
+            if zero is not None:
+                wrench -= shift_wrench(zero, -plate.center)
+        deviation = weight_n * HEALTHY_SD * np.repeat([1.0, body.height_m], 3)
+        return cls(
+            plates=tuple(plates),
+            time=time,
+            wrenches=filtered,
+            load=every[..., 2],
+            needed=needed,
+            pelvis=pelvis,
+            carried=known,
+            ankle=places[:, 1:3],
+            ball=places[:, 3:],
+            foot_m=np.array([body.lengths[foot] for foot in FEET]),
+            weight_n=weight_n,
+            covariance=np.diag(deviation**2) + unseen_covariance(body, motion, carried),
+        )
+
+    @property
+    def step_s(self) -> float:
+        """From frame to frame."""
+        return float(np.median(np.diff(self.time)))
+
+    def loaded_s(self, number: int) -> float:
+        """How long a plate carries while the motion is known [s]."""
+        carries = np.abs(self.wrenches[number, :, 2]) > LOADED * self.weight_n
+        return float(np.count_nonzero(carries & self.carried)) * self.step_s
+
+
+class Stance(NamedTuple):
+    """A single foot on a plate, in the middle half of the contact.
+
+    Attributes
+    ----------
+    plate
+        Index of the plate.
+    foot
+        0 left, 1 right.
+    rows
+        Numbers of its frames, (F,).
+    along, left
+        Directions of the foot in the lab, horizontal, (F, 3).
+    expected
+        Where its pressure usually is, (F, 3) [m].
+    """
+
+    plate: int
+    foot: int
+    rows: Indices
+    along: Array
+    left: Array
+    expected: Array
+
+    def some(self, of: Indices) -> "Stance":
+        """Give the stance in some of its frames."""
+        return self._replace(
+            rows=self.rows[of],
+            along=self.along[of],
+            left=self.left[of],
+            expected=self.expected[of],
+        )
+
+
+def find_stances(evidence: Evidence) -> Iterator[Stance]:
+    """Find single feet on plates; which foot stands, its motion says, not the pressure."""
+    time = evidence.time
+    velocity = np.gradient(evidence.ball, time, axis=0)
+    for plate, load in enumerate(np.abs(evidence.load)):
+        for start, stop in stretches(load > LOADED * evidence.weight_n):
+            lasts_s = time[stop - 1] - time[start]
+            if start == 0 or stop == len(time) or not MIN_STANCE_S < lasts_s < MAX_STANCE_S:
+                continue
+            quarter = (stop - start) // 4
+            frames = slice(start + quarter, stop - quarter)
+            spread = velocity[frames].std(axis=0).sum(axis=-1)
+            foot = int(np.argmin(spread))
+            if not (spread[foot] < MAX_STANCE_MPS < spread[1 - foot]):
+                continue
+            ankle, ball = evidence.ankle[frames, foot], evidence.ball[frames, foot]
+            along = (ball - ankle) * [1.0, 1.0, 0.0]
+            along /= np.linalg.norm(along, axis=1)[:, None]
+            left = np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(along))])
+            length = evidence.foot_m[foot]
+            expected = ankle + PRESSURE_ALONG * length * along
+            expected[:, 2] = ball[:, 2] - BALL_ABOVE_SOLE * length
+            yield Stance(plate, foot, np.arange(len(time))[frames], along, left, expected)
+
+
+def pressure(wrench: Array, level: Array) -> Array:
+    """Give the centre of pressure at a height, (F,) [m], of wrenches in the lab, (F, 3) [m]."""
+    fx, fy, fz, mx, my, _ = wrench.T
+    return np.column_stack([(level * fx - my) / fz, (level * fy + mx) / fz, level])
+
+
+def weight_of_steps(evidence: Evidence) -> float | None:
+    """Give the body mass by the steps that the plates carry [kg]; None without any.
+
+    What plates read without load does not count.
+
+    The mean vertical force is m (g + Δv/Δt) of the centre of mass over any stretch, Δv from the
+    markers; over whole gait cycles Δv is zero.
+    """
+    load, need = evidence.wrenches[..., 2].sum(axis=0), evidence.needed[:, 2]
+    weighing = np.zeros(len(load), bool)
+    for start, stop in stretches(evidence.carried):
+        weighing[start:stop] = evidence.time[stop - 1] - evidence.time[start] >= MIN_WEIGHING_S
+    if not weighing.any():
+        return None
+    load, need = load[weighing], need[weighing]
+    factor = float(load.sum() / need.sum())
+    apart = float(np.sqrt(np.mean(np.square(load - factor * need))) / load.mean())
+    return None if apart > MAX_APART else factor * evidence.weight_n / GRAVITY_MPS2
