@@ -96,7 +96,7 @@ class ExplainedPart:
         return first, second
 
 
-def chain_of(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Chain:
+def result_chain(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Chain:
     """Give the chain of a processed trial: its recording as read, with the body that it had."""
     segments = {name: SegmentOverride() for name in result.overridden_segments}
     inputs = Inputs(
@@ -126,7 +126,7 @@ def explained_part(
             "causes of its residuals cannot be estimated"
         )
     frames = _frames(spans, result, laboratory)
-    chain = chain_of(recording, laboratory, result).of_frames(frames)
+    chain = result_chain(recording, laboratory, result).of_frames(frames)
     spans = spans[(spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])]
     phases = spans if by_cycles or result.span else cycles
     if not len(phases):

@@ -88,6 +88,7 @@ DEPENDS_ON: Final[Mapping[str, str]] = {
     "carried_kg": "judged evidence",
     "gait": "trial lab body pose ground loads quality settings.events",
     "window": "trial gait quality condition settling ground settings.min_valid_share",
+    "markers": "solved",
     "q": "pose",
     "wrenches": "ground",
     "platform": "ground",
@@ -373,7 +374,7 @@ class Chain:
         """Frame times, (T,) [s]."""
         return self.inputs.recording.markers.time
 
-    @property
+    @cached_property
     def markers(self) -> Markers:
         """Trajectories that the inverse kinematics used, T frames."""
         return self.solved.markers
@@ -470,7 +471,7 @@ class Chain:
             accelerations=tuple(each[frames] for each in self.accelerations),
             belts=tuple(each[frames] for each in self.belts),
         )
-        return part.changed(solved=part.solved, q=part.q)
+        return part.changed(solved=part.solved, markers=part.markers, q=part.q)
 
 
 def needed_wrench(body: Body, motion: Filtered) -> Array:

@@ -12,7 +12,8 @@ from pipeline.config.schema import Condition, Settings
 from pipeline.explain.budget import Budget
 from pipeline.explain.cause import priors
 from pipeline.explain.explain import explain_trial
-from pipeline.explain.processing_chain import ProcessingChain, processing_chain
+from pipeline.explain.linearise import result_chain
+from pipeline.trial.chain import Chain
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
@@ -127,7 +128,7 @@ def carried_out(laboratory: VirtualLaboratory, plan: Plan) -> Outcome:
     seeded, walks = plan.seeded(), dict[str, Walked]()
     walked, recording, known = simulated(laboratory, plan, seeded, walks)
     result = processed(walked, recording, known, seeded)
-    chain = processing_chain(recording, known, result)
+    chain = result_chain(recording, known, result)
     whole = chain.residual[EXPLAINED_S]
     share = {}
     for name in plan.faults:
@@ -180,7 +181,7 @@ def residual_of(
     of_person = ("mass_share", "inertias", "joints", "skin")
     if any(getattr(seeded, name) != getattr(full, name) for name in of_person):
         result = processed(walked, recording, known, seeded)
-    return processing_chain(recording, known, result).residual[EXPLAINED_S]
+    return result_chain(recording, known, result).residual[EXPLAINED_S]
 
 
 def sizes(
@@ -188,7 +189,7 @@ def sizes(
     seeded: Seeded,
     recording: Recording,
     known: Laboratory,
-    chain: ProcessingChain,
+    chain: Chain,
     walked: Walked,
 ) -> dict[str, float]:
     """Give the true sizes of all causes that have one, by name.

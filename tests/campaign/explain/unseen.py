@@ -26,7 +26,8 @@ from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.explain.causes.markers import BELOW_TRUNK, marker_causes
 from pipeline.explain.linearise import CYCLE_S, explained_part, rms
-from pipeline.explain.processing_chain import ProcessingChain, processing_chain
+from pipeline.explain.linearise import result_chain
+from pipeline.trial.chain import Chain
 from pipeline.explain.shares import NORMAL_95
 from pipeline.explain.uncertainty import measured_uncertainty, noise_of_samples
 from pipeline.trial.ground.laboratory import Laboratory
@@ -56,7 +57,7 @@ def calm_upper_body() -> None:
             coefficients[:, HARMONICS + 1 :] = -high[:, HARMONICS + 1 :]
 
 
-def changed_by_causes(less: ProcessingChain, more: ProcessingChain, cycles: Array) -> Array:
+def changed_by_causes(less: Chain, more: Chain, cycles: Array) -> Array:
     """What marker causes make the residuals of two chains of one walk differ by, (T, 6)."""
     effects = [
         {own.name: own.prior.size * own.effect(chain) for own in marker_causes(chain, cycles)}
@@ -80,7 +81,8 @@ def row(base: Base) -> dict[str, Array]:
     effects = np.nan_to_num([cause.effect(chain) for cause in part.causes])
     (interval, *_), _, bands = measured_uncertainty(part, effects, noise, result)
     first = int(np.searchsorted(result.motion.time, chain.time[0]))
-    more = processing_chain(base.recording, STILL, whole, slice(first, first + len(chain.time)))
+    part = slice(first, first + len(chain.time))
+    more = result_chain(base.recording, STILL, whole).of_frames(part)
     cycles = np.reshape(max(result.cycles.values(), key=len, default=()), (-1, 2))
     cycles = cycles if len(cycles) else chain.time[0] + np.array([[0.0, CYCLE_S]])
     weight = whole.body.mass * GRAVITY_MPS2

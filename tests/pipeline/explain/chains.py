@@ -8,9 +8,10 @@ from hbm.coordinates import INDEX, N_Q
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
-from pipeline.config.schema import Settings, Treadmill
-from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory
+from pipeline.trial.inputs import Inputs
 from tests.synthetic import synthetic_body
 
 
@@ -27,13 +28,15 @@ def chain_of(time, coordinates, only=None):
     names = tuple(body.markers[k] for k in seen)
     markers = Markers(time, names, marker_positions(body, q)[:, seen])
     q = solve_ik(body, markers).q
-    return ProcessingChain(
-        time=time,
-        settings=settings,
+    recording = SimpleNamespace(plates=(), markers=markers)
+    inputs = Inputs(recording=recording, subject=Subject(), laboratory=Laboratory(Treadmill()))
+    return Chain(inputs, settings).changed(
         body=body,
         markers=markers,
         q=q,
         wrenches=(),
-        pose=None,
-        lab=BoundLaboratory(SimpleNamespace(plates=()), Laboratory(Treadmill()), ()),
+        platform=None,
+        accelerations=(),
+        belts=(),
+        lab=BoundLaboratory(recording, inputs.laboratory, ()),
     )

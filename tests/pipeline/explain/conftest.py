@@ -5,7 +5,7 @@ import pytest
 
 import pipeline
 from pipeline.config.schema import Treadmill
-from pipeline.explain.processing_chain import processing_chain
+from pipeline.explain.linearise import result_chain
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.study_files import read_study_file
 
@@ -20,7 +20,7 @@ def walk(walker):
 @pytest.fixture(scope="session")
 def chain(walk):
     recording, result = walk
-    return processing_chain(recording, Laboratory(Treadmill()), result)
+    return result_chain(recording, Laboratory(Treadmill()), result)
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import numpy as np
 
 import pipeline
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
-from pipeline.explain.processing_chain import processing_chain
+from pipeline.explain.linearise import result_chain
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import lab
@@ -46,7 +46,7 @@ def chain_of(recording, laboratory):
     result = pipeline.process_recording(
         recording, Subject(sex="male", mass_kg=74.6), Settings(), laboratory=laboratory
     )
-    return processing_chain(recording, laboratory, result)
+    return result_chain(recording, laboratory, result)
 
 
 def with_platform(platform):

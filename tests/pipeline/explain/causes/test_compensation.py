@@ -29,7 +29,7 @@ def of_gains(chain):
         replace(model, model_error=None, covariance=10000 * model.covariance)
         for model in chain.lab.models
     )
-    return replace(chain, lab=uncorrelated(chain.lab, models))
+    return chain.changed(lab=uncorrelated(chain.lab, models))
 
 
 def uncorrelated(lab, models):
@@ -43,7 +43,7 @@ def test_each_direction_of_the_gains_is_what_other_gains_leave(of_gains):
     for cause, (_, added) in zip(directions, principal_directions(of_gains), strict=True):
         wrong = []
         for model, felt, more, wrench in zip(
-            of_gains.lab.models, of_gains.felt, added, of_gains.wrenches, strict=True
+            of_gains.lab.models, of_gains.accelerations, added, of_gains.wrenches, strict=True
         ):
             design = np.column_stack([felt, np.ones(len(felt))])
             gain = np.linalg.lstsq(design, more)[0]
@@ -57,7 +57,7 @@ def test_directions_have_95_percent_of_what_all_gains_may_leave(of_gains):
     """All gains one by one, along the axes of their covariance, through the whole chain."""
     weight = np.sqrt(np.mean(of_gains.residual**2, axis=0))
     total = 0.0
-    for k, (model, felt) in enumerate(zip(of_gains.lab.models, of_gains.felt, strict=True)):
+    for k, (model, felt) in enumerate(zip(of_gains.lab.models, of_gains.accelerations, strict=True)):
         design = np.column_stack([felt, np.ones(len(felt))])
         for component in range(6):
             variance, axes = np.linalg.eigh(model.covariance[component])
@@ -87,7 +87,7 @@ def test_what_a_model_leaves_of_a_motion_has_the_variance_that_the_calibration_e
         replace(model, model_error=error, covariance=np.zeros_like(model.covariance))
         for model in chain.lab.models
     )
-    moved = replace(chain, lab=uncorrelated(chain.lab, models), felt=(felt, felt))
+    moved = chain.changed(lab=uncorrelated(chain.lab, models), accelerations=(felt, felt))
     added = [each for _, each in principal_directions(moved)]
     variance = np.sum([each[0] ** 2 for each in added], axis=0)[SETTLED]
     expected = error.variance(felt, 100.0)[SETTLED]
@@ -109,7 +109,7 @@ def test_the_delay_of_accelerometers_is_as_uncertain_as_the_calibration_says(cha
         lab = chain.lab
         calibration = replace(lab.laboratory.calibration, sensors=sensors)
         laboratory = replace(lab.laboratory, calibration=calibration)
-        known = replace(chain, lab=replace(lab, laboratory=laboratory))
+        known = chain.changed(lab=replace(lab, laboratory=laboratory))
         (cause,) = [c for c in compensation_causes(known) if c.name == "accelerometers delayed"]
         return cause.prior
 
@@ -126,7 +126,7 @@ def belt_chain(chain, share):
     left = BeltModel([-1.2, 0.5, 2.0, -1.0, 0.5], rms_measured=10.0, rms_compensated=10.0 * share)
     laboratory = replace(chain.lab.laboratory, belts=(left, left))
     lab = replace(chain.lab, laboratory=laboratory)
-    return replace(chain, lab=lab, felt=(), belts=(wave, 0 * wave))
+    return chain.changed(lab=lab, accelerations=(), belts=(wave, 0 * wave))
 
 
 def test_a_belt_of_which_the_model_predicts_too_much_leaves_its_moment(chain):

@@ -138,7 +138,7 @@ def test_an_arm_that_hangs_forward_unseen_pitches_the_body_by_its_weight():
     effect = causes("pelvis")["left arm without markers: flexion"].effect(chain)
     parts = [f"left_{name}" for name in ("upper_arm", "forearm", "hand")]
     own = [MOVING.index(name) for name in parts]
-    rotation, origin = (each[:, own] for each in segment_frames(chain.body, chain.motion.value))
+    rotation, origin = (each[:, own] for each in segment_frames(chain.body, chain.filtered.value))
     masses = np.array([chain.body.segments[name].mass for name in parts])
     centers = np.array([chain.body.segments[name].center for name in parts])
     lever = origin + np.einsum("tsij,sj->tsi", rotation, centers) - origin[:, :1]
@@ -152,11 +152,11 @@ def test_an_unseen_lean_pitches_the_body_by_the_weight_above_the_lumbar_joint():
     effect = causes("pelvis")["trunk without markers: lean"].effect(chain)
     parts = [name for name in chain.body.segments if name not in BELOW_TRUNK]
     own = [MOVING.index(FIXED_TO.get(name, name)) for name in parts]
-    rotation, origin = (each[:, own] for each in segment_frames(chain.body, chain.motion.value))
+    rotation, origin = (each[:, own] for each in segment_frames(chain.body, chain.filtered.value))
     masses = np.array([chain.body.segments[name].mass for name in parts])
     centers = np.array([chain.body.segments[name].center for name in parts])
     above = origin + np.einsum("tsij,sj->tsi", rotation, centers)
-    joint = segment_frames(chain.body, chain.motion.value)[1][:, MOVING.index("thorax")]
+    joint = segment_frames(chain.body, chain.filtered.value)[1][:, MOVING.index("thorax")]
     forward = (masses @ (above - joint[:, None]))[:, 2]  # per radian, what is above goes forward
     expected = -GRAVITY_MPS2 * forward[50:-50].mean()  # the ground has to hold it back
     assert effect[50:-50, 4].mean() == pytest.approx(expected, rel=0.1)
@@ -193,7 +193,7 @@ def test_what_is_unseen_is_what_no_marker_of_the_trial_moves_with(shown, unseen)
     on = dict(zip(chain.body.markers, chain.body.marker_segment, strict=True))
     kept = [k for k, name in enumerate(chain.markers.names) if on[name] in segments]
     names = tuple(chain.markers.names[k] for k in kept)
-    fewer = replace(chain, markers=Markers(TIME, names, chain.markers.position[:, kept]))
+    fewer = chain.changed(markers=Markers(TIME, names, chain.markers.position[:, kept]))
     every = (cause.name.partition(" without markers") for cause in marker_causes(fewer, SPANS))
     assert {part for part, without, _ in every if without} == unseen
 
@@ -209,7 +209,7 @@ def test_harmonics_of_what_is_unseen_are_as_large_as_measured(name, kind):
 
 def test_a_gap_of_a_marker_stays_a_gap_and_the_others_still_tell():
     chain = walking()
-    gappy = replace(chain, markers=without(chain.markers, ["LASIS"], slice(100, 110)))
+    gappy = chain.changed(markers=without(chain.markers, ["LASIS"], slice(100, 110)))
     cause = next(marker_causes(gappy, SPANS))
     effect = cause.effect(gappy)
     assert np.isfinite(effect).all()

@@ -9,7 +9,8 @@ from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.plates import plate_causes
-from pipeline.explain.processing_chain import ProcessingChain, processing_chain
+from pipeline.explain.linearise import result_chain
+from pipeline.trial.chain import Chain
 from pipeline.explain.series import CycleSeries, cycle_series
 from pipeline.explain.sizes import estimate_sizes
 from pipeline.trial.ground.laboratory import Laboratory
@@ -35,7 +36,7 @@ class PerfectTrial:
     treadmill: InstrumentedTreadmill
     walked: Walked
     result: TrialResult
-    chain: ProcessingChain
+    chain: Chain
     series: CycleSeries
 
 
@@ -47,20 +48,20 @@ def perfect() -> PerfectTrial:
     recording, person = recorded(walked, treadmill), walked.walk.subject.person
     subject = Subject(sex=person.sex, mass_kg=person.mass_kg)
     result = process_recording(recording, subject, Settings())
-    chain = processing_chain(recording, STILL, result)
+    chain = result_chain(recording, STILL, result)
     series = cycle_series(chain.time, result.cycles["right"][2:], 9.0)
     return PerfectTrial(treadmill, walked, result, chain, series)
 
 
 def with_one(
     trial: PerfectTrial, name: str, size: float
-) -> tuple[ProcessingChain, dict[str, float]]:
+) -> tuple[Chain, dict[str, float]]:
     """Record the same walk by plates with one fault; gives its chain and the true sizes."""
     late_s = size if name == "plates delayed" else 0.0
     faults = [one_fault(name, size) if f"plate {k}:" in name else PlateFault() for k in (1, 2)]
     treadmill = with_faults(trial.treadmill, faults, late_s)
     recording = restated(recorded(trial.walked, treadmill), faults)
-    chain = processing_chain(recording, STILL, trial.result)
+    chain = result_chain(recording, STILL, trial.result)
     return chain, true_sizes(treadmill, recording, trial.chain.wrenches)
 
 
@@ -129,7 +130,7 @@ def test_plates_that_cameras_see_elsewhere_are_turned_and_moved(perfect: Perfect
     faults = none.model_copy(update={"plates": plates})
     treadmill = replace(perfect.treadmill, faults=faults)
     recording = recorded(perfect.walked, treadmill)
-    faulty = processing_chain(recording, STILL, perfect.result)
+    faulty = result_chain(recording, STILL, perfect.result)
     true = true_sizes(treadmill, recording, perfect.chain.wrenches)
     assert true["plate 1: direction about z"] == pytest.approx(np.radians(0.5), rel=0.01)
 
@@ -140,5 +141,5 @@ def test_plates_that_cameras_see_elsewhere_are_turned_and_moved(perfect: Perfect
     assert difference(changed.residual - clean, faulty.residual - clean) < 0.02
 
 
-def cause_named(chain: ProcessingChain, name: str) -> Cause:
+def cause_named(chain: Chain, name: str) -> Cause:
     return next(cause for cause in plate_causes(chain) if cause.name == name)

@@ -30,8 +30,8 @@ def cause(chain, name):
 def pose_of(chain, **commands):
     sway, pitch = commands.get("sway", 1.0), commands.get("pitch", 1.0)
     pivot = commands.get("pivot", lab.PIVOT_M)
-    y = chain.pose.position[:, 1]
-    return commanded_pose(sway * y, pitch * chain.pose.pitch, pivot)
+    y = chain.platform.position[:, 1]
+    return commanded_pose(sway * y, pitch * chain.platform.pitch, pivot)
 
 
 def test_channels_that_are_late_leave_what_their_recording_leaves(chain):
@@ -56,7 +56,7 @@ def test_an_axis_of_pitch_stated_5_cm_off_leaves_what_the_study_leaves(chain, le
 def test_a_sway_that_is_a_tenth_too_large_is_that_of_a_larger_command(chain):
     found = cause(chain, "platform: size of sway").change(chain, 0.1).pose
     np.testing.assert_allclose(found.position, pose_of(chain, sway=1.1).position, atol=1e-9)
-    np.testing.assert_allclose(found.rotation, chain.pose.rotation)
+    np.testing.assert_allclose(found.rotation, chain.platform.rotation)
 
 
 def test_a_pitch_that_is_a_tenth_too_large_turns_about_the_same_axis(chain):
@@ -69,7 +69,7 @@ def test_a_pitch_that_is_a_tenth_too_large_turns_about_the_same_axis(chain):
 def test_a_zero_of_sway_moves_all_plates_to_the_left(chain):
     """Its moment is that of the ground reaction force, a distance to the side."""
     found = cause(chain, "platform: zero of sway").effect(chain)[SETTLED]
-    force = chain.ground[SETTLED, :3]
+    force = chain.on_ground[SETTLED, :3]
     np.testing.assert_allclose(found[:, :3], 0, atol=1e-6)
     np.testing.assert_allclose(found[:, 3:], -np.cross([0, 1, 0], force), atol=1e-6)
 
@@ -78,7 +78,7 @@ def test_a_zero_of_pitch_turns_the_ground_reaction_force_of_a_level_platform(cha
     still = PlatformPose(
         np.tile(np.eye(3), (len(chain.time), 1, 1)), np.zeros((len(chain.time), 3))
     )
-    level = chain.changed(pose=still)
+    level = chain.changed(platform=still)
     found = cause(level, "platform: zero of pitch").change(level, 0.01)
     turned = level.ground[:, :3] @ rotation_about([0, 1, 0], 0.01).T
     np.testing.assert_allclose(found.ground[:, :3], turned, atol=1e-6)
@@ -86,8 +86,8 @@ def test_a_zero_of_pitch_turns_the_ground_reaction_force_of_a_level_platform(cha
 
 def test_axes_turned_about_the_vertical_sway_forward_too(chain):
     found = cause(chain, "platform: direction about z").change(chain, 0.1).pose
-    sway = chain.pose.position[:, 1]
-    pitchless = np.abs(chain.pose.pitch) < 1e-3
+    sway = chain.platform.position[:, 1]
+    pitchless = np.abs(chain.platform.pitch) < 1e-3
     np.testing.assert_allclose(
         found.position[pitchless, 0], -np.sin(0.1) * sway[pitchless], atol=1e-3
     )

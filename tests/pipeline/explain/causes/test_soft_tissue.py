@@ -90,7 +90,7 @@ def test_tissue_of_all_segments_carries_the_mass_that_it_is_a_share_of():
     causes = {cause.name: cause for cause in soft_tissue_causes(chain)}
     effect = causes["soft tissue of trunk: mass of vertical motion"].effect(chain)
     trunk = sum(chain.body.segments[name].mass for name in ("mid_trunk", "thorax"))
-    up = chain.motion.acceleration[:, INDEX["PelvisZ"]]
+    up = chain.filtered.acceleration[:, INDEX["PelvisZ"]]
     ratio = (effect[SETTLED, 2] @ up[SETTLED]) / (up[SETTLED] @ up[SETTLED])
     # the real part of ω² / (ω₀² - ω² + 2 i ζ ω₀ ω), with ω of 2 Hz, ω₀ of 4.5 Hz and ζ of 0.5
     response = 4 / (4.5**2 - 4 + 1j * 2 * 0.5 * 4.5 * 2)

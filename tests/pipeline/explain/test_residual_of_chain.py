@@ -7,7 +7,7 @@ import pytest
 
 from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
-from pipeline.explain.processing_chain import processing_chain
+from pipeline.explain.linearise import result_chain
 
 
 def test_the_residual_of_the_chain_is_the_measured_one(chain, walk):
@@ -16,13 +16,13 @@ def test_the_residual_of_the_chain_is_the_measured_one(chain, walk):
 
 def test_the_residual_of_a_chain_on_a_moving_platform_is_the_compensated_one(moving):
     compensated = moving[-1].compensated
-    np.testing.assert_allclose(processing_chain(*moving).residual, compensated.residual, atol=1e-8)
+    np.testing.assert_allclose(result_chain(*moving).residual, compensated.residual, atol=1e-8)
 
 
 def test_some_frames_of_a_trial_have_the_same_residual_but_for_their_ends(moving):
     """The platform is not in neutral where they begin."""
-    part = processing_chain(*moving, slice(500, 1000))
-    assert abs(part.pose.pitch[0]) > np.radians(2)
+    part = result_chain(*moving).of_frames(slice(500, 1000))
+    assert abs(part.platform.pitch[0]) > np.radians(2)
     expected = moving[-1].compensated.residual[650:850]
     np.testing.assert_allclose(part.residual[150:-150], expected, atol=1e-3)
 
@@ -39,7 +39,7 @@ def test_a_heavier_pelvis_needs_its_own_weight_and_inertia_more(chain):
     segments = dict(chain.body.segments) | {"pelvis": Inertia(total, center, tensor)}
     heavier = chain.changed(body=replace(chain.body, segments=segments))
     added = heavier.residual - chain.residual
-    expected = chain.motion.acceleration[:, :3] + [0, 0, GRAVITY_MPS2]
+    expected = chain.filtered.acceleration[:, :3] + [0, 0, GRAVITY_MPS2]
     np.testing.assert_allclose(added[:, :3], expected, atol=1e-9)
     np.testing.assert_allclose(added[:, 3:], 0, atol=1e-9)
 
@@ -48,7 +48,7 @@ def test_a_load_on_a_plate_acts_on_the_residual_where_the_plate_is(chain):
     load = np.array([0.0, 0.0, 10.0, 0.0, 0.0, 0.0])
     wrenches = [chain.wrenches[0], chain.wrenches[1] + load]
     added = (chain.changed(wrenches=wrenches).residual - chain.residual)[200:-200]
-    plate, pelvis = chain.plates[1], chain.motion.value[200:-200, :3]
+    plate, pelvis = chain.plates[1], chain.filtered.value[200:-200, :3]
     force = plate.rotation @ load[:3]
     moment = np.cross(plate.center - pelvis, force)
     np.testing.assert_allclose(added[:, :3], -np.tile(force, (len(added), 1)), atol=1e-6)
@@ -61,5 +61,5 @@ def test_a_motion_elsewhere_needs_the_same_wrench_about_the_pelvis(chain, axis):
     q[:, axis] += 0.3
     moved = chain.changed(q=q)
     np.testing.assert_allclose(moved.needed, chain.needed, atol=1e-6)
-    expected = shift_wrench(chain.ground, moved.motion.value[:, :3])
+    expected = shift_wrench(chain.on_ground, moved.filtered.value[:, :3])
     np.testing.assert_allclose(moved.needed - moved.residual, expected, atol=1e-6)
