@@ -13,7 +13,7 @@ import numpy as np
 
 from compensation import PlatformPose
 from hbm.body import FEET
-from hbm.engines.engine import choose_engine
+from hbm.engines.engine import kernels_engine
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.signals.filtering import Filtered, butterworth, low_pass
@@ -143,7 +143,7 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
     Lab axes about the pelvis origin.
     """
     state = motion.value, motion.velocity, motion.acceleration
-    _, wrench, _ = choose_engine("kernels").free_dynamics(body, *state, (), 1)
+    _, wrench, _ = kernels_engine().free_dynamics(body, *state, (), 1)
     return wrench
 
 

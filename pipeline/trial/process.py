@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 
 from hbm.body import Body
-from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.notes import Note
 from hbm.plausibility.motion import implausible
@@ -123,8 +122,7 @@ def process_recording(
     ------
     ValueError
         If the trial has no plates, no known markers, no usable mass, or is shorter than the filter
-        needs; if a stated span or contact is not in it; if the engine cannot be imported, or the
-        other one disagrees with it.
+        needs; if a stated span or contact is not in it.
 
     Examples
     --------
@@ -137,7 +135,6 @@ def process_recording(
     '74.6 kg, 3 gait cycles'
     """
     laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
-    choose_engine(settings.engine)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
     notes += (*recording.notes, *(fact.note for fact in reversed_plates(recording)))
@@ -194,7 +191,7 @@ def process_recording(
 
     # dynamics: joint forces and pelvis residual of every variant
     loads = dynamics_under_feet(body, pose, ground, settings, contacts, jobs)
-    notes += (loads.dynamics[ground.best].engine.note, *contact_notes(loads.shared, motion.time))
+    notes += contact_notes(loads.shared, motion.time)
 
     # quality: in which frames pose and support are known and filters have settled
     settling = settling_s(laboratory.filters(settings))
