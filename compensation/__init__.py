@@ -1,15 +1,8 @@
 """What a moving treadmill adds to its own force plates, and how to remove it again."""
 
-from compensation.accuracy import Linearity as Linearity
-from compensation.accuracy import PlateAlignment as PlateAlignment
-from compensation.accuracy import fit_plate_alignment as fit_plate_alignment
-from compensation.accuracy import linearity as linearity
-from compensation.accuracy import orthogonal_rmse as orthogonal_rmse
-from compensation.accuracy import wrench_of_weight as wrench_of_weight
 from compensation.belts import BeltModel as BeltModel
 from compensation.belts import belt_acceleration as belt_acceleration
 from compensation.belts import fit_belt as fit_belt
-from compensation.belts import spline_cutoff as spline_cutoff
 from compensation.delay import Delay as Delay
 from compensation.delay import estimate_delay as estimate_delay
 from compensation.force_delay import marker_plate_delay as marker_plate_delay
@@ -45,6 +38,3 @@ from compensation.protocol import validation_signals as validation_signals
 from compensation.signals import MachineLimits as MachineLimits
 from compensation.signals import Signal as Signal
 from compensation.signals import acceleration_spectrum as acceleration_spectrum
-from compensation.signals import check_signal as check_signal
-from compensation.signals import resample_signal as resample_signal
-from hbm.signals.filtering import low_pass as low_pass

@@ -1,4 +1,4 @@
-"""How this machine runs kernels and engines."""
+"""How this machine runs kernels, and which engine of the inverse dynamics."""
 
 import platform
 import timeit
