@@ -1,41 +1,40 @@
 """What a moving treadmill adds to its own force plates, and how to remove it again."""
 
-from compensation.accuracy import (
-    Linearity,
-    PlateAlignment,
-    fit_plate_alignment,
-    linearity,
-    orthogonal_rmse,
-    wrench_of_weight,
-)
-from compensation.belts import BeltModel, belt_acceleration, fit_belt, spline_cutoff
-from compensation.delay import Delay, estimate_delay
-from compensation.force_delay import marker_plate_delay
-from compensation.hammer import agreed_delay, hammer_delay
-from compensation.inertia.calibration import Calibration, from_json, to_json
-from compensation.inertia.fit import dynamic_channels, fit_inertia, fit_trials
-from compensation.inertia.model import InertiaModel, Setup
-from compensation.inertia.quality import refuse_unusable
-from compensation.inertia.sensors import Sensor, check_trial, find_sensors
-from compensation.plate_calibration import PlateCalibration, PlateCalibrations
-from compensation.platform import (
-    PlatformPose,
-    center_of_pressure,
-    check_pose,
-    commanded_pose,
-    fit_pose,
-    interpolate_pose,
-    neutral_markers,
-    pose_delay,
-    specific_force,
-    to_lab,
-)
-from compensation.protocol import belt_signals, pitch_and_sway_signals, validation_signals
-from compensation.signals import (
-    MachineLimits,
-    Signal,
-    acceleration_spectrum,
-    check_signal,
-    resample_signal,
-)
-from hbm.signals.filtering import low_pass
+from compensation.belts import BeltModel as BeltModel
+from compensation.belts import belt_acceleration as belt_acceleration
+from compensation.belts import fit_belt as fit_belt
+from compensation.delay import Delay as Delay
+from compensation.delay import estimate_delay as estimate_delay
+from compensation.force_delay import marker_plate_delay as marker_plate_delay
+from compensation.hammer import agreed_delay as agreed_delay
+from compensation.hammer import hammer_delay as hammer_delay
+from compensation.inertia.calibration import Calibration as Calibration
+from compensation.inertia.calibration import from_json as from_json
+from compensation.inertia.calibration import to_json as to_json
+from compensation.inertia.fit import dynamic_channels as dynamic_channels
+from compensation.inertia.fit import fit_inertia as fit_inertia
+from compensation.inertia.fit import fit_trials as fit_trials
+from compensation.inertia.model import InertiaModel as InertiaModel
+from compensation.inertia.model import Setup as Setup
+from compensation.inertia.quality import refuse_unusable as refuse_unusable
+from compensation.inertia.sensors import Sensor as Sensor
+from compensation.inertia.sensors import check_trial as check_trial
+from compensation.inertia.sensors import find_sensors as find_sensors
+from compensation.plate_calibration import PlateCalibration as PlateCalibration
+from compensation.plate_calibration import PlateCalibrations as PlateCalibrations
+from compensation.platform import PlatformPose as PlatformPose
+from compensation.platform import center_of_pressure as center_of_pressure
+from compensation.platform import check_pose as check_pose
+from compensation.platform import commanded_pose as commanded_pose
+from compensation.platform import fit_pose as fit_pose
+from compensation.platform import interpolate_pose as interpolate_pose
+from compensation.platform import neutral_markers as neutral_markers
+from compensation.platform import pose_delay as pose_delay
+from compensation.platform import specific_force as specific_force
+from compensation.platform import to_lab as to_lab
+from compensation.protocol import belt_signals as belt_signals
+from compensation.protocol import pitch_and_sway_signals as pitch_and_sway_signals
+from compensation.protocol import validation_signals as validation_signals
+from compensation.signals import MachineLimits as MachineLimits
+from compensation.signals import Signal as Signal
+from compensation.signals import acceleration_spectrum as acceleration_spectrum

@@ -11,6 +11,8 @@ import re
 import shutil
 import tomllib
 from importlib import import_module
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 from sphinx.application import Sphinx
@@ -83,19 +85,24 @@ def _public_names(package: str) -> str:
     """Document the public names of a package, by the modules that define them."""
     init = ROOT / package / "__init__.py"
     lines = [f"# {package}", "", _title(init)]
-    for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))):
-        if not isinstance(node, ast.ImportFrom) or not str(node.module).startswith(f"{package}."):
-            continue
-        path = (ROOT / node.module.replace(".", "/")).with_suffix(".py")
-        lines += ["", f"## {node.module}", "", _title(path), "", "```{eval-rst}"]
-        for alias in node.names:
-            public = getattr(import_module(package), alias.name)
+    exports = [
+        (str(node.module), alias.name)
+        for node in ast.walk(ast.parse(init.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.asname and str(node.module).startswith(f"{package}.")
+    ]
+    for module, names in groupby(exports, key=itemgetter(0)):
+        path = (ROOT / module.replace(".", "/")).with_suffix(".py")
+        lines += ["", f"## {module}", "", _title(path), "", "```{eval-rst}"]
+        for _, name in names:
+            public = getattr(import_module(package), name)
             if isinstance(public, type):
-                lines += [f".. autoclass:: {package}.{alias.name}", "   :members:"]
+                lines += [f".. autoclass:: {package}.{name}", "   :members:"]
             elif callable(public):
-                lines += [f".. autofunction:: {package}.{alias.name}"]
+                lines += [f".. autofunction:: {package}.{name}"]
             else:
-                lines += [f".. autodata:: {node.module}.{alias.name}", "   :no-value:"]
+                lines += [f".. autodata:: {module}.{name}", "   :no-value:"]
         lines += ["```"]
     return "\n".join(lines) + "\n"
 

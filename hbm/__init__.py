@@ -1,7 +1,8 @@
 """The human body model: markers and wrenches in, coordinates and pelvis residuals out."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
+
+from hbm.public_names import on_first_use
 
 if TYPE_CHECKING:
     from hbm.body import Body as Body
@@ -21,26 +22,5 @@ if TYPE_CHECKING:
     from hbm.motion import Motion as Motion
     from hbm.segments import SegmentOverride as SegmentOverride
     from hbm.segments import read_overrides as read_overrides
-
-_NAMES: Final = {
-    "body": ("Body", "build_body"),
-    "calibration_pose.anatomy": ("LimbMeasures",),
-    "calibration_pose.functional": ("functional_hips",),
-    "coordinates": ("COORDINATES", "HBM_ORDER"),
-    "dynamics": ("Dynamics", "filter_motion", "inverse_dynamics"),
-    "ik.tracking": ("solve_ik",),
-    "markers.marker_set": ("MarkerSet", "marker_sets", "read_marker_set"),
-    "markers.trajectories": ("Markers",),
-    "motion": ("Motion",),
-    "segments": ("SegmentOverride", "read_overrides"),
-}
-"""Module -> its public names."""
-_HOME: Final = {name: module for module, names in _NAMES.items() for name in names}
-__all__ = sorted(_HOME)
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used, so that importing the package costs nothing."""
-    if name not in _HOME:
-        raise AttributeError(f"module 'hbm' has no attribute {name!r}")
-    return getattr(import_module(f"hbm.{_HOME[name]}"), name)
+else:
+    __getattr__, __dir__, __all__ = on_first_use(__name__, __file__)

@@ -7,16 +7,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, support
-from hbm.engines.engine import (
-    Engine,
-    EngineName,
-    EngineUsed,
-    choose_engine,
-    frames_to_check,
-    other_engine,
-    require_agreement,
-    title,
-)
+from hbm.engines.engine import Engine, choose_engine
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
@@ -43,7 +34,7 @@ class Dynamics:
     power
         Power of each coordinate's generalized force, (T, 46) [W].
     engine
-        The engine that computed them, and how well the other one agrees.
+        Name and version of the engine that computed them (`hbm.engines`).
 
     Examples
     --------
@@ -62,7 +53,7 @@ class Dynamics:
     tau: Array
     residual: Array
     power: Array
-    engine: EngineUsed
+    engine: str
 
     def __post_init__(self) -> None:
         frames = len(self.time)
@@ -125,12 +116,7 @@ def filter_motion(motion: Motion, *, cutoff: float = 6.0, method: Method = "zero
 
 
 def inverse_dynamics(
-    body: Body,
-    motion: Motion,
-    wrenches: Mapping[str, Array],
-    *,
-    jobs: int = 1,
-    engine: EngineName | None = None,
+    body: Body, motion: Motion, wrenches: Mapping[str, Array], *, jobs: int = 1
 ) -> Dynamics:
     """Find the generalized forces of a motion under external wrenches.
 
@@ -146,8 +132,6 @@ def inverse_dynamics(
         acts on; the residual does not.
     jobs
         Threads.
-    engine
-        "pinocchio" or "kernels"; by default Pinocchio where it can be imported.
 
     Returns
     -------
@@ -157,8 +141,7 @@ def inverse_dynamics(
     Raises
     ------
     ValueError
-        If a segment is unknown, a wrench's shape is wrong, the motion has not been filtered, the
-        engine cannot be imported, or the two engines disagree.
+        If a segment is unknown, a wrench's shape is wrong, or the motion has not been filtered.
 
     Notes
     -----
@@ -166,9 +149,8 @@ def inverse_dynamics(
     Comput 51:1069). The force residual is ``Σ m(a − g) − Σ F`` and the moment residual the same
     balance of moments about the pelvis origin.
 
-    Where both engines can be imported, 16 frames are computed by the other one too. They must
-    agree to 1e-8 of the largest force of the frame (of at least 1 N), and moments of the largest
-    moment (of at least 1 N·m).
+    Pinocchio computes it where it can be imported, else the package's own kernels; they agree to
+    1e-11 of the largest force.
 
     Deviations from the original
     ----------------------------
@@ -186,11 +168,11 @@ def inverse_dynamics(
     >>> f"{without.residual[50, 2]:.1f} N, {74.6 * 9.81:.1f} N"
     '731.8 N, 731.8 N'
     >>> weight = np.tile([0, 0, 74.6 * 9.81, 0, 0, 0], (100, 1))
-    >>> ground = hbm.inverse_dynamics(body, standing, {"left_foot": weight}, engine="kernels")
+    >>> ground = hbm.inverse_dynamics(body, standing, {"left_foot": weight})
     >>> bool(np.abs(ground.residual[:, :3]).max() < 1e-6)
     True
     """
-    return inverse_dynamics_variants(body, motion, [wrenches], jobs=jobs, engine=engine)[0]
+    return inverse_dynamics_variants(body, motion, [wrenches], jobs=jobs)[0]
 
 
 def inverse_dynamics_variants(
@@ -199,13 +181,12 @@ def inverse_dynamics_variants(
     variants: Sequence[Mapping[str, Array]],
     *,
     jobs: int = 1,
-    engine: EngineName | None = None,
 ) -> list[Dynamics]:
     """Do `inverse_dynamics` for several sets of wrenches in one evaluation of the equations.
 
     Parameters
     ----------
-    body, motion, jobs, engine
+    body, motion, jobs
         As for `inverse_dynamics`.
     variants
         Sets of wrenches, such as plates as measured and compensated.
@@ -239,11 +220,10 @@ def inverse_dynamics_variants(
     if frames and np.isnan(motion.v).all() and not np.isnan(motion.q).all():
         raise ValueError("the motion has no velocities; filter it first with filter_motion")
 
-    chosen = choose_engine(engine)
-    forces = _forces(chosen, body, (motion.q, motion.v, motion.a), variants, jobs)
-    used = _checked(chosen, body, motion, variants, forces)
+    engine = choose_engine()
+    forces = _forces(engine, body, (motion.q, motion.v, motion.a), variants, jobs)
     return [
-        Dynamics(motion.time, tau, residual, frozen(tau * motion.v), used)
+        Dynamics(motion.time, tau, residual, frozen(tau * motion.v), engine.name)
         for tau, residual in (np.split(frozen(force), [N_Q], axis=1) for force in forces)
     ]
 
@@ -253,7 +233,7 @@ def _forces(
     body: Body,
     state: tuple[Array, Array, Array],
     variants: Sequence[Mapping[str, Array]],
-    jobs: int = 1,
+    jobs: int,
 ) -> list[Array]:
     """Give generalized forces and residual of each variant, (T, 52)."""
     frames = len(state[0])
@@ -273,31 +253,3 @@ def _forces(
                 force[block, chain] -= np.einsum("tci,ti->tc", jacobians[segment], acting)
             force[block, N_Q:] = needed - shift_wrench(external, q[:, :3])
     return forces
-
-
-def _checked(
-    engine: Engine,
-    body: Body,
-    motion: Motion,
-    variants: Sequence[Mapping[str, Array]],
-    forces: list[Array],
-) -> EngineUsed:
-    """Compute some frames by the other engine too, and refuse forces on which the two disagree."""
-    used, other = EngineUsed(engine.name, engine.version), other_engine(engine)
-    frames = frames_to_check(forces)
-    if other is None or not len(frames):
-        return used
-    state = motion.q[frames], motion.v[frames], motion.a[frames]
-    on_frames = [{s: np.asarray(w)[frames] for s, w in of_one.items()} for of_one in variants]
-    engines = str(used), title(other.name, other.version)
-    differences = [
-        require_agreement(found[frames], again, engines, frames, motion.time[frames])
-        for found, again in zip(forces, _forces(other, body, state, on_frames), strict=True)
-    ]
-    return replace(
-        used,
-        other=other.name,
-        other_version=other.version,
-        frames=len(frames),
-        difference=max(differences),
-    )

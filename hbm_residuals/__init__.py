@@ -5,67 +5,9 @@ does not hide them.
 """
 
 import sys
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
-
-if TYPE_CHECKING:
-    from pipeline import virtual_lab as virtual_lab
-    from pipeline.budgets.explanation import explain as explain
-    from pipeline.config.schema import Condition as Condition
-    from pipeline.config.schema import Platform as Platform
-    from pipeline.config.schema import Settings as Settings
-    from pipeline.config.schema import Subject as Subject
-    from pipeline.config.schema import Treadmill as Treadmill
-    from pipeline.config.study import read_study as read_study
-    from pipeline.figures.residuals import residual_figure as figure
-    from pipeline.io.read import read_recording as read
-    from pipeline.live.session import rehearse as rehearse
-    from pipeline.report.trial_page import write_trial_page as write_page
-    from pipeline.report.write import write_report as report
-    from pipeline.run.run import run_study as run
-    from pipeline.run.store import read_trial as read_result
-    from pipeline.trial.ground.calibration_recording import fit_calibration as fit_calibration
-    from pipeline.trial.ground.calibration_recording import plate_samples as plate_samples
-    from pipeline.trial.ground.calibrations import read_calibration as read_calibration
-    from pipeline.trial.ground.laboratory import Laboratory as Laboratory
-    from pipeline.trial.joints import joint_curves as joints
-    from pipeline.trial.process import process_recording as process
-    from pipeline.trial.residuals import cycle_residuals as cycles
-    from pipeline.trial.residuals import residual_table as residuals
-    from pipeline.trial.residuals import threshold_table as thresholds
-    from pipeline.viewer.trial import view_result as view
-
-_HOME: Final = {
-    "Condition": "config.schema:Condition",
-    "Laboratory": "trial.ground.laboratory:Laboratory",
-    "Platform": "config.schema:Platform",
-    "Settings": "config.schema:Settings",
-    "Subject": "config.schema:Subject",
-    "Treadmill": "config.schema:Treadmill",
-    "cycles": "trial.residuals:cycle_residuals",
-    "explain": "budgets.explanation:explain",
-    "figure": "figures.residuals:residual_figure",
-    "fit_calibration": "trial.ground.calibration_recording:fit_calibration",
-    "joints": "trial.joints:joint_curves",
-    "plate_samples": "trial.ground.calibration_recording:plate_samples",
-    "process": "trial.process:process_recording",
-    "read": "io.read:read_recording",
-    "read_calibration": "trial.ground.calibrations:read_calibration",
-    "read_result": "run.store:read_trial",
-    "read_study": "config.study:read_study",
-    "rehearse": "live.session:rehearse",
-    "report": "report.write:write_report",
-    "residuals": "trial.residuals:residual_table",
-    "run": "run.run:run_study",
-    "thresholds": "trial.residuals:threshold_table",
-    "view": "viewer.trial:view_result",
-    "virtual_lab": "virtual_lab",
-    "write_page": "report.trial_page:write_trial_page",
-}
-"""Name -> module of ``pipeline``, and its name there, if it is not the module itself."""
-__all__ = sorted(_HOME)
+from typing import TYPE_CHECKING
 
 
 def _find_own_packages() -> None:
@@ -90,16 +32,44 @@ def _find_own_packages() -> None:
 
 _find_own_packages()
 
+if TYPE_CHECKING:
+    import pipeline.figures.residuals
+    import pipeline.io.read
+    import pipeline.report.trial_page
+    import pipeline.report.write
+    import pipeline.run.run
+    import pipeline.run.store
+    import pipeline.trial.joints
+    import pipeline.trial.process
+    import pipeline.trial.residuals
+    import pipeline.viewer.trial
+    from pipeline import virtual_lab as virtual_lab
+    from pipeline.budgets.explanation import explain as explain
+    from pipeline.config.schema import Condition as Condition
+    from pipeline.config.schema import Platform as Platform
+    from pipeline.config.schema import Settings as Settings
+    from pipeline.config.schema import Subject as Subject
+    from pipeline.config.schema import Treadmill as Treadmill
+    from pipeline.config.study import read_study as read_study
+    from pipeline.live.session import rehearse as rehearse
+    from pipeline.trial.ground.calibration_recording import fit_calibration as fit_calibration
+    from pipeline.trial.ground.calibration_recording import plate_samples as plate_samples
+    from pipeline.trial.ground.calibrations import read_calibration as read_calibration
+    from pipeline.trial.ground.laboratory import Laboratory as Laboratory
 
-def __dir__() -> list[str]:
-    """List the public names, for those who explore them."""
-    return __all__
+    cycles = pipeline.trial.residuals.cycle_residuals
+    figure = pipeline.figures.residuals.residual_figure
+    joints = pipeline.trial.joints.joint_curves
+    process = pipeline.trial.process.process_recording
+    read = pipeline.io.read.read_recording
+    read_result = pipeline.run.store.read_trial
+    report = pipeline.report.write.write_report
+    residuals = pipeline.trial.residuals.residual_table
+    run = pipeline.run.run.run_study
+    thresholds = pipeline.trial.residuals.threshold_table
+    view = pipeline.viewer.trial.view_result
+    write_page = pipeline.report.trial_page.write_trial_page
+else:
+    from hbm.public_names import on_first_use
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used, so that importing the package costs nothing."""
-    if name not in _HOME:
-        raise AttributeError(f"module 'hbm_residuals' has no attribute {name!r}")
-    path, _, name = _HOME[name].partition(":")
-    module = import_module(f"pipeline.{path}")
-    return getattr(module, name) if name else module
+    __getattr__, __dir__, __all__ = on_first_use(__name__, __file__)

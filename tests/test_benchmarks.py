@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.engines.engine import ENGINES
 from pipeline.io.recording import Event
 from tests.benchmarks import events
 from tests.benchmarks.accuracy import check_optimum, force_error, kinematic_error
@@ -70,7 +69,11 @@ def test_no_other_program_fits_the_markers_better(trial, result, name):
 @pytest.mark.parametrize(
     ("name", "task"),
     [
-        *((name, f"id {engine}") for name in (COMPILED, MACHINE) for engine in ENGINES),
+        *(
+            (name, f"id {engine}")
+            for name in (COMPILED, MACHINE)
+            for engine in ("pinocchio", "kernels")
+        ),
         *((name, "id") for name in (COMPILED, "MuJoCo", "Pinocchio")),
         pytest.param("OpenSim", "id", marks=pytest.mark.opensim),
     ],

@@ -6,8 +6,12 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import pytest
+
+import hbm
 import hbm_residuals as hr
 import pipeline
+from hbm.public_names import homes
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -20,6 +24,31 @@ def test_there_are_at_most_25_names_and_each_is_one_of_the_packages():
         assert home.startswith("pipeline."), name
     assert hr.process is pipeline.process_recording
     assert hr.read is pipeline.read_recording
+
+
+@pytest.mark.parametrize("package", [hbm, pipeline, hr], ids=lambda package: package.__name__)
+def test_a_misspelt_name_is_an_error_and_the_right_ones_are_listed(package):
+    assert set(dir(package)) == set(homes(package.__file__))
+    with pytest.raises(AttributeError, match=f"module '{package.__name__}' has no .* 'misspelt'"):
+        package.misspelt  # noqa: B018
+
+
+@pytest.mark.slow
+def test_strict_type_checkers_know_every_public_name_and_no_other(tmp_path):
+    """As a user's ``mypy --strict`` reads the installed packages."""
+    packages = ("hbm", "compensation", "pipeline", "hbm_residuals")
+    public = {name: tuple(homes(ROOT / name / "__init__.py")) for name in packages}
+    public["compensation"] = ("fit_inertia", "fit_belt", "InertiaModel")
+    lines = [f"import {', '.join(packages)}"]
+    lines += [f"{package}.{name}" for package in packages for name in public[package]]
+    lines += [f"{package}.misspelt" for package in packages]
+    path = tmp_path / "script.py"
+    path.write_text("\n".join(lines))
+    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", path]
+    checked = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    errors = [line for line in checked.stdout.splitlines() if " error: " in line]
+    assert len(errors) == len(packages), checked.stdout
+    assert all('no attribute "misspelt"' in error for error in errors)
 
 
 def script(tmp_path, code):

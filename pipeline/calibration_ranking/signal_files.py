@@ -9,13 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from compensation import (
-    MachineLimits,
-    Signal,
-    check_signal,
-    resample_signal,
-    validation_signals,
-)
+from compensation import MachineLimits, Signal, validation_signals
 from compensation.protocol import (
     BELT_KINDS,
     BELT_VARIANCE,
@@ -25,6 +19,7 @@ from compensation.protocol import (
     belt_signal,
     platform_signal,
 )
+from compensation.signals import check_signal, resample_signal
 from pipeline.figures.style import DPI, PALETTE, STYLE
 from pipeline.io.write import whole_file
 

@@ -8,13 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from compensation import (
-    Setup,
-    belt_acceleration,
-    low_pass,
-    spline_cutoff,
-)
-from hbm.signals.filtering import Method
+from compensation import Setup, belt_acceleration
+from compensation.belts import spline_cutoff
+from hbm.signals.filtering import Method, low_pass
 from hbm.spatial import Array, rotate_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording

@@ -49,7 +49,7 @@ COMMANDS: Final = {
     "plates": ("treadmill", "Check force plates against known weights (experiment 1)."),
     "simulate": ("study", "Simulate experiment 3: recordings, true values."),
     "live": ("live", "Compute residuals while the subject walks."),
-    "doctor": ("doctor", "Print versions, and how kernels and engines run here."),
+    "doctor": ("doctor", "Print versions and the engine, and how kernels run here."),
     GROUP: ("", "Calibrate a moving treadmill, rank calibrations (experiment 2)."),
 }
 CALIBRATION: Final = {

@@ -1,4 +1,4 @@
-"""How this machine runs kernels and engines."""
+"""How this machine runs kernels, and which engine of the inverse dynamics."""
 
 import platform
 import timeit
@@ -20,8 +20,8 @@ REPETITIONS: Final = 4
 
 
 def doctor() -> None:
-    """Kernels are timed; the engine that is the default is named."""
-    from hbm.engines.engine import ENGINES, choose_engine
+    """Kernels are timed; the engine of the inverse dynamics is named."""
+    from hbm.engines.engine import choose_engine
     from hbm.kernels.native import kernels
 
     console = PlainConsole()
@@ -36,12 +36,7 @@ def doctor() -> None:
     for name in ("newton_step", "segment_poses", "newton_euler"):
         rate = speed(getattr(ready, name))
         console.print(f"  {name}: {rate:,.0f} frames/s on one core ({1e6 / rate:.1f} µs)")
-    console.print(f"inverse dynamics: {choose_engine().name} unless another engine is set")
-    for engine in ENGINES:
-        try:
-            console.say(f"  {engine}: {choose_engine(engine).version}")
-        except ValueError as error:
-            console.say(f"  {engine}: {error}")
+    console.say(f"inverse dynamics: {choose_engine().name}")
 
 
 def speed(kernel: "Kernel") -> float:

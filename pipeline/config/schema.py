@@ -15,7 +15,6 @@ from pydantic import (
 )
 
 from hbm.calibration_pose.anatomy import MARKER_OFFSET_M
-from hbm.engines.engine import EngineName
 from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.spelling import printable, shown
@@ -74,8 +73,6 @@ class Settings(InputModel):
     """Smallest share of used frames in a gait cycle, or in a recording without one."""
     events: EventMethod | None = Field(default=None, examples=["auto"])
     """Gait events: file, zeni, plates or auto; default: the file's if the feet agree, else auto."""
-    engine: EngineName | None = Field(default=None, examples=["kernels"])
-    """Inverse dynamics by pinocchio or kernels; default: pinocchio where installed."""
 
 
 class Subject(InputModel):

@@ -22,6 +22,8 @@ Option = str | float | bool | None | Path | Sequence[str] | Mapping[str, str | t
 """Value of an option of the command line."""
 UNITS: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
 """In which a number is, by the end of its key."""
+NO_LONGER_NEEDED: Final = {"engine": "Pinocchio runs where it can be imported, else the kernels"}
+"""Keys of older studies that state nothing now -> what is done instead."""
 
 
 class StudyFaults(ValueError):
@@ -175,6 +177,8 @@ def _place(location: tuple[int | str, ...], table: object) -> list[str]:
 def _line(fault: ErrorDetails, kind: type[BaseModel], place: Sequence[str]) -> str:
     key = ".".join(short(part) for part in place)
     value = fault["input"]
+    if fault["type"] == "extra_forbidden" and place[-1] in NO_LONGER_NEEDED:
+        return f"{key}: no longer needed: {NO_LONGER_NEEDED[place[-1]]}; remove it"
     if fault["type"] == "extra_forbidden":
         known = _known_keys(kind, fault["loc"][:-1])
         hint = did_you_mean(place[-1], known) or f"; known: {', '.join(known)}"

@@ -8,14 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from compensation import (
-    Delay,
-    Linearity,
-    PlateAlignment,
-    center_of_pressure,
-    linearity,
-    orthogonal_rmse,
-)
+from compensation import Delay, center_of_pressure
+from compensation.accuracy import Linearity, PlateAlignment, linearity, orthogonal_rmse
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
 from pipeline.plate_accuracy.response import (

@@ -10,7 +10,8 @@ from scipy import stats
 from scipy.interpolate import CubicSpline
 from scipy.signal import czt
 
-from compensation import Delay, PlateAlignment, PlateCalibration, center_of_pressure
+from compensation import Delay, PlateCalibration, center_of_pressure
+from compensation.accuracy import PlateAlignment
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, Mask, shift_wrench
 from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.trials import LOADED_SHARE, WeightTrial, to_cameras

@@ -5,14 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation import (
-    Delay,
-    PlateAlignment,
-    center_of_pressure,
-    fit_plate_alignment,
-    hammer_delay,
-    wrench_of_weight,
-)
+from compensation import Delay, center_of_pressure, hammer_delay
+from compensation.accuracy import PlateAlignment, fit_plate_alignment, wrench_of_weight
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.signals.resampling import interpolate
 from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench, transform_wrench

@@ -17,7 +17,6 @@ from pipeline.figures.residuals import mean_part
 from pipeline.report.blocks import TEMPLATES
 from pipeline.report.tables import described
 from pipeline.run.load import Results
-from pipeline.run.provenance import engines_of
 from pipeline.statistics.comparison import MIXED_MODEL
 from pipeline.statistics.curves import MIN_SUBJECTS
 from pipeline.statistics.design import Design
@@ -81,7 +80,7 @@ def methods(
         people_in_words=_people(results.subjects),
         conditions=design.in_order(trial.condition for trial in trials),
         filters=sorted({(t.settings.filter, f"{t.settings.cutoff_hz:g}") for t in trials}),
-        engines=engines_of([trial.engine for trial in trials]),
+        engines=sorted({trial.engine for trial in trials}),
         treadmill=study.file.treadmill if study else None,
         compensated=any("compensated" in trial.variants for trial in trials),
         lags_s=LAGS_S,

@@ -18,7 +18,6 @@ from compensation import PlatformPose
 from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES
-from hbm.engines.engine import choose_engine
 from hbm.ik.problem import Problem, undetermined
 from hbm.notes import Note, warnings_of
 from hbm.plausibility.motion import implausible
@@ -129,7 +128,6 @@ class Way:
     def of(cls, study: Study, findings: Findings) -> "Way":
         """Read the laboratory, without calibrations where that fails; say what is doubtful."""
         file, treadmill = "study.toml", study.file.treadmill
-        findings.attempt(file, lambda: choose_engine(study.file.settings.engine))
         laboratory = findings.attempt(file, lambda: read_study_laboratory(study))
         laboratory = laboratory or Laboratory(treadmill)
         findings.remark(file, *laboratory.notes)

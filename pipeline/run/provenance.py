@@ -2,14 +2,13 @@
 
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Literal, TypeVar
 
 from pydantic import TypeAdapter
 
-from hbm.engines.engine import EngineUsed
 from pipeline.config.schema import Comparison, Condition, Plates, Settings, Treadmill, TrialName
 from pipeline.config.study import Study
 from pipeline.io.qualisys import plate_files
@@ -72,8 +71,7 @@ class Provenance:
         Settings and package versions the trials were processed with, each once; more than one
         means that trials are not alike.
     engines
-        Engines of the inverse dynamics, each once, with the number of frames that the other engine
-        checked in all trials, and the largest difference.
+        Engines of the inverse dynamics with their versions, each once.
     report
         Python's and the packages' versions that made the report.
     program
@@ -91,7 +89,7 @@ class Provenance:
     name: str | None
     settings: tuple[Settings, ...]
     versions: tuple[Mapping[str, str], ...]
-    engines: tuple[EngineUsed, ...]
+    engines: tuple[str, ...]
     report: Mapping[str, str]
     program: Mapping[str, str]
     conditions: Mapping[str, Condition] | None
@@ -199,7 +197,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
         name=study.file.name if study else None,
         settings=_each_once(trial.settings for trial in trials),
         versions=_each_once(trial.versions for trial in trials),
-        engines=engines_of([trial.engine for trial in trials]),
+        engines=_each_once(trial.engine for trial in trials),
         report={
             "python": platform.python_version(),
             **{name: version(name) for name in REPORT_PACKAGES},
@@ -212,21 +210,6 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
         calibration=_each_once(note for trial in trials for note in trial.of_calibration),
         inputs=input_digests(study) if study else None,
         trials=tuple(states),
-    )
-
-
-def engines_of(used: Sequence[EngineUsed]) -> tuple[EngineUsed, ...]:
-    """Give every engine once, with all frames that were checked and the largest difference."""
-    alike: dict[EngineUsed, list[EngineUsed]] = {}
-    for one in used:
-        alike.setdefault(replace(one, frames=0, difference=0.0), []).append(one)
-    return tuple(
-        replace(
-            engine,
-            frames=sum(one.frames for one in trials),
-            difference=max(one.difference for one in trials),
-        )
-        for engine, trials in alike.items()
     )
 
 

@@ -14,7 +14,6 @@ from typing import Final
 
 from joblib import delayed
 
-from hbm.engines.engine import choose_engine
 from hbm.kernels.native import kernels
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
@@ -81,9 +80,8 @@ def run_study(
     Raises
     ------
     ValueError
-        If a subject or condition is unknown, there is nothing to process, the study states an
-        engine that cannot be imported, ``out`` cannot be written to, or results would be replaced
-        that were made with other settings or files.
+        If a subject or condition is unknown, there is nothing to process, ``out`` cannot be
+        written to, or results would be replaced that were made with other settings or files.
 
     Examples
     --------
@@ -114,10 +112,8 @@ def plan(
     """List the trials of a study that have a recording, with the key of what goes into each.
 
     Paths are made absolute, for a worker may run in another folder. A ValueError says that a
-    subject or condition is unknown, that nothing is left to process, or that the stated engine
-    cannot be imported.
+    subject or condition is unknown, or that nothing is left to process.
     """
-    choose_engine(study.file.settings.engine)
     folder, out = study.folder.resolve(), out.resolve()
     variants = {name: replace(own, folder=folder) for name, own in study.variants.items()}
     absolute = replace(study, folder=folder, variants=variants)

@@ -24,7 +24,6 @@ from pydantic import BaseModel
 from compensation.platform import PlatformPose
 from hbm.coordinates import COORDINATES, HBM_ORDER
 from hbm.dynamics import Dynamics
-from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
@@ -36,7 +35,7 @@ from pipeline.io.write import open_parquet, whole_file, write_text
 from pipeline.trial.residuals import AXES, reported
 from pipeline.trial.result import TrialResult
 
-FORMAT_VERSION: Final = 11
+FORMAT_VERSION: Final = 12
 """Of stored trials; raised with every change of what they hold."""
 METADATA: Final = b"hbm"
 DIGEST: Final = b"hbm.sha256"
@@ -264,7 +263,7 @@ def _result(table: pa.Table, stored: Mapping[str, Any]) -> TrialResult:
     kinds = {name: kind for name, kind in _types(TrialResult).items() if name not in OF_FRAMES}
     rest = {name: _typed(kind, stored[name]) for name, kind in kinds.items()}
     rest["cycles"] = {side: spans.reshape(-1, 2) for side, spans in rest["cycles"].items()}
-    return TrialResult(**rest, **_frames(table, _typed(EngineUsed, stored["engine"])))
+    return TrialResult(**rest, **_frames(table, stored["engine"]))
 
 
 def frame_table(result: TrialResult) -> pa.Table:
@@ -315,7 +314,7 @@ def frame_table(result: TrialResult) -> pa.Table:
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
 
-def _frames(table: pa.Table, engine: EngineUsed) -> dict[str, Any]:
+def _frames(table: pa.Table, engine: str) -> dict[str, Any]:
     """Read the columns of `frame_table` back, equal to the last bit; KeyError if one is missing."""
 
     def read(prefix: str, names: Iterable[str]) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 
 from compensation import PlatformPose
 from hbm.body import FEET, Body
-from hbm.engines.engine import choose_engine
+from hbm.engines.engine import kernels_engine
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
@@ -78,7 +78,7 @@ DEPENDS_ON: Final[Mapping[str, str]] = {
     "lab": "trial laboratory settings.plate_delay_s",
     "ground": f"lab recording.markers {FILTER}",
     "moves": "trial body laboratory",
-    "loads": f"body pose ground contacts settings.contact_threshold_n settings.engine {FILTER}",
+    "loads": f"body pose ground contacts settings.contact_threshold_n {FILTER}",
     "settling": f"laboratory {FILTER}",
     "quality": f"body pose ground loads settling settings.contact_threshold_n {FILTER}",
     "labels": "body trial static.markers",
@@ -480,7 +480,7 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
     Lab axes about the pelvis origin.
     """
     state = motion.value, motion.velocity, motion.acceleration
-    _, wrench, _ = choose_engine("kernels").free_dynamics(body, *state, (), 1)
+    _, wrench, _ = kernels_engine().free_dynamics(body, *state, (), 1)
     return wrench
 
 

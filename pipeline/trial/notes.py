@@ -54,7 +54,6 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
         remedy = _remedy(try_mendings(chain, zeros.mendings) if zeros.mendings else None)
         yield zeros.note(remedy, mass.mass_kg)
     yield from others
-    yield loads.dynamics[ground.best].engine.note
     if chain.uncertainty is not None:
         yield from uncertainty_notes(chain.uncertainty[chain.counts])
     yield from support.notes

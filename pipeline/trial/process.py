@@ -80,8 +80,7 @@ def process_recording(
     ------
     ValueError
         If the trial has no plates, no known markers, no usable mass, or is shorter than the filter
-        needs; if a stated span or contact is not in it; if the engine cannot be imported, or the
-        other one disagrees with it.
+        needs; if a stated span or contact is not in it.
 
     Examples
     --------

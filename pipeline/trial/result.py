@@ -15,7 +15,6 @@ from compensation.inertia.quality import OF_CALIBRATION
 from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
-from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
@@ -215,8 +214,8 @@ class TrialResult:
         return free_of(self.quality)
 
     @property
-    def engine(self) -> EngineUsed:
-        """The engine of the inverse dynamics, the same for all variants."""
+    def engine(self) -> str:
+        """Name and version of the engine of the inverse dynamics, the same for all variants."""
         return next(iter(self.variants.values())).engine
 
     @property

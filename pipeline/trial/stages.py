@@ -118,9 +118,7 @@ def dynamics_under_feet(
         variant: _filtered(by_foot(np.stack(own, axis=1), shared.on), pose.solved, settings)
         for variant, own in ground.variants.items()
     }
-    found = inverse_dynamics_variants(
-        body, motion, [*wrenches.values()], jobs=jobs, engine=settings.engine
-    )
+    found = inverse_dynamics_variants(body, motion, [*wrenches.values()], jobs=jobs)
     dynamics = dict(zip(wrenches, found, strict=True))
     measured = np.sum([*wrenches[ground.best].values()], axis=0)[:, 2]
     need = measured + dynamics[ground.best].residual[:, 2]

@@ -16,9 +16,10 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from compensation import MachineLimits, Signal, low_pass, validation_signals
+from compensation import MachineLimits, Signal, validation_signals
 from compensation.inertia.fit import LAGS_S
 from compensation.protocol import platform_signal
+from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording

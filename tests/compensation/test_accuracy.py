@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.optimize import minimize
 
-from compensation import linearity, orthogonal_rmse, wrench_of_weight
+from compensation.accuracy import linearity, orthogonal_rmse, wrench_of_weight
 
 LOADS = np.repeat([13.44, 22.56, 36.00, 45.08], 6) * 9.81
 time = np.arange(2000) / 100

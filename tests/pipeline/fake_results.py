@@ -12,7 +12,6 @@ import numpy as np
 
 from hbm.coordinates import INDEX
 from hbm.dynamics import Dynamics
-from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
@@ -23,7 +22,7 @@ from pipeline.trial.residuals import reported
 from pipeline.trial.result import TrialResult
 from tests.synthetic import synthetic_body
 
-ENGINE = EngineUsed("pinocchio", "4.1.0", "kernels", "casadi 3.7.2", 16, 2e-14)
+ENGINE = "Pinocchio 4.1.0"
 RATE_HZ = 100.0
 CYCLE_S = 1.1
 WALKING = np.array([50.0, 40.0, 85.0, 15.0, 27.0, 6.0])

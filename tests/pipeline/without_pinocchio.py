@@ -32,22 +32,20 @@ def assert_only_the_engine_differs(trial, folder):
     pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
     found = []
     for name, code in (("with", COMMAND), ("without", BLOCKED + COMMAND)):
-        words = ["residuals", str(trial), "--verbose", "--out", str(folder / name)]
+        words = ["residuals", str(trial), "--out", str(folder / name)]
         done = subprocess.run(
             [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stderr
         path = folder / name / f"{trial.stem}.parquet"
-        found.append((done.stdout, read_trial(path), pq.read_table(path)))
+        found.append((read_trial(path), pq.read_table(path)))
     with_it, without = found
-    for (printed, result, _), engine in ((with_it, "Pinocchio"), (without, "kernels")):
-        assert f"inverse dynamics by {engine}" in " ".join(printed.split())
-        assert str(result.engine).startswith(engine)
-    assert (with_it[1].engine.other, without[1].engine.other) == ("kernels", None)
-    one, other = (residual_table(trial, "walk") for trial in (with_it[1], without[1]))
+    for (result, _), engine in ((with_it, "Pinocchio"), (without, "kernels")):
+        assert result.engine.startswith(engine)
+    one, other = (residual_table(result, "walk") for result, _ in (with_it, without))
     for column in ("rms", "peak"):
         assert other[column].to_numpy() == pytest.approx(one[column].to_numpy(), rel=AGREEMENT)
-    frames, again = with_it[2], without[2]
+    frames, again = with_it[1], without[1]
     assert frames.column_names == again.column_names
     for column in frames.column_names:
         values, others = (table.column(column).to_numpy() for table in (frames, again))

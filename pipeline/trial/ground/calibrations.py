@@ -10,18 +10,11 @@ from typing import Final, TypeVar, cast
 
 import numpy as np
 
-from compensation import (
-    BeltModel,
-    Calibration,
-    check_trial,
-    fit_belt,
-    from_json,
-    low_pass,
-    to_json,
-)
+from compensation import BeltModel, Calibration, check_trial, fit_belt, from_json, to_json
 from compensation.inertia.quality import OF_CALIBRATION, DayCheck, check_another_day
 from compensation.inertia.sensors import FAULTS
 from hbm.notes import Note
+from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate
 from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
 from pipeline.config.schema import Belt, Platform, Treadmill

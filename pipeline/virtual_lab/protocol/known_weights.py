@@ -220,7 +220,7 @@ class PlateErrors:
         (measured, true) component, such as (0, 2) for Fz in Fx -> share [1, m or 1/m].
     angle_rad, offset_m
         Plate from camera coordinates: rotation about the vertical, and offset, as
-        `compensation.PlateAlignment`.
+        `compensation.accuracy.PlateAlignment`.
     delay_s
         How much later the plate is than the cameras.
     curvature

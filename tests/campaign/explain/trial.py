@@ -13,8 +13,8 @@ from pipeline.explain.budget import Budget
 from pipeline.explain.cause import priors
 from pipeline.explain.explain import explain_trial
 from pipeline.explain.linearise import result_chain
-from pipeline.trial.chain import Chain
 from pipeline.io.recording import Recording
+from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult

@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from compensation import belt_acceleration, low_pass, pitch_and_sway_signals, validation_signals
+from compensation import belt_acceleration, pitch_and_sway_signals, validation_signals
 from compensation.protocol import (
     ADVISED_PLATFORM_SIGNAL,
 )
+from hbm.signals.filtering import low_pass
 from pipeline.calibration_ranking.ranking import (
     belt_interaction,
     best_trials,

@@ -20,7 +20,7 @@ def walk(walker):
 @pytest.fixture(scope="session")
 def chain(walk):
     recording, result = walk
-    return result_chain(recording, Laboratory(Treadmill()), result)
+    return result_chain(recording, Laboratory(Treadmill()), result).of_frames(slice(None))
 
 
 @pytest.fixture(scope="session")

@@ -46,7 +46,7 @@ def chain_of(recording, laboratory):
     result = pipeline.process_recording(
         recording, Subject(sex="male", mass_kg=74.6), Settings(), laboratory=laboratory
     )
-    return result_chain(recording, laboratory, result)
+    return result_chain(recording, laboratory, result).of_frames(slice(None))
 
 
 def with_platform(platform):

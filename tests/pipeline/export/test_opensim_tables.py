@@ -5,7 +5,6 @@ import pytest
 
 from hbm.coordinates import HBM_ORDER, INDEX, N_Q, TREE
 from hbm.dynamics import Dynamics
-from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from pipeline.export.tables import (
@@ -49,8 +48,7 @@ def test_coordinates_come_back_in_degrees_and_metres_in_the_original_order(rng, 
 
 def test_forces_come_back_under_the_names_that_opensim_gives_them(rng, tmp_path):
     tau = rng.normal(size=(20, N_Q))
-    engine = EngineUsed("kernels", "1")
-    dynamics = Dynamics(TIME, tau, np.zeros((20, 6)), np.zeros((20, N_Q)), engine)
+    dynamics = Dynamics(TIME, tau, np.zeros((20, 6)), np.zeros((20, N_Q)), "kernels")
     write_forces(dynamics, tmp_path / "trial_id.sto")
     table = read_sto(tmp_path / "trial_id.sto")
     assert "inDegrees=no" in (tmp_path / "trial_id.sto").read_text()

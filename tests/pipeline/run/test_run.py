@@ -113,16 +113,26 @@ def test_another_program_or_library_redoes_everything(moving_study, out, monkeyp
     assert not set(before) & set(after)
 
 
-def test_an_engine_that_is_missing_is_refused_before_anything_is_processed(
-    study, out, monkeypatch, capsys
-):
-    edit(study / "study.toml", "[treadmill]", '[settings]\nengine = "pinocchio"\n[treadmill]')
+def test_another_engine_of_the_inverse_dynamics_redoes_everything(study, out, monkeypatch):
+    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+    before = [job.key for job in plan(read_study(study), out)]
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    line = 'engine = "pinocchio" is set, but Pinocchio cannot be imported here'
-    assert main(["run", str(study), "--out", str(out)]) == 2
-    assert line in capsys.readouterr().err
-    assert main(["check", str(study)]) == 2
-    assert f"FAULT study.toml: {line}" in capsys.readouterr().out
+    after = [job.key for job in plan(read_study(study), out)]
+    assert not set(before) & set(after)
+
+
+@pytest.mark.parametrize(
+    ("table", "place"), [("settings", "settings."), ("variants.slow", "variants.slow: ")]
+)
+def test_an_engine_that_an_older_study_states_is_one_line_that_says_to_remove_it(
+    study, out, capsys, table, place
+):
+    edit(study / "study.toml", "[treadmill]", f'[{table}]\nengine = "kernels"\n[treadmill]')
+    line = f"study.toml: {place}engine: no longer needed: Pinocchio runs where it can be imported"
+    for command in (["run", str(study), "--out", str(out)], ["check", str(study)]):
+        assert main(command) == 2
+        (message,) = capsys.readouterr().err.splitlines()
+        assert message == f"hbm: error: {line}, else the kernels; remove it"
 
 
 def test_two_trials_at_a_time_give_the_same_results_as_one(moving_study, finished, tmp_path):

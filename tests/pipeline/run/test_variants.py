@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+from pipeline.trial.once import computing_once, once
 
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
@@ -11,7 +12,6 @@ from pipeline.report import write as report
 from pipeline.run.run import forecast, plan, run_study
 from pipeline.run.store import read_trial
 from pipeline.trial import process, stages
-from pipeline.trial.once import computing_once, once
 from tests.pipeline.lab import edit
 
 CUTOFFS_HZ = (5, 8, 10, 12)

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pipeline.trial.plate_faults import Witnesses, weight_of_steps
 
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.mended_plates import find_jumps, with_mended_plates
 from pipeline.io.stated import Stated, parse_mending
 from pipeline.report.trial_page import verdict_lines
-from pipeline.trial.plate_faults import Witnesses, weight_of_steps
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
 from tests.campaign.legs_alone import known_with_legs_alone, with_legs_alone

@@ -9,8 +9,8 @@ from hbm.body import build_body
 from hbm.ik.tracking import solve_ik
 from hbm.poses import center_of_mass, marker_positions
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.explain.causes.body import JOINTS, body_causes
 from pipeline.config.schema import Subject
+from pipeline.explain.causes.body import JOINTS, body_causes
 from tests.pipeline.explain.chains import chain_of
 from tests.synthetic import MASS_KG, STATURE_M, synthetic_t_pose
 
@@ -69,7 +69,10 @@ def test_shoes_that_the_body_lacks_are_those_that_a_body_with_stated_shoes_has()
 def test_shoes_are_as_sure_as_their_mass_is_stated():
     sizes = [
         next(c.prior.size for c in body_causes(chain) if c.group == "shoes")
-        for chain in (person(moves=False), person(moves=False).changed(subject=Subject(shoe_mass_kg=0.3)))
+        for chain in (
+            person(moves=False),
+            person(moves=False).changed(subject=Subject(shoe_mass_kg=0.3)),
+        )
     ]
     assert sizes[0] > 5 * sizes[1]
 

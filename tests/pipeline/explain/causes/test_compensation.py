@@ -57,7 +57,9 @@ def test_directions_have_95_percent_of_what_all_gains_may_leave(of_gains):
     """All gains one by one, along the axes of their covariance, through the whole chain."""
     weight = np.sqrt(np.mean(of_gains.residual**2, axis=0))
     total = 0.0
-    for k, (model, felt) in enumerate(zip(of_gains.lab.models, of_gains.accelerations, strict=True)):
+    for k, (model, felt) in enumerate(
+        zip(of_gains.lab.models, of_gains.accelerations, strict=True)
+    ):
         design = np.column_stack([felt, np.ones(len(felt))])
         for component in range(6):
             variance, axes = np.linalg.eigh(model.covariance[component])

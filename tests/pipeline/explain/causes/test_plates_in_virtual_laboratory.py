@@ -10,9 +10,9 @@ from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.linearise import result_chain
-from pipeline.trial.chain import Chain
 from pipeline.explain.series import CycleSeries, cycle_series
 from pipeline.explain.sizes import estimate_sizes
+from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
@@ -53,9 +53,7 @@ def perfect() -> PerfectTrial:
     return PerfectTrial(treadmill, walked, result, chain, series)
 
 
-def with_one(
-    trial: PerfectTrial, name: str, size: float
-) -> tuple[Chain, dict[str, float]]:
+def with_one(trial: PerfectTrial, name: str, size: float) -> tuple[Chain, dict[str, float]]:
     """Record the same walk by plates with one fault; gives its chain and the true sizes."""
     late_s = size if name == "plates delayed" else 0.0
     faults = [one_fault(name, size) if f"plate {k}:" in name else PlateFault() for k in (1, 2)]

@@ -54,13 +54,13 @@ def test_an_axis_of_pitch_stated_5_cm_off_leaves_what_the_study_leaves(chain, le
 
 
 def test_a_sway_that_is_a_tenth_too_large_is_that_of_a_larger_command(chain):
-    found = cause(chain, "platform: size of sway").change(chain, 0.1).pose
+    found = cause(chain, "platform: size of sway").change(chain, 0.1).platform
     np.testing.assert_allclose(found.position, pose_of(chain, sway=1.1).position, atol=1e-9)
     np.testing.assert_allclose(found.rotation, chain.platform.rotation)
 
 
 def test_a_pitch_that_is_a_tenth_too_large_turns_about_the_same_axis(chain):
-    found = cause(chain, "platform: size of pitch").change(chain, 0.1).pose
+    found = cause(chain, "platform: size of pitch").change(chain, 0.1).platform
     expected = pose_of(chain, pitch=1.1)
     np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-9)
     np.testing.assert_allclose(found.position, expected.position, atol=1e-9)
@@ -80,12 +80,12 @@ def test_a_zero_of_pitch_turns_the_ground_reaction_force_of_a_level_platform(cha
     )
     level = chain.changed(platform=still)
     found = cause(level, "platform: zero of pitch").change(level, 0.01)
-    turned = level.ground[:, :3] @ rotation_about([0, 1, 0], 0.01).T
-    np.testing.assert_allclose(found.ground[:, :3], turned, atol=1e-6)
+    turned = level.on_ground[:, :3] @ rotation_about([0, 1, 0], 0.01).T
+    np.testing.assert_allclose(found.on_ground[:, :3], turned, atol=1e-6)
 
 
 def test_axes_turned_about_the_vertical_sway_forward_too(chain):
-    found = cause(chain, "platform: direction about z").change(chain, 0.1).pose
+    found = cause(chain, "platform: direction about z").change(chain, 0.1).platform
     sway = chain.platform.position[:, 1]
     pitchless = np.abs(chain.platform.pitch) < 1e-3
     np.testing.assert_allclose(
