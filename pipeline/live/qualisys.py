@@ -15,7 +15,6 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from hbm.spelling import printable, short
 from pipeline.io.axes import parse_axes
@@ -25,6 +24,7 @@ from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.streams import AXES, Channel, parse_xml
 from pipeline.io.units import length_in_m
+from pipeline.live.light import Finding, Kind
 from pipeline.live.stream import (
     LAB_AXES,
     Convert,
@@ -80,7 +80,7 @@ LOADED_N: Final = 100.0
 CHECKED_SAMPLES: Final = 20
 MAX_MISFIT_M: Final = 0.01
 """As for recordings: moments of one plate agree with its centres of pressure within millimetres."""
-Say = Callable[[Note], object]
+Say = Callable[[Finding], object]
 """Called with what is wrong as it arises."""
 
 
@@ -156,7 +156,7 @@ class Packets:
     `pipeline.live.stream.describe_markers`.
     """
 
-    def __init__(self, written: bytes, stated: Stated, say: Say = lambda note: None) -> None:
+    def __init__(self, written: bytes, stated: Stated, say: Say = lambda finding: None) -> None:
         try:
             root = parse_xml(written.decode("utf-8", "replace"))
         except ValueError as error:
@@ -215,7 +215,8 @@ class Packets:
                 self._seen_s[component] = stamp_s
             elif stamp_s - self._seen_s[component] > ABSENT_S:
                 self._seen_s[component] = np.inf  # is said once
-                self._say(Note.of("live_component_absent", component=COMPONENTS[component]))
+                absent = {"component": COMPONENTS[component]}
+                self._say(Finding(Kind.COMPONENT_ABSENT, values=absent))
         return found
 
     def _markers_of(self, part: _Bytes, stamp_s: float) -> Samples:
@@ -260,7 +261,8 @@ class Packets:
         if abs(stamp_s - last_s) < SAME_START_S:
             return 0.0
         frame_s = 1 / self.markers.rate_hz
-        self._say(Note.of("live_start_unknown", stream=signals.description.name, frame_s=frame_s))
+        of = (signals.description.name,)
+        self._say(Finding(Kind.START_UNKNOWN, of, {"frame_s": frame_s}))
         if abs(number_s - last_s) < SAME_START_S:
             return stamp_s - number_s
         return stamp_s + frame_s / 2 - last_s
@@ -346,7 +348,7 @@ STREAM_S: Final = 0.5
 AT_ONCE: Final = 1 << 16
 """Bytes."""
 MIN_WAIT_S: Final = 0.001
-TELL_AGAIN_S: Final = 60.0
+SAY_AGAIN_S: Final = 60.0
 MAX_WORDS: Final = 80
 """Letters of an answer in a message."""
 
@@ -373,7 +375,7 @@ class QualisysSource:
     timeout_s
         How long an answer is waited for.
     say
-        Called with notes: frames that cannot be read, connections that are lost, what is doubtful.
+        Called with findings: frames that are not read, lost connections, what is doubtful.
 
     Attributes
     ----------
@@ -406,10 +408,10 @@ class QualisysSource:
         stated: Stated,
         port: int = PORT,
         timeout_s: float = 5.0,
-        say: Say = lambda note: None,
+        say: Say = lambda finding: None,
     ) -> None:
         self._address, self._where = (host, port), f"{host}:{port}"
-        self._stated, self._say, self._told_s = stated, say, dict[str, float]()
+        self._stated, self._say, self._said_s = stated, say, dict[Kind, float]()
         self._socket: socket.socket | None = None
         self._early, self._again_s = list[Packet](), 0.0
         try:
@@ -437,7 +439,7 @@ class QualisysSource:
         except OSError as reason:
             self.close()
             self._again_s = time.monotonic() + RETRY_S
-            self._tell("live_connection_lost", reason.strerror or str(reason))
+            self._tell(Kind.CONNECTION_LOST, reason.strerror or str(reason))
         return []
 
     def close(self) -> None:
@@ -543,14 +545,14 @@ class QualisysSource:
                 raise Malformed(f"it says {_words(data)!r}")
             return self._packets.samples(data) if kind == DATA else []
         except Malformed as reason:
-            self._tell("live_frames_unread", str(reason))
+            self._tell(Kind.FRAMES_UNREAD, str(reason))
             return []
 
-    def _tell(self, code: str, reason: str) -> None:
+    def _tell(self, kind: Kind, reason: str) -> None:
         """Say something, but not the like of it for a minute."""
-        if time.monotonic() - self._told_s.get(code, -np.inf) > TELL_AGAIN_S:
-            self._told_s[code] = time.monotonic()
-            self._say(Note.of(code, program=PROGRAM, reason=reason))
+        if time.monotonic() - self._said_s.get(kind, -np.inf) > SAY_AGAIN_S:
+            self._said_s[kind] = time.monotonic()
+            self._say(Finding(kind, values={"program": PROGRAM, "reason": reason}))
 
 
 def _send(connected: socket.socket, command: str) -> None:
