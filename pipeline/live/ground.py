@@ -12,16 +12,9 @@ from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, Indices, fit_rotation, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.config.schema import Belt, Platform, Settings
+from pipeline.io import units
 from pipeline.io.recording import Plate
 from pipeline.io.streams import over_short_losses
-from pipeline.io.units import (
-    acceleration_in_mps2,
-    angle_in_rad,
-    force_in_n,
-    length_in_m,
-    moment_in_nm,
-    speed_in_mps,
-)
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.ground.accelerometers import RealtimeAccelerometers, sensor_delays_s
 from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, belt_side, between_steps
@@ -123,8 +116,8 @@ class AnalogStreams:
             raise ValueError(f"stream {short(stream.name)!r}: several channels are {listed(twice)}")
         columns = [stream.labels.index(label) for label in labels]
         try:
-            units = [unit or stream.units[column] for column in columns]
-            factor = [in_si(each) for in_si, each in zip(unit_in_si, units, strict=True)]
+            sent = [unit or stream.units[column] for column in columns]
+            factor = [in_si(each) for in_si, each in zip(unit_in_si, sent, strict=True)]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
         if stream.name not in self.used:
@@ -182,8 +175,7 @@ class MarkedPlatform:
         except ValueError:
             del self.first[0]
             return
-        self.neutral = neutral
-        self.neutral_center = neutral.mean(axis=0)
+        self.neutral, self.neutral_center = neutral, neutral.mean(axis=0)
         self.centered = neutral - self.neutral_center
 
 
@@ -194,13 +186,10 @@ class CommandedPlatform:
         if not platform.channels:
             raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
         self.pivot_m, self.delay_s = platform.pivot_m, platform.delay_s
-        self.commands = list[tuple[int, Channels, Convolution]]()
-        channels = (platform.sway_channel, length_in_m), (platform.pitch_channel, angle_in_rad)
-        for k, (channel, unit_in_si) in enumerate(channels):
-            if channel is not None:
-                found = analog.find([channel], [unit_in_si])
-                how = Convolution.between(found.rate_hz, frames_hz)
-                self.commands.append((k, found, how))
+        sway, pitch = platform.sway_channel, platform.pitch_channel
+        stated = (0, sway, units.length_in_m), (1, pitch, units.angle_in_rad)
+        found = [(k, analog.find([name], [in_si])) for k, name, in_si in stated if name is not None]
+        self.commands = [(k, c, Convolution.between(c.rate_hz, frames_hz)) for k, c in found]
         self.ahead_s = self.delay_s + max(how.reach_s for _, _, how in self.commands)
 
     def pose(self, time: float) -> Pose:
@@ -242,7 +231,7 @@ class LiveBelts:
             )
         count = len(belt.speed_channels)
         names = [belt.speed_channels[k % count] for k in range(len(plates))]
-        self.speeds = analog.find(names, [speed_in_mps] * len(names))
+        self.speeds = analog.find(names, [units.speed_in_mps] * len(names))
         self.belts = RealtimeBelts(models, self.speeds.rate_hz)
         self.delays_s, self.ahead_s = delays_s, max(delays_s) + self.belts.ahead_s
         self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in plates])
@@ -258,11 +247,9 @@ class LiveBelts:
             self.next_step = int(np.ceil((start_s - time) * MODEL_RATE_HZ))
         at = [time + delay_s for delay_s in self.delays_s]
         self._advance(self.next_step, max(at))
-        found = [
-            between_steps(moments.time, moments.values, np.array([instant]))[0]
-            for moments, instant in zip(self.moments, at, strict=True)
-        ]
-        return np.asarray(np.array(found) * self.sides)
+        each = zip(self.moments, at, strict=True)
+        moments = [between_steps(kept.time, kept.values, np.array([t]))[0] for kept, t in each]
+        return np.asarray(np.array(moments) * self.sides)
 
     def _advance(self, next_step: int, until_s: float) -> None:
         """Run the models as far as an instant needs."""
@@ -275,15 +262,14 @@ class LiveBelts:
                 break
             samples = self.speeds.samples(at - reach_s, at + reach_s)
             acceleration = belts.accelerations(*samples, np.array([float(step)]))[0]
-            for model, kept, moment in zip(
-                belts.models, self.moments, belts.step(acceleration), strict=True
-            ):
+            moments = belts.step(acceleration)
+            for model, kept, moment in zip(belts.models, self.moments, moments, strict=True):
                 earlier = belts.first_s + (step - model.advance) / MODEL_RATE_HZ
                 kept.append(np.array([earlier]), np.array([[moment]]))
             self.next_step = step + 1
 
 
-PLATE_UNITS: Final = (*[force_in_n] * 3, *[moment_in_nm] * 3)
+PLATE_UNITS: Final = (*[units.force_in_n] * 3, *[units.moment_in_nm] * 3)
 LIVE: Final = "live"
 """What is compensated, in messages."""
 
@@ -328,7 +314,7 @@ class LiveGround:
             self.gains = [(model.gain[:-1], model.gain[-1]) for model in models]
             names = [name for axes in sensors.values() for name in axes]
             unit = treadmill.accelerometer_unit
-            self.readings = analog.find(names, [acceleration_in_mps2] * len(names), unit)
+            self.readings = analog.find(names, [units.acceleration_in_mps2] * len(names), unit)
             late_s = sensor_delays_s(treadmill, laboratory.calibration.sensors)
             self.accelerometers = RealtimeAccelerometers.of(
                 late_s, models[0].lags_s, self.readings.rate_hz, frames_hz
@@ -343,13 +329,9 @@ class LiveGround:
             ahead_s.append(self.belts.ahead_s)
 
         self.platform: MarkedPlatform | CommandedPlatform | None = None
-        if treadmill.platform is not None:
-            marked = bool(treadmill.platform.markers)
-            self.platform = (
-                MarkedPlatform(treadmill.platform, labels)
-                if marked
-                else CommandedPlatform(treadmill.platform, analog, frames_hz)
-            )
+        if (stated := treadmill.platform) is not None:
+            commanded = None if stated.markers else CommandedPlatform(stated, analog, frames_hz)
+            self.platform = commanded or MarkedPlatform(stated, labels)
             ahead_s.append(self.platform.ahead_s)
         self.ahead_s = max(ahead_s)
         compensated = self.gains or self.belts is not None
@@ -368,33 +350,26 @@ class LiveGround:
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
         each = [_resampled(sent, how, time + delay_s) for sent, how, delay_s in self.resampled]
-        measured = np.reshape(each, (-1, 6))
-        measured = (measured[:, None] @ self.corrections)[:, 0] + self.offsets
-        variants = [measured]
-        if len(self.variants) > 1:
-            compensated = measured.copy()
-            if self.gains:
-                compensated -= self._inertia(time)
-            if self.belts is not None:
-                compensated -= self.belts.wrenches(time)
-            variants.append(compensated)
+        measured = (np.array(each)[:, None] @ self.corrections)[:, 0] + self.offsets
+        added = [self._inertia(time)] if self.gains else []
+        if self.belts is not None:
+            added.append(self.belts.wrenches(time))
+        variants = [measured, measured - sum(added)] if added else [measured]
         wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
         pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
         return wrenches if pose is None else transform_wrench(wrenches, *pose), pose
 
     def _inertia(self, time: float) -> Array:
         """Give what the platform's motion adds to each plate, (P, 6)."""
-        sensors, felt = self.accelerometers, dict[float, Array]()
-        for earlier_s in set(self.earlier_s):
-            at = time + earlier_s
-            samples = self.readings.samples(at - sensors.behind_s, at + sensors.ahead_s)
-            felt[earlier_s] = sensors.felt(*samples, np.array([at]))[0]
-        return np.array(
-            [
-                felt[earlier_s] @ gain + offset
-                for earlier_s, (gain, offset) in zip(self.earlier_s, self.gains, strict=True)
-            ]
-        )
+        sensors, at_s = self.accelerometers, {time + earlier_s for earlier_s in self.earlier_s}
+        sensed = {
+            at: sensors.felt(
+                *self.readings.samples(at - sensors.behind_s, at + sensors.ahead_s), np.array([at])
+            )[0]
+            for at in at_s
+        }
+        each = zip(self.earlier_s, self.gains, strict=True)
+        return np.array([sensed[time + late_s] @ gain + zero for late_s, (gain, zero) in each])
 
 
 def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
@@ -402,5 +377,5 @@ def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
     found = laboratory.plates.calibrations.of(plate.number) if laboratory.plates else None
     if found is None:
         return np.eye(6), np.zeros(6)
-    offset = found.correct_in_plate(np.zeros(6), plate.rotation, plate.center)
-    return found.correct_in_plate(np.eye(6), plate.rotation, plate.center) - offset, offset
+    offset, *ones = found.correct_in_plate(np.eye(7, 6, -1), plate.rotation, plate.center)
+    return ones - offset, offset

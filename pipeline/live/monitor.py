@@ -30,8 +30,8 @@ from pipeline.trial.residuals import (
     AXES,
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
-    REPORTED_SIGN,
     height_of_mass,
+    reported,
 )
 from pipeline.trial.subject import differing_masses
 from pipeline.viewer.live import FULL_SCALE, Board
@@ -155,8 +155,7 @@ class DelayWatch:
     """
 
     def __init__(self) -> None:
-        self._frames: deque[LiveFrame] = deque()
-        self._judged_s = -np.inf
+        self._frames, self._judged_s = deque[LiveFrame](), -np.inf
         self.found: list[Finding] = []
 
     def add(self, frame: LiveFrame) -> None:
@@ -167,12 +166,11 @@ class DelayWatch:
         if frame.time - max(self._judged_s, self._frames[0].time) < JUDGED_S:
             return
         self._judged_s = frame.time
-        variant = list(frame.residual)[-1]
-        time = np.array([each.time for each in self._frames])
-        plate = np.array([each.by_foot[variant][:, :3].sum(axis=0) for each in self._frames])
-        residual = np.array([each.residual[variant][:3] for each in self._frames])
-        motion = plate + residual * REPORTED_SIGN[:3]
-        motion[[not each.quality.counts for each in self._frames]] = np.nan
+        (*_, variant), frames = frame.residual, self._frames
+        time = np.array([each.time for each in frames])
+        plate = np.array([each.by_foot[variant][:, :3].sum(axis=0) for each in frames])
+        motion = plate + reported(np.array([each.residual[variant] for each in frames]))[:, :3]
+        motion[[not each.quality.counts for each in frames]] = np.nan
         try:
             found = marker_plate_delay(plate, motion, time)
         except ValueError:  # not determined by what is in it
@@ -203,9 +201,7 @@ class WeightWatch:
     """
 
     def __init__(self, mass_kg: float) -> None:
-        self._mass_kg = mass_kg
-        self._carried_kg: list[float] = []
-        self._latest = False
+        self._mass_kg, self._carried_kg, self._latest = mass_kg, list[float](), False
         self.found: list[Finding] = []
 
     def add(self, stride: LiveCycle) -> None:
@@ -220,8 +216,8 @@ class WeightWatch:
         before, self._latest = self._latest, differs
         if differs == before and differs != bool(self.found):
             values = {"carried_kg": carried_kg, "mass_kg": self._mass_kg}
-            values["difference"] = carried_kg / self._mass_kg - 1
-            self.found = [Finding(Kind.WEIGHT_DIFFERS, values=values)] * differs
+            relative = {"difference": carried_kg / self._mass_kg - 1}
+            self.found = [Finding(Kind.WEIGHT_DIFFERS, values=values | relative)] * differs
 
 
 class SignalWatch:
@@ -350,26 +346,22 @@ class Monitor:
     ) -> None:
         self.chain, self._say, self._required = chain, say, required
         self._gait, self._delay = GaitTracker(chain.motion.longest_s), DelayWatch()
-        cameras = cameras_of(chain.body)
-        self._markers = MarkerGaps({name: cameras[name] for name in chain.tracker.markers})
+        body, ground, names = chain.body, chain.ground, chain.tracker.markers
+        cameras, moves = cameras_of(body), ground.platform is not None
+        self._markers = MarkerGaps({name: cameras[name] for name in names})
         self._columns = list(chain.tracker.columns)
-        self._fit = FitWatch(chain.tracker.markers, self._columns)
-        body, ground = chain.body, chain.ground
-        self._weight = WeightWatch(body.mass)
-        moves = ground.platform is not None
+        self._fit, self._weight = FitWatch(names, self._columns), WeightWatch(body.mass)
         self._signals: list[tuple[Channels, SignalWatch]] = [
             (channels, plate_watch(p.number, body.mass, np.sign(p.rotation[2, 2]), moves=moves))
             for p, channels in zip(plates, ground.plates, strict=True)
         ]
         if ground.sensors is not None:
             self._signals.append((ground.readings, sensor_watch(ground.sensors)))
-        self._watches: tuple[Watch, ...] = (
-            *(self._markers, self._fit, self._delay, self._weight),
-            *(watch for _, watch in self._signals),
-        )
+        every = self._markers, self._fit, self._delay, self._weight
+        self._watches: list[Watch] = [*every, *(watch for _, watch in self._signals)]
         self._latency: deque[float] = deque(maxlen=LATENCIES)
         self._recent = deque[Quality](maxlen=max(1, round(FITTED_S * chain.stream.rate_hz)))
-        self._time = np.nan
+        self._time = self._steady_s = np.nan
         self._height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
@@ -384,11 +376,9 @@ class Monitor:
         self.reasons: Counter[str] = Counter()
         self._stopped, self.during_stop = False, 0
         self.raised: dict[tuple[Kind, tuple[str, ...]], tuple[Note, int]] = {}
-        self._steady_s = np.nan
-        present = set(chain.tracker.markers)
-        if absent := [name for name in body.markers if name not in present]:
-            of, values = (chain.stream.name,), {"markers": tuple(absent)}
-            self._note(Finding(Kind.MARKERS_ABSENT, of, values))
+        if absent := tuple(name for name in body.markers if name not in chain.tracker.markers):
+            values = {"markers": absent}
+            self._note(Finding(Kind.MARKERS_ABSENT, (chain.stream.name,), values))
 
     def samples(self, received: Samples) -> None:
         """Take samples as they were received, in order; none where none had a time of its own."""
@@ -418,14 +408,13 @@ class Monitor:
             self._recent.append(frame.quality)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
         ended = self._gait.add(frame)
-        strides = [each for each in ended if each.unit == "cycle"]
-        for stride in strides:
-            self._weight.add(stride)
         for each in ended:
+            if each.unit == "cycle":
+                self._weight.add(each)
             if each.whole and not self._stopped:
                 self._so_far[each.unit].add(each)
-            self.during_stop += each.whole and self._stopped and each.unit == "cycle"
-        cycles = [stride for stride in strides if stride.whole]
+        cycles = [each for each in ended if each.unit == "cycle" and each.whole]
+        self.during_stop += len(cycles) * self._stopped
         if ended:
             self._height_m = height_of_mass(self.chain.body, frame.q[None])
         self.cycles.extend(cycles)
@@ -443,14 +432,9 @@ class Monitor:
     def look_for_silence(self) -> None:
         """Find streams without a new sample for a second, once all that came was taken."""
         late_s = monotonic() - SILENT_S
-        self._silent = [
-            Finding(
-                Kind.STREAM_SILENT if self._untimed_s[name] < late_s else Kind.STAMPS_REPEAT,
-                (name,),
-            )
-            for name, arrived_s in sorted(self._arrived_s.items())
-            if arrived_s < late_s
-        ]
+        late = sorted(name for name, arrived_s in self._arrived_s.items() if arrived_s < late_s)
+        kinds = Kind.STAMPS_REPEAT, Kind.STREAM_SILENT
+        self._silent = [Finding(kinds[self._untimed_s[n] < late_s], (n,)) for n in late]
         self.look()
 
     def look(self) -> list[Finding]:
@@ -491,26 +475,20 @@ class Monitor:
     def status(self) -> str:
         """Give one line: light, bars of the newest residuals, latency."""
         board = self.board()
-        parts = [f"{board.colour.upper()}: {board.sentence}"]
         *_, newest = (np.zeros(6), *board.peaks.values())
         limits = np.repeat([board.limit_n, board.limit_nm], 3)
-        bars = zip(AXES, newest, limits, FULL_SCALE, strict=True)
-        parts.append(
-            " ".join(f"{axis} {_bar(size, limit, full)}" for axis, size, limit, full in bars)
-        )
-        return " · ".join([*parts, *([f"{self.latency_ms(50):.1f} ms"] if self._latency else [])])
+        bars = " ".join(map(_bar, AXES, newest, limits, FULL_SCALE))
+        latency = f" · {self.latency_ms(50):.1f} ms" if self._latency else ""
+        return f"{board.colour.upper()}: {board.sentence} · {bars}{latency}"
 
     def residuals(self) -> list[str]:
         """Say the residuals of each variant so far, and peaks with their published limits."""
-        found = []
-        for variant, rms in self.condition.rms.items():
-            peak = self.limits[variant]
-            found.append(
-                f"residuals {variant}: RMS {_in_words(rms)}; peaks {peak.force_n:.0f} N (published "
-                f"limit {peak.max_force_n:.0f} N), {peak.moment_nm:.0f} N·m "
-                f"({peak.max_moment_nm:.0f} N·m)"
-            )
-        return found
+        return [
+            f"residuals {variant}: RMS {_in_words(self.condition.rms[variant])}; peaks "
+            f"{peak.force_n:.0f} N (published limit {peak.max_force_n:.0f} N), "
+            f"{peak.moment_nm:.0f} N·m ({peak.max_moment_nm:.0f} N·m)"
+            for variant, peak in self.limits.items()
+        ]
 
     def page(self) -> str:
         """Give frames, latency, residuals with their limits and the newest notes as Markdown."""
@@ -536,15 +514,14 @@ def senders(streams: Sequence[StreamDescription]) -> str:
     return ", ".join(f"{s.name} ({s.rate_hz:g} Hz) from {s.sender}" for s in streams)
 
 
-def _bar(size: float, limit: float, full: float) -> str:
-    """Draw a bar whose length is fixed, with its limit, such as "██|·····  25"."""
+def _bar(axis: str, size: float, limit: float, full: float) -> str:
+    """Draw a bar whose length is fixed, with its limit, such as "Fx ██|·····  25"."""
     filled, at = round(CELLS * min(size / full, 1.0)), round(CELLS * limit / full)
     letters = "█" * filled + "·" * (CELLS - filled)
-    return f"{letters[:at]}|{letters[at:]} {size:3.0f}"
+    return f"{axis} {letters[:at]}|{letters[at:]} {size:3.0f}"
 
 
 def _in_words(rms: Array) -> str:
     """Give residuals in words, such as "Fx 12 Fy 8 Fz 15 N, Mx 2.1 My 3.0 Mz 1.2 N·m"."""
-    forces = " ".join(f"{axis} {value:.0f}" for axis, value in zip(AXES[:3], rms[:3], strict=True))
-    moments = " ".join(f"{axis} {value:.1f}" for axis, value in zip(AXES[3:], rms[3:], strict=True))
-    return f"{forces} N, {moments} N·m"
+    each = [f"{axis} {x:.{k // 3}f}" for k, (axis, x) in enumerate(zip(AXES, rms, strict=True))]
+    return f"{' '.join(each[:3])} N, {' '.join(each[3:])} N·m"

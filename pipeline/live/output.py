@@ -8,7 +8,7 @@ from contextlib import suppress
 from importlib import import_module
 from ipaddress import IPv4Address
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any, Final
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -47,13 +47,16 @@ def describe(
         element("channel", *[(part, text) for part in PARTS if (text := getattr(each, part))])
         for each in channels
     )
-    placed = []
-    for plate in plates:
-        numbers = [(part, getattr(plate, part).ravel().tolist()) for part in PLACE]
-        place = [(part, " ".join(map(repr, each))) for part, each in numbers]
-        placed.append(element("plate", ("number", str(plate.number)), *place))
-    of_plates = [element("plates", *placed)] if placed else []
+    placed = (
+        element("plate", *[(part, _written(getattr(plate, part))) for part in ("number", *PLACE)])
+        for plate in plates
+    )
+    of_plates = [element("plates", *placed)] if plates else []
     return element("desc", element("channels", *described), *parts, *of_plates)
+
+
+def _written(numbers: int | Array) -> str:
+    return " ".join(map(repr, np.ravel(numbers).tolist()))
 
 
 def element(tag: str, *inside: Element | tuple[str, str]) -> Element:
@@ -93,26 +96,31 @@ def stream_channels(
     )
 
 
+Description = tuple[str, str, Sequence[Channel], float, Sequence[tuple[str, str]], Sequence[Plate]]
+"""Name, content type, channels, rate [Hz], further parts, and plates of a stream that is sent."""
+
+
+def description_of(stream: StreamDescription, live: Live, plates: Sequence[Plate]) -> Description:
+    """Describe a stream that is received, to send or record it."""
+    channels, name, rate_hz = stream_channels(stream, live, plates), stream.name, stream.rate_hz
+    if stream.kind == "markers":
+        return name, "MoCap", channels, rate_hz, [("axes", LAB_AXES)], ()
+    numbers = {channel.plate for channel in channels}
+    placed = [plate for plate in plates if str(plate.number) in numbers]
+    return name, "Analog", channels, rate_hz, (), placed
+
+
 def described_streams(
     streams: Sequence[StreamDescription], live: Live, plates: Sequence[Plate]
 ) -> list[Element]:
     """Describe streams that are received, one ``info`` each, as XDF has it."""
     described = []
-    for stream in streams:
-        channels = stream_channels(stream, live, plates)
-        is_markers = stream.kind == "markers"
-        numbers = {channel.plate for channel in channels}
-        own = [plate for plate in plates if str(plate.number) in numbers]
-        info = element(
-            "info",
-            ("name", stream.name),
-            ("type", "MoCap" if is_markers else "Analog"),
-            ("channel_count", str(len(channels))),
-            ("nominal_srate", repr(stream.rate_hz)),
-            ("channel_format", "double64"),
-            describe(channels, [("axes", LAB_AXES)] if is_markers else [], own),
-        )
-        described.append(info)
+    for name, kind, channels, rate_hz, parts, placed in (
+        description_of(stream, live, plates) for stream in streams
+    ):
+        about = ("name", name), ("type", kind), ("channel_count", str(len(channels)))
+        numbers = ("nominal_srate", repr(rate_hz)), ("channel_format", "double64")
+        described.append(element("info", *about, *numbers, describe(channels, parts, placed)))
     return described
 
 
@@ -170,10 +178,8 @@ class XdfWriter:
         if not count:
             return
         number = self._numbers[samples.stream]
-        rows = np.empty(
-            count,
-            dtype=np.dtype([("bytes", "u1"), ("stamp", "<f8"), ("values", "<f8", (channels,))]),
-        )
+        parts = [("bytes", "u1"), ("stamp", "<f8"), ("values", "<f8", (channels,))]
+        rows = np.empty(count, np.dtype(parts))
         rows["bytes"], rows["stamp"], rows["values"] = BYTES_OF_STAMP, samples.time, samples.values
         head = struct.pack("<I", number) + BYTES_OF_COUNT + struct.pack("<I", count)
         self._counts[number - 1] += count
@@ -289,11 +295,8 @@ class Recorder:
             self.fault = f"recording not ended: {error.strerror or error}"
 
     def _write_waiting(self) -> None:
-        while True:
-            try:
-                entry = self._waiting.get_nowait()
-            except Empty:
-                break
+        for _ in range(self._waiting.qsize()):
+            entry = self._waiting.get()
             if isinstance(entry, Samples):
                 self._streams.write(entry)
             else:
@@ -419,15 +422,14 @@ class Outlet:
         content_type: str,
         channels: Sequence[Channel],
         rate_hz: float,
-        *,
         parts: Sequence[tuple[str, str]] = (),
         plates: Sequence[Plate] = (),
+        *,
         listen: str = LOOPBACK,
     ) -> None:
-        lsl = load_lsl(listen)
-        info = lsl.StreamInfo(
-            name, content_type, len(channels), rate_hz, "double64", f"hbm-residuals {name}"
-        )
+        lsl, identity = load_lsl(listen), f"hbm-residuals {name}"
+        about = name, content_type, len(channels), rate_hz, "double64", identity
+        info = lsl.StreamInfo(*about)
         append_description(info.desc(), describe(channels, parts, plates))
         self._outlet: Any = lsl.StreamOutlet(info, 0, BUFFER_S)
 
@@ -468,12 +470,9 @@ def result_outlet(
     listen
         As for `pipeline.live.output.load_lsl`, with its errors.
     """
-    parts = [
-        ("filter_delay_s", repr(float(filter_delay_s))),
-        ("resampling_delay_s", repr(float(resampling_delay_s))),
-    ]
-    channels = result_channels()
-    return Outlet(name, "Biomechanics", channels, rate_hz, parts=parts, listen=listen)
+    delays = {"filter_delay_s": filter_delay_s, "resampling_delay_s": resampling_delay_s}
+    parts = [(part, repr(float(delay_s))) for part, delay_s in delays.items()]
+    return Outlet(name, "Biomechanics", result_channels(), rate_hz, parts, listen=listen)
 
 
 def result_channels() -> tuple[Channel, ...]:
@@ -491,15 +490,15 @@ def result_channels() -> tuple[Channel, ...]:
     >>> len(channels), channels[0].label, channels[92].label, channels[-1].unit
     (106, 'q.PelvisX', 'residual.measured.Fx', 's')
     """
-    found = [Channel(f"q.{c.name}", "m" if c.translates else "rad", type="Angle") for c in TREE] + [
-        Channel(f"tau.{c.name}", "N" if c.translates else "N·m", type="Moment") for c in TREE
-    ]
-    for variant in ("measured", "compensated"):
-        found += [
-            Channel(f"residual.{variant}.{name}", "N" if name[0] == "F" else "N·m", type="Residual")
-            for name in WRENCH_COMPONENTS
-        ]
-    return (*found, Channel("quality", "", type="Quality"), Channel("computing_time", "s"))
+    q = (Channel(f"q.{c.name}", "m" if c.translates else "rad", "Angle") for c in TREE)
+    tau = (Channel(f"tau.{c.name}", "N" if c.translates else "N·m", "Moment") for c in TREE)
+    residual = (
+        Channel(f"residual.{variant}.{name}", "N" if name[0] == "F" else "N·m", "Residual")
+        for variant in ("measured", "compensated")
+        for name in WRENCH_COMPONENTS
+    )
+    rest = Channel("quality", "", "Quality"), Channel("computing_time", "s")
+    return (*q, *tau, *residual, *rest)
 
 
 def append_description(desc: Any, described: Element) -> None:
