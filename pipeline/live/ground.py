@@ -17,7 +17,7 @@ from pipeline.io.recording import Plate
 from pipeline.io.streams import over_short_losses
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.ground.accelerometers import RealtimeAccelerometers, sensor_delays_s
-from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, belt_side, between_steps
+from pipeline.trial.ground.belts import RealtimeBelts, belt_side
 from pipeline.trial.ground.calibration_recording import FILTER
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
 from pipeline.trial.ground.laboratory import Laboratory, models_of_plates
@@ -111,20 +111,18 @@ class AnalogStreams:
                 f"live channels {listed(missing or labels)} are in no stream"
                 f"{'' if missing else ' together'}; channels there: {listed(there)}"
             )
-        stream = having[0]
+        (stream,) = having
         if twice := [label for label in labels if stream.labels.count(label) > 1]:
             raise ValueError(f"stream {short(stream.name)!r}: several channels are {listed(twice)}")
-        columns = [stream.labels.index(label) for label in labels]
+        columns = np.array([stream.labels.index(label) for label in labels])
+        sent = [unit or stream.units[column] for column in columns]
         try:
-            sent = [unit or stream.units[column] for column in columns]
             factor = [in_si(each) for in_si, each in zip(unit_in_si, sent, strict=True)]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
-        if stream.name not in self.used:
-            length = round(HISTORY_S * stream.rate_hz)
-            self.used[stream.name] = SampleBuffer(len(stream.labels), length)
-        buffer = self.used[stream.name]
-        return Channels(stream.name, buffer, np.array(columns), np.array(factor), stream.rate_hz)
+        empty = SampleBuffer(len(stream.labels), round(HISTORY_S * stream.rate_hz))
+        buffer = self.used.setdefault(stream.name, empty)
+        return Channels(stream.name, buffer, columns, np.array(factor), stream.rate_hz)
 
 
 Pose = tuple[Array, Array]
@@ -145,25 +143,25 @@ class MarkedPlatform:
                 f"there: {', '.join(labels)}"
             )
         self.columns = [list(labels).index(name) for name in platform.markers]
-        self.first = list[Array]()
-        self.neutral: Array | None = None
+        self.first, self.neutral = list[Array](), np.empty((0, 3))
 
     def pose(self, position: Array) -> Pose:
         """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
-        own = position[self.columns]
-        if self.neutral is None:
-            self.first.append(own)
+        seen = position[self.columns]
+        if not len(self.neutral):
+            self.first.append(seen)
             if len(self.first) == NEUTRAL_FRAMES:
                 self._find_neutral()
             return UNKNOWN
-        if (np.abs(own) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
-            center = own.mean(axis=0)
-            rotation = fit_rotation((own - center).T @ self.centered)
-            error = self.centered @ rotation.T + center - own
+        if (np.abs(seen) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
+            center, center_then = seen.mean(axis=0), self.neutral.mean(axis=0)
+            centered = self.neutral - center_then
+            rotation = fit_rotation((seen - center).T @ centered)
+            error = centered @ rotation.T + center - seen
             if (error * error).sum(axis=1).max() <= MAX_MARKER_ERROR_M**2:
-                return rotation, center - rotation @ self.neutral_center
+                return rotation, center - rotation @ center_then
         try:
-            pose = fit_pose(own[None], self.neutral, MAX_MARKER_ERROR_M).pose
+            pose = fit_pose(seen[None], self.neutral, MAX_MARKER_ERROR_M).pose
         except ValueError:
             return UNKNOWN
         return pose.rotation[0], pose.position[0]
@@ -172,11 +170,9 @@ class MarkedPlatform:
         try:
             neutral = neutral_markers(np.array(self.first))
             fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
+            self.neutral = neutral
         except ValueError:
             del self.first[0]
-            return
-        self.neutral, self.neutral_center = neutral, neutral.mean(axis=0)
-        self.centered = neutral - self.neutral_center
 
 
 class CommandedPlatform:
@@ -210,10 +206,6 @@ def _resampled(channels: Channels, how: Convolution, at: float) -> Array:
     return np.asarray(how.evaluate(*samples, np.array([at]))[0])
 
 
-KEPT_STEPS = 50
-"""Of the models' output: half a second."""
-
-
 class LiveBelts:
     """The moments of accelerating belts, whose models run as far as an instant needs."""
 
@@ -235,38 +227,12 @@ class LiveBelts:
         self.belts = RealtimeBelts(models, self.speeds.rate_hz)
         self.delays_s, self.ahead_s = delays_s, max(delays_s) + self.belts.ahead_s
         self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in plates])
-        self.moments = [SampleBuffer(1, KEPT_STEPS) for _ in models]
-        self.next_step: int | None = None
 
     def wrenches(self, time: float) -> Array:
         """Give what belts add to each plate at a frame's time [s], (P, 6), in the plate's axes."""
-        if self.next_step is None:
-            self.belts.first_s = time
-            known = self.speeds.buffer.time
-            start_s = float(known[0]) if len(known) else time
-            self.next_step = int(np.ceil((start_s - time) * MODEL_RATE_HZ))
-        at = [time + delay_s for delay_s in self.delays_s]
-        self._advance(self.next_step, max(at))
-        each = zip(self.moments, at, strict=True)
-        moments = [between_steps(kept.time, kept.values, np.array([t]))[0] for kept, t in each]
-        return np.asarray(np.array(moments) * self.sides)
-
-    def _advance(self, next_step: int, until_s: float) -> None:
-        """Run the models as far as an instant needs."""
-        belts = self.belts
-        last = int(np.floor((until_s + belts.ahead_s - belts.first_s) * MODEL_RATE_HZ))
-        reach_s = belts.resampling.step_s + belts.resampling.reach_s
-        for step in range(next_step, last + 1):
-            at = belts.first_s + step / MODEL_RATE_HZ
-            if at + reach_s > self.speeds.buffer.newest_s and at > until_s:
-                break
-            samples = self.speeds.samples(at - reach_s, at + reach_s)
-            acceleration = belts.accelerations(*samples, np.array([float(step)]))[0]
-            moments = belts.step(acceleration)
-            for model, kept, moment in zip(belts.models, self.moments, moments, strict=True):
-                earlier = belts.first_s + (step - model.advance) / MODEL_RATE_HZ
-                kept.append(np.array([earlier]), np.array([[moment]]))
-            self.next_step = step + 1
+        at = [np.array([time + delay_s]) for delay_s in self.delays_s]
+        samples = self.speeds.samples(-np.inf, np.inf)
+        return np.asarray(np.array(self.belts.moments(*samples, at, time)) * self.sides)
 
 
 PLATE_UNITS: Final = (*[units.force_in_n] * 3, *[units.moment_in_nm] * 3)
@@ -305,20 +271,17 @@ class LiveGround:
 
         self.gains = list[tuple[Array, Array]]()
         self.sensors: InertiaModel | None = None
-        if laboratory.calibration is not None:
+        if (calibration := laboratory.calibration) is not None:
             sensors, rate_hz = treadmill.accelerometers, round(each[0].rate_hz, 6)
             setup = Setup(tuple(sensors), rate_hz, treadmill.cutoff_hz, filter_method=FILTER)
-            numbers = [plate.number for plate in plates]
-            models = models_of_plates(laboratory.calibration, numbers, setup, LIVE)
-            self.sensors = models[0]
+            models = models_of_plates(calibration, [p.number for p in plates], setup, LIVE)
+            self.sensors, lags_s = models[0], models[0].lags_s
             self.gains = [(model.gain[:-1], model.gain[-1]) for model in models]
             names = [name for axes in sensors.values() for name in axes]
-            unit = treadmill.accelerometer_unit
-            self.readings = analog.find(names, [units.acceleration_in_mps2] * len(names), unit)
-            late_s = sensor_delays_s(treadmill, laboratory.calibration.sensors)
-            self.accelerometers = RealtimeAccelerometers.of(
-                late_s, models[0].lags_s, self.readings.rate_hz, frames_hz
-            )
+            in_si = [units.acceleration_in_mps2] * len(names)
+            self.readings = analog.find(names, in_si, treadmill.accelerometer_unit)
+            late_s, rate_hz = sensor_delays_s(treadmill, calibration.sensors), self.readings.rate_hz
+            self.accelerometers = RealtimeAccelerometers.of(late_s, lags_s, rate_hz, frames_hz)
             late = relative_delays_s(plates, laboratory.plates)
             self.earlier_s = [d - late_s for d, late_s in zip(delays_s, late, strict=True)]
             ahead_s.append(max(self.earlier_s) + self.accelerometers.ahead_s)

@@ -60,7 +60,7 @@ class Kind(Enum):
     # said once: the light does not change
     MARKERS_ABSENT = "live_markers_absent", "stream"
     CLOCK_SET = "live_clock_set", "stream"
-    COMPONENT_ABSENT = "live_component_absent"
+    COMPONENT_ABSENT = "live_component_absent", "component"
     FRAMES_UNREAD = "live_frames_unread"
     CONNECTION_LOST = "live_connection_lost"
 
@@ -71,6 +71,10 @@ class Kind(Enum):
 OF_FRAMES: Final = {k.frames: k for k in Kind if k.frames and k.name in Quality.__members__}
 """Why frames are not used -> what says so where nothing else does."""
 OF_SENSORS: Final = {SensorFault(k.code): k for k in Kind if k.code in set(SensorFault)}
+
+
+Key = tuple[Kind, tuple[str, ...]]
+"""Kind and subject of a finding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +101,7 @@ class Finding:
     values: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def key(self) -> tuple[Kind, tuple[str, ...]]:
+    def key(self) -> Key:
         """What tells it from others, whatever its values are now."""
         return self.kind, self.subject
 

@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise
+from itertools import compress, pairwise
 from time import monotonic
 from typing import Final, Protocol
 
@@ -21,11 +21,11 @@ from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
 from pipeline.live.ground import Channels
-from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Kind, light
+from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Key, Kind, light
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.gait.events import SIDES
-from pipeline.trial.quality import Quality
+from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     MAX_FORCE_SHARE,
@@ -115,8 +115,7 @@ class FitWatch:
 
     def __init__(self, markers: Sequence[str], columns: Sequence[int]) -> None:
         self._names, self._columns = tuple(markers), list(columns)
-        self._frames: list[LiveFrame] = []
-        self.found: list[Finding] = []
+        self._frames, self.found = list[LiveFrame](), list[Finding]()
 
     def add(self, frame: LiveFrame) -> None:
         """Take a frame."""
@@ -129,20 +128,18 @@ class FitWatch:
     def _judged(self) -> Iterator[Finding]:
         """Find large distances, markers that were seen and not used, and feet beside pressure."""
         error = np.array([frame.marker_error for frame in self._frames])
+        quality = np.array([frame.quality for frame in self._frames])
         squared_m2 = error[np.isfinite(error)] ** 2
         rms_m = float(np.sqrt(squared_m2.mean())) if len(squared_m2) else 0.0
-        lost = np.zeros(len(self._names))
-        for frame in self._frames:
-            if Quality.MARKERS_LEFT_OUT in frame.quality:
-                seen = np.isfinite(frame.markers[self._columns]).all(axis=1)
-                lost += seen & np.isnan(frame.marker_error)
-        often = np.flatnonzero(lost > MOST * len(self._frames))
-        if len(often):
-            markers = tuple(self._names[k] for k in often)
+        seen = np.isfinite([frame.markers[self._columns] for frame in self._frames]).all(axis=2)
+        doubtful = ~free_of(quality, Quality.MARKERS_LEFT_OUT)[:, None]
+        often = (seen & np.isnan(error) & doubtful).mean(axis=0) > MOST
+        if often.any():
+            markers = tuple(compress(self._names, often))
             yield Finding(Kind.MARKERS_LEFT_OUT, markers, {"error_m": rms_m})
         elif rms_m > MAX_ERROR_M:
             yield Finding(Kind.MARKERS_MISFIT, values={"error_m": rms_m})
-        share = float(np.mean([Quality.FOOT_UNCERTAIN in each.quality for each in self._frames]))
+        share = 1 - float(free_of(quality, Quality.FOOT_UNCERTAIN).mean())
         if share > MOST:
             yield Finding(Kind.FOOT_UNCERTAIN, values={"share": share})
 
@@ -155,8 +152,7 @@ class DelayWatch:
     """
 
     def __init__(self) -> None:
-        self._frames, self._judged_s = deque[LiveFrame](), -np.inf
-        self.found: list[Finding] = []
+        self._frames, self._judged_s, self.found = deque[LiveFrame](), -np.inf, list[Finding]()
 
     def add(self, frame: LiveFrame) -> None:
         """Take a frame."""
@@ -201,8 +197,8 @@ class WeightWatch:
     """
 
     def __init__(self, mass_kg: float) -> None:
-        self._mass_kg, self._carried_kg, self._latest = mass_kg, list[float](), False
-        self.found: list[Finding] = []
+        self._mass_kg, self._latest = mass_kg, False
+        self._carried_kg, self.found = list[float](), list[Finding]()
 
     def add(self, stride: LiveCycle) -> None:
         """Take a stride."""
@@ -225,8 +221,7 @@ class SignalWatch:
 
     def __init__(self, span_s: float, judge: Callable[[Array, Array], Iterable[Finding]]) -> None:
         self._span_s, self._judge = span_s, judge
-        self._kept: list[tuple[Array, Array]] = []
-        self.found: list[Finding] = []
+        self._kept, self.found = list[tuple[Array, Array]](), list[Finding]()
 
     def add(self, time: Array, values: Array) -> None:
         """Take samples, (N,) [s] and (N, K)."""
@@ -359,23 +354,21 @@ class Monitor:
             self._signals.append((ground.readings, sensor_watch(ground.sensors)))
         every = self._markers, self._fit, self._delay, self._weight
         self._watches: list[Watch] = [*every, *(watch for _, watch in self._signals)]
-        self._latency: deque[float] = deque(maxlen=LATENCIES)
+        self._latency = deque[float](maxlen=LATENCIES)
         self._recent = deque[Quality](maxlen=max(1, round(FITTED_S * chain.stream.rate_hz)))
         self._time = self._steady_s = np.nan
         self._height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._untimed_s = dict.fromkeys(streams, -np.inf)
-        self._silent: list[Finding] = []
-        self._held: set[tuple[Kind, tuple[str, ...]]] = set()
-        self._lasting: list[Finding] = []
+        self._silent, self._lasting = list[Finding](), list[Finding]()
+        self._held: set[Key] = set()
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
-        self.cycles: deque[LiveCycle] = deque(maxlen=10)
-        self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
-        self.reasons: Counter[str] = Counter()
+        self.cycles, self.reasons = deque[LiveCycle](maxlen=10), Counter[str]()
+        self.notes = deque[tuple[float, Note]](maxlen=MAX_NOTES)
         self._stopped, self.during_stop = False, 0
-        self.raised: dict[tuple[Kind, tuple[str, ...]], tuple[Note, int]] = {}
+        self.raised: dict[Key, tuple[Note, int]] = {}
         if absent := tuple(name for name in body.markers if name not in chain.tracker.markers):
             values = {"markers": absent}
             self._note(Finding(Kind.MARKERS_ABSENT, (chain.stream.name,), values))

@@ -21,10 +21,10 @@ from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.live import LOOPBACK, Live, own_address
 from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
-from pipeline.io.streams import AXES, COMPONENTS, PLACE, Channel
+from pipeline.io.streams import COMPONENTS, PLACE, Channel
 from pipeline.io.write import whole_file
 from pipeline.live.chain import LiveFrame
-from pipeline.live.stream import LAB_AXES, Samples, StreamDescription
+from pipeline.live.stream import LAB_AXES, Samples, StreamDescription, marker_channels
 
 PARTS = "label", "unit", "type", "marker", "plate"
 """Of a channel that are described, those that are not empty."""
@@ -78,11 +78,7 @@ def stream_channels(
     Channels of plates that are named as D-Flow names them say by that what they are.
     """
     if stream.kind == "markers":
-        return tuple(
-            Channel(f"{name}_{axis}", "meters", f"Position{axis}", marker=name)
-            for name in stream.labels
-            for axis in AXES
-        )
+        return marker_channels(stream.labels, "meters")
     of_plate = {
         label: (component, str(plate.number))
         for plate in plates

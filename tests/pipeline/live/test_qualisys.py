@@ -443,5 +443,5 @@ def test_a_part_that_frames_lack_is_named(source, server, said):
         forces = [(10 * k, acting_on_plate(10))] * 2
         server.send(frame(k, k / 100, None if k else np.ones((3, 3)), forces=forces))
     collect(source, 2, timeout_s=0.5)
-    absent = [f.values["component"] for f in said if f.kind is Kind.COMPONENT_ABSENT]
-    assert sorted(absent) == ["3D", "Analog"]
+    absent = [f.subject for f in said if f.kind is Kind.COMPONENT_ABSENT]
+    assert sorted(absent) == [("3D",), ("Analog",)]
