@@ -180,8 +180,7 @@ class LiveChain:
         self.body, self.settings, self.live, self.stream = body, settings, live, markers
         self.analog = AnalogStreams(analog)
         channels = [live.channels_of(plate.number) for plate in plates]
-        of_plates = laboratory, settings, plates, channels, self.analog
-        self.ground = LiveGround(*of_plates, markers.labels, markers.rate_hz)
+        self.ground = LiveGround(laboratory, settings, plates, channels, self.analog, markers)
         self.wait_s = self.ground.ahead_s
         self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
         self.tracker = MarkerTracker(body, markers.labels)
@@ -250,8 +249,8 @@ class LiveChain:
         """Solve a frame's markers, (M, 3) [m]."""
         solution = self.tracker.step(time, position)
         self.motion.step(time, solution.q)
-        q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
-        tau, wrench, motion = self.newton_euler(q, v, a)
+        q = self.motion.value
+        tau, wrench, motion = self.newton_euler(q, self.motion.velocity, self.motion.acceleration)
         feet, places = self._places(solution.q)[1:], self._places(q)
         platform, above = self.ground.seen(position), None
         if platform is not None or self.ground.platform is None:  # else it waits for its commands
@@ -305,33 +304,26 @@ class LiveChain:
             tau[:, chain] -= loads[:, foot] @ motion[chain].T
         residual = shift_wrench(wrench - loads.sum(axis=1), pose.q[:3])
 
-        if not complete:
-            quality |= Quality.LATE
+        quality |= Quality.LATE * (not complete) | Quality.FOOT_UNCERTAIN * uncertain
         if platform is not None and np.isnan(platform[1][0]):
             quality |= Quality.PLATFORM_UNKNOWN
         elif np.isnan(wrenches[-1]).any():
             quality |= Quality.FORCES_UNKNOWN
-        at = _one(platform)
+        at, measured = _one(platform), loads[-1, :, 2].sum(keepdims=True)
         above = pose.above or self.support.feet(np.array([time]), pose.places[None], at)
-        measured = loads[-1, :, 2].sum(keepdims=True)
-        best = wrenches[-1][None]
-        if not self.support.carried(above, best, on[None], wrench[2:3], measured, at)[0]:
+        of_frame = wrenches[-1:], on[None], wrench[2:3], measured
+        if not self.support.carried(above, *of_frame, at)[0]:
             quality |= Quality.NOT_CARRIED
-        if uncertain:
-            quality |= Quality.FOOT_UNCERTAIN
         if not self._settled(time, bool(np.isfinite(residual).all()), quality):
             quality |= Quality.SETTLING
         self.solved += quality.counts
         self.marked += not quality.counts
 
-        def named(values: Array) -> dict[str, Array]:
-            return dict(zip(self.ground.variants, values, strict=True))
-
-        forces = named(tau), named(reported(residual)), named(loads)
-        error, took_s = pose.marker_error, perf_counter() - started
-        return LiveFrame(
-            time, pose.q, *forces, contact, error, quality, took_s, pose.position, platform
-        )
+        every, of_markers = (tau, reported(residual), loads), (pose.position, platform)
+        of_variant = (dict(zip(self.ground.variants, each, strict=True)) for each in every)
+        taus, residuals, by_feet = of_variant
+        known = contact, pose.marker_error, quality, perf_counter() - started
+        return LiveFrame(time, pose.q, taus, residuals, by_feet, *known, *of_markers)
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.

@@ -244,9 +244,8 @@ class LiveGround:
     """Plates, accelerometers, belts and platform of a laboratory.
 
     Of each plate, whose place is known and whose samples do not count, six channels are its Fx Fy
-    Fz Mx My Mz in its own axes about the centre of its surface. Labels and rate are those of the
-    markers' stream. A ValueError says that a channel or platform marker is in no stream, or that
-    the calibration does not fit the streams.
+    Fz Mx My Mz in its own axes about the centre of its surface. A ValueError says that a channel or
+    platform marker is in no stream, or that the calibration does not fit the streams.
     """
 
     def __init__(
@@ -256,10 +255,9 @@ class LiveGround:
         plates: Sequence[Plate],
         channels: Sequence[Sequence[str]],
         analog: AnalogStreams,
-        labels: Sequence[str],
-        frames_hz: float,
+        markers: StreamDescription,
     ) -> None:
-        treadmill = laboratory.treadmill
+        treadmill, frames_hz = laboratory.treadmill, markers.rate_hz
         delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
         self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
         resampling = [Convolution.between(found.rate_hz, frames_hz) for found in each]
@@ -294,7 +292,7 @@ class LiveGround:
         self.platform: MarkedPlatform | CommandedPlatform | None = None
         if (stated := treadmill.platform) is not None:
             commanded = None if stated.markers else CommandedPlatform(stated, analog, frames_hz)
-            self.platform = commanded or MarkedPlatform(stated, labels)
+            self.platform = commanded or MarkedPlatform(stated, markers.labels)
             ahead_s.append(self.platform.ahead_s)
         self.ahead_s = max(ahead_s)
         compensated = self.gains or self.belts is not None

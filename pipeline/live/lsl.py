@@ -108,11 +108,9 @@ def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescr
 
 def require_like(before: LslDescription, after: LslDescription) -> None:
     """Refuse a sender that is back where what numbers depend on is not as before."""
-    described = {
-        "description of its channels": (before.channels, after.channels),
-        "rate": (before.stream.rate_hz, after.stream.rate_hz),
-        "statement of its axes": (before.axes, after.axes),
-    }
+    names = "description of its channels", "statement of its axes", "rate"
+    parts = zip(*((d.channels, d.axes, d.stream.rate_hz) for d in (before, after)), strict=True)
+    described = dict(zip(names, parts, strict=True))
     sender = f"stream {short(before.stream.name)!r}"
     require_same(sender, described, before.plates, after.plates)
 
@@ -376,8 +374,7 @@ class LslSource:
         away = [k for k, inlet in enumerate(self._inlets) if inlet.away]
         if not away or time.monotonic() < self._sought_s:
             return
-        self._sought_s = time.monotonic() + SEEK_S
-        every = _by_name(self._resolver)
+        self._sought_s, every = time.monotonic() + SEEK_S, _by_name(self._resolver)
         for k in away:
             inlet = self._inlets[k]
             there = every.get(inlet.name, [])

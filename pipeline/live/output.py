@@ -151,14 +151,12 @@ class XdfWriter:
     """
 
     def __init__(self, path: Path, descriptions: Sequence[Element]) -> None:
-        self._numbers: dict[str, int] = {}
-        self._counts: list[int] = []
-        self._file = path.open("xb")
+        names = [info.findtext("name", "") for info in descriptions]
+        self._numbers = {name: number for number, name in enumerate(names, start=1)}
+        self._counts, self._file = [0] * len(names), path.open("xb")
         self._file.write(MAGIC)
         self._chunk(FILE_HEADER, tostring(element("info", ("version", "1.0"))))
         for number, info in enumerate(descriptions, start=1):
-            self._numbers[info.findtext("name", "")] = number
-            self._counts.append(0)
             self._chunk(STREAM_HEADER, struct.pack("<I", number) + tostring(info, "utf-8"))
         self._file.flush()
 
@@ -255,11 +253,9 @@ class Recorder:
         self._streams = XdfWriter(folder / STREAMS, descriptions)
         (folder / RESULTS_FOLDER).mkdir(parents=True)
         self._folder, self._columns = folder / RESULTS_FOLDER, tuple(columns)
-        self._rows, self._parts = list[Array](), 0
-        self._waiting: SimpleQueue[Samples | Array] = SimpleQueue()
-        self._stop = threading.Event()
+        self._rows, self._parts, self.lost = list[Array](), 0, 0
+        self._waiting, self._stop = SimpleQueue[Samples | Array](), threading.Event()
         self.fault: str | None = None
-        self.lost = 0
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -299,10 +295,9 @@ class Recorder:
                 self._rows.append(entry)
         if self._rows:
             values = np.array(self._rows).T.copy()
-            table = pa.table(dict(zip(self._columns, values, strict=True)))
-            with whole_file(self._folder / PART.format(number=self._parts + 1)) as temporary:
-                pq.write_table(table, temporary)
             self._parts += 1
+            with whole_file(self._folder / PART.format(number=self._parts)) as temporary:
+                pq.write_table(pa.table(dict(zip(self._columns, values, strict=True))), temporary)
             self._rows.clear()
 
 
@@ -342,11 +337,9 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
     close them to others.
     """
     try:
-        address = IPv4Address(own_address(listen))
+        address, lsl = IPv4Address(own_address(listen)), import_module("pylsl")
     except ValueError as error:
         raise ValueError(f"listen: {error}") from error
-    try:
-        lsl = import_module("pylsl")
     except ImportError as missing:
         raise ValueError(f"Lab Streaming Layer needs the extra live: {EXTRA}") from missing
     except (OSError, RuntimeError) as broken:  # its library, where it has no wheel
@@ -445,12 +438,7 @@ class Outlet:
 
 
 def result_outlet(
-    rate_hz: float,
-    *,
-    filter_delay_s: float,
-    resampling_delay_s: float,
-    name: str = RESULTS,
-    listen: str = LOOPBACK,
+    rate_hz: float, name: str = RESULTS, listen: str = LOOPBACK, **delays_s: float
 ) -> Outlet:
     """Open the stream of results, whose samples `pipeline.live.output.result_row` gives.
 
@@ -458,16 +446,16 @@ def result_outlet(
     ----------
     rate_hz
         Of the cameras [Hz].
-    filter_delay_s, resampling_delay_s
-        By which the filter makes values late, and how long a frame waits for the samples that it
-        needs, as `pipeline.live.chain.LiveChain` has them [s]; the description states both.
     name
         The stream's name.
     listen
         As for `pipeline.live.output.load_lsl`, with its errors.
+    delays_s
+        ``filter_delay_s`` and ``resampling_delay_s``: by which the filter makes values late, and
+        how long a frame waits for samples, as of `pipeline.live.chain.LiveChain` [s]; the
+        description states both.
     """
-    delays = {"filter_delay_s": filter_delay_s, "resampling_delay_s": resampling_delay_s}
-    parts = [(part, repr(float(delay_s))) for part, delay_s in delays.items()]
+    parts = [(part, repr(float(delay_s))) for part, delay_s in delays_s.items()]
     return Outlet(name, "Biomechanics", result_channels(), rate_hz, parts, listen=listen)
 
 

@@ -71,7 +71,7 @@ def place_plates(
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
     places = recorded | received
     if not places:
-        why = [f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem]
+        why = (f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem)
         streams = "; ".join(why) or "the streams have none (desc/plates/plate)"
         file = "no static file is given" if static is None else f"{static.source.name} has none"
         raise ValueError(
@@ -91,7 +91,7 @@ def _elsewhere(
     notes = []
     for number in sorted(received.keys() & recorded.keys()):
         now, then = received[number], recorded[number]
-        if not (np.isfinite(now.corners).all() and np.isfinite(then.corners).all()):
+        if not np.isfinite([now.corners, then.corners]).all():
             continue  # of one only the wrench about the lab's origin is known, not its place
         distance_m = float(np.linalg.norm(now.center - then.center))
         cosine = (np.trace(now.rotation.T @ then.rotation) - 1) / 2

@@ -214,7 +214,7 @@ def test_forces_arrive_in_the_lab_without_any_file():
     analog = AnalogStreams(source.streams[1:])
     channels = [placed.live.channels_of(plate.number) for plate in placed.plates]
     still = Laboratory(Treadmill())
-    ground = LiveGround(still, Settings(), placed.plates, channels, analog, NAMES, 100.0)
+    ground = LiveGround(still, Settings(), placed.plates, channels, analog, source.streams[0])
     for data, *_ in frames(range(12)):
         server.send(data)
     for name, (times, values) in collect(source, 12).items():
