@@ -40,7 +40,7 @@ class Kind(Enum):
     PLATE_SATURATED = "live_plate_saturated", "plate", True
     PLATE_NOT_ZERO = "live_plate_not_zero", "plate", True
     MARKERS_MISFIT = "live_markers_misfit", "", True
-    MARKERS_LEFT_OUT = "live_markers_left_out", "markers"
+    MARKERS_LEFT_OUT = "live_markers_left_out"
     MARKER_GONE = "live_marker_gone", "markers", False, HIDDEN
     PLATES_LATE = "live_plates_late"
     START_UNKNOWN = "live_start_unknown", "stream"

@@ -184,8 +184,7 @@ class Inlet:
 
     def find_rate(self) -> None:
         """Find the sampling rate from time stamps where the sender does not state it."""
-        stamps = np.empty(0)
-        deadline = time.monotonic() + RATE_TIMEOUT_S
+        stamps, deadline = np.empty(0), time.monotonic() + RATE_TIMEOUT_S
         while self.description.rate_hz <= 0:
             samples = self.pull(POLL_S)
             stamps = np.append(stamps, samples.time) if samples else stamps

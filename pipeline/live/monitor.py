@@ -136,7 +136,7 @@ class FitWatch:
         often = (seen & np.isnan(error) & doubtful).mean(axis=0) > MOST
         if often.any():
             markers = tuple(compress(self._names, often))
-            yield Finding(Kind.MARKERS_LEFT_OUT, markers, {"error_m": rms_m})
+            yield Finding(Kind.MARKERS_LEFT_OUT, values={"error_m": rms_m, "markers": markers})
         elif rms_m > MAX_ERROR_M:
             yield Finding(Kind.MARKERS_MISFIT, values={"error_m": rms_m})
         share = 1 - float(free_of(quality, Quality.FOOT_UNCERTAIN).mean())

@@ -32,11 +32,6 @@ class RecordedStream(NamedTuple):
     time: Array
     values: Array
 
-    def outlet(self, name: str, listen: str = LOOPBACK) -> Outlet:
-        """Open an outlet that sends it under a name."""
-        described = description_of(self.description, Live(), self.plates)
-        return Outlet(name, *described[1:], listen=listen)
-
 
 def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
     """Give a recording of any format as streams.
@@ -181,10 +176,8 @@ class Replay:
             raise ValueError(f"speed must be above 0 and at most {MAX_SPEED:g}, got {speed:g}")
         self._now: Callable[[], float] = load_lsl(listen).local_clock
         self._speed, self._source = speed, RecordedSource(recording)
-        self._outlets = {
-            stream.description.name: stream.outlet(prefix + stream.description.name, listen)
-            for stream in recorded_streams(recording)
-        }
+        sent = [description_of(s, Live(), plates) for s, plates, *_ in recorded_streams(recording)]
+        self._outlets = {d[0]: Outlet(prefix + d[0], *d[1:], listen=listen) for d in sent}
         self.names = tuple(prefix + name for name in self._outlets)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, name="replay", daemon=True)

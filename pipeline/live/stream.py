@@ -258,7 +258,7 @@ class Arrivals:
         """
         clock = self.of[samples.stream]
         passed_s, clock.heard_s = arrived_s - clock.heard_s, arrived_s
-        others_s = max([-np.inf, *(c.newest_s for c in self.of.values() if c is not clock)])
+        others_s = max((c.newest_s for c in self.of.values() if c is not clock), default=-np.inf)
         latest_s = MAX_AHEAD_S + max(clock.newest_s + passed_s, others_s)
         before_s, taken = clock.added_s, list[tuple[float, Array]]()
         clock.came += len(samples.time)
