@@ -71,20 +71,18 @@ class _Foot:
     """What is known of a foot: the state that is sure, and since when another one shows."""
 
     loaded: bool | None = None
-    changed_s: float | None = None
+    changed_s: float = np.inf
     strike_s: float = -np.inf
     others_strikes: int = 0
 
     def change(self, loaded: bool, time: float) -> float | None:
         """Give when the foot changed between ground and air, once that is sure."""
-        if self.loaded is None or loaded == self.loaded:
-            self.loaded, self.changed_s = loaded, None
-            return None
-        self.changed_s = time if self.changed_s is None else self.changed_s
-        if time - self.changed_s < MIN_STANCE_S:
-            return None
-        at, self.loaded, self.changed_s = self.changed_s, loaded, None
-        return at
+        same = self.loaded is None or loaded == self.loaded
+        at = self.changed_s = np.inf if same else min(self.changed_s, time)
+        if same or time - at >= MIN_STANCE_S:
+            self.loaded, self.changed_s = loaded, np.inf
+            return None if same else at
+        return None
 
 
 @dataclass(slots=True)

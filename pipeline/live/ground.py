@@ -2,16 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
+from compensation import InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, Indices, fit_rotation, transform_wrench
 from hbm.spelling import listed, short
-from pipeline.config.schema import Belt, Platform, Settings
+from pipeline.config.schema import Platform, Settings
 from pipeline.io import units
 from pipeline.io.recording import Plate
 from pipeline.io.streams import over_short_losses
@@ -60,8 +61,8 @@ class Channels:
     factor: Array
     rate_hz: float
 
-    def samples(self, start_s: float, stop_s: float) -> tuple[Array, Array]:
-        """Give the samples from one time to another: (N,) [s] and (N, K) in SI units."""
+    def samples(self, start_s: float = -np.inf, stop_s: float = np.inf) -> tuple[Array, Array]:
+        """Give the samples from one time to another, or all: (N,) [s] and (N, K) in SI units."""
         time = self.buffer.time
         first, last = np.searchsorted(time, (start_s, stop_s))
         part = slice(max(int(first) - 1, 0), int(last) + 1)
@@ -206,35 +207,6 @@ def _resampled(channels: Channels, how: Convolution, at: float) -> Array:
     return np.asarray(how.evaluate(*samples, np.array([at]))[0])
 
 
-class LiveBelts:
-    """The moments of accelerating belts, whose models run as far as an instant needs."""
-
-    def __init__(
-        self,
-        models: Sequence[BeltModel],
-        belt: Belt,
-        plates: Sequence[Plate],
-        delays_s: Sequence[float],
-        analog: AnalogStreams,
-    ) -> None:
-        if len(models) != len(plates):
-            raise ValueError(
-                f"{LIVE}: {len(plates)} plates, but the belt calibration has {len(models)}"
-            )
-        count = len(belt.speed_channels)
-        names = [belt.speed_channels[k % count] for k in range(len(plates))]
-        self.speeds = analog.find(names, [units.speed_in_mps] * len(names))
-        self.belts = RealtimeBelts(models, self.speeds.rate_hz)
-        self.delays_s, self.ahead_s = delays_s, max(delays_s) + self.belts.ahead_s
-        self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in plates])
-
-    def wrenches(self, time: float) -> Array:
-        """Give what belts add to each plate at a frame's time [s], (P, 6), in the plate's axes."""
-        at = [np.array([time + delay_s]) for delay_s in self.delays_s]
-        samples = self.speeds.samples(-np.inf, np.inf)
-        return np.asarray(np.array(self.belts.moments(*samples, at, time)) * self.sides)
-
-
 PLATE_UNITS: Final = (*[units.force_in_n] * 3, *[units.moment_in_nm] * 3)
 LIVE: Final = "live"
 """What is compensated, in messages."""
@@ -262,6 +234,7 @@ class LiveGround:
         self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
         resampling = [Convolution.between(found.rate_hz, frames_hz) for found in each]
         self.resampled = list(zip(each, resampling, delays_s, strict=True))
+        self.delays_s = np.array(delays_s)
         corrections = [_correction(plate, laboratory) for plate in plates]
         self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
         self.to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
@@ -284,10 +257,16 @@ class LiveGround:
             self.earlier_s = [d - late_s for d, late_s in zip(delays_s, late, strict=True)]
             ahead_s.append(max(self.earlier_s) + self.accelerometers.ahead_s)
 
-        self.belts: LiveBelts | None = None
-        if laboratory.belts and treadmill.belt is not None:
-            self.belts = LiveBelts(laboratory.belts, treadmill.belt, plates, delays_s, analog)
-            ahead_s.append(self.belts.ahead_s)
+        self.belts: RealtimeBelts | None = None
+        if (belts := laboratory.belts) and (belt := treadmill.belt) is not None:
+            if len(belts) != (count := len(plates)):
+                fitted = f"the belt calibration has {len(belts)}"
+                raise ValueError(f"{LIVE}: {count} plates, but {fitted}")
+            speeds = [name for name, _ in zip(cycle(belt.speed_channels), plates, strict=False)]
+            self.speeds = analog.find(speeds, [units.speed_in_mps] * count)
+            self.belts = RealtimeBelts(belts, self.speeds.rate_hz)
+            self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in plates])
+            ahead_s.append(max(delays_s) + self.belts.ahead_s)
 
         self.platform: MarkedPlatform | CommandedPlatform | None = None
         if (stated := treadmill.platform) is not None:
@@ -314,7 +293,8 @@ class LiveGround:
         measured = (np.array(each)[:, None] @ self.corrections)[:, 0] + self.offsets
         added = [self._inertia(time)] if self.gains else []
         if self.belts is not None:
-            added.append(self.belts.wrenches(time))
+            at, samples = [np.array([t]) for t in time + self.delays_s], self.speeds.samples()
+            added.append(np.array(self.belts.moments(*samples, at, time)) * self.sides)
         variants = [measured, measured - sum(added)] if added else [measured]
         wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
         pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen

@@ -417,7 +417,7 @@ def _find(
                 f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
                 f"streams there: {listed(map(repr, map(printable, there)))}"
             )
-        complete_s = np.inf if absent else min(complete_s, now_s)
+        complete_s = np.inf if absent else min(complete_s, now_s if several else np.inf)
         if absent and searching is not None:
             searching(absent, list(there))
         if several and now_s - complete_s > FORGET_S:

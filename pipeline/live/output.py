@@ -70,38 +70,29 @@ def element(tag: str, *inside: Element | tuple[str, str]) -> Element:
     return made
 
 
-def stream_channels(
-    stream: StreamDescription, live: Live, plates: Sequence[Plate]
-) -> tuple[Channel, ...]:
-    """Give the channels of a stream: three per marker, or one per label.
+Description = tuple[str, str, Sequence[Channel], float, Sequence[tuple[str, str]], Sequence[Plate]]
+"""Name, content type, channels, rate [Hz], further parts, and plates of a stream that is sent."""
 
-    Channels of plates that are named as D-Flow names them say by that what they are.
+
+def description_of(stream: StreamDescription, live: Live, plates: Sequence[Plate]) -> Description:
+    """Describe a stream that is received, to send or record it.
+
+    It has three channels per marker, or one per label. Channels of plates that are named as D-Flow
+    names them say by that what they are.
     """
+    name, labels, rate_hz = stream.name, stream.labels, stream.rate_hz
     if stream.kind == "markers":
-        return marker_channels(stream.labels, "meters")
+        channels = marker_channels(labels, "meters")
+        return name, "MoCap", channels, rate_hz, [("axes", LAB_AXES)], ()
     of_plate = {
         label: (component, str(plate.number))
         for plate in plates
         for label, component in zip(live.channels_of(plate.number), COMPONENTS, strict=True)
         if not DFLOW_PLATE.fullmatch(label)
     }
-    return tuple(
-        Channel(label, unit, kind, plate=number)
-        for label, unit in zip(stream.labels, stream.units, strict=True)
-        for kind, number in [of_plate.get(label, ("", ""))]
-    )
-
-
-Description = tuple[str, str, Sequence[Channel], float, Sequence[tuple[str, str]], Sequence[Plate]]
-"""Name, content type, channels, rate [Hz], further parts, and plates of a stream that is sent."""
-
-
-def description_of(stream: StreamDescription, live: Live, plates: Sequence[Plate]) -> Description:
-    """Describe a stream that is received, to send or record it."""
-    channels, name, rate_hz = stream_channels(stream, live, plates), stream.name, stream.rate_hz
-    if stream.kind == "markers":
-        return name, "MoCap", channels, rate_hz, [("axes", LAB_AXES)], ()
-    numbers = {channel.plate for channel in channels}
+    kinds, numbers = zip(*(of_plate.get(label, ("", "")) for label in labels), strict=True)
+    parts = zip(labels, stream.units, kinds, numbers, strict=True)
+    channels = tuple(Channel(label, unit, kind, plate=of) for label, unit, kind, of in parts)
     placed = [plate for plate in plates if str(plate.number) in numbers]
     return name, "Analog", channels, rate_hz, (), placed
 
@@ -111,9 +102,8 @@ def described_streams(
 ) -> list[Element]:
     """Describe streams that are received, one ``info`` each, as XDF has it."""
     described = []
-    for name, kind, channels, rate_hz, parts, placed in (
-        description_of(stream, live, plates) for stream in streams
-    ):
+    for stream in streams:
+        name, kind, channels, rate_hz, parts, placed = description_of(stream, live, plates)
         about = ("name", name), ("type", kind), ("channel_count", str(len(channels)))
         numbers = ("nominal_srate", repr(rate_hz)), ("channel_format", "double64")
         described.append(element("info", *about, *numbers, describe(channels, parts, placed)))
@@ -272,19 +262,16 @@ class Recorder:
         self._thread.join()
 
     def _run(self) -> None:
-        ending = False
-        while not ending:
-            ending = self._stop.wait(EVERY_S)
-            try:
-                self._write_waiting()
-            except OSError as error:
-                self.fault = f"recording stopped: {error.strerror or error}"
-                self.lost += self._waiting.qsize()
-                return
+        failed = "stopped"
         try:
+            while not self._stop.wait(EVERY_S):
+                self._write_waiting()
+            self._write_waiting()
+            failed = "not ended"
             self._streams.close()
         except OSError as error:
-            self.fault = f"recording not ended: {error.strerror or error}"
+            self.fault = f"recording {failed}: {error.strerror or error}"
+            self.lost += self._waiting.qsize()
 
     def _write_waiting(self) -> None:
         for _ in range(self._waiting.qsize()):
