@@ -30,7 +30,7 @@ class Note:
     code
         Its kind, as in the catalogue and in ``docs/notes.md``.
     values
-        Name -> number, text, names, or numbers by name; exactly those of the code's sentence and
+        Name -> number, text, names, or numbers by name; exactly those of the code's sentences and
         advice, in the unit that the name ends in.
 
     Raises
@@ -56,13 +56,14 @@ class Note:
         if self.code not in catalogue():
             raise ValueError(f"no note has the code {self.code!r}; hbm/notes.toml lists them")
         entry = catalogue()[self.code]
-        parsed = Formatter().parse(entry["text"] + entry.get("advice", ""))
+        sentences = (entry.get(part, "") for part in ("text", "advice", "light"))
+        parsed = Formatter().parse(" ".join(sentences))
         fields = {name for _, name, _, _ in parsed if name is not None}
         if set(self.values) != fields:
             wanted, given = (", ".join(sorted(v)) or "none" for v in (fields, self.values))
             raise ValueError(f"note {self.code!r}: its values are {wanted}, got {given}")
         try:
-            _ = self.text, self.advice
+            _ = self.text, self.advice, self.light
         except (TypeError, ValueError) as error:
             raise ValueError(f"note {self.code!r}: {error}; got {dict(self.values)}") from error
 
@@ -103,6 +104,12 @@ class Note:
         advice = catalogue()[self.code].get("advice", "").replace("`", "")
         return _SENTENCE.vformat(advice, (), self.values)
 
+    @property
+    def light(self) -> str:
+        """Give what the light of a live session says of it: its own sentence there, or its text."""
+        entry = catalogue()[self.code]
+        return _SENTENCE.vformat(entry.get("light", entry["text"]), (), self.values)
+
     def to_dict(self) -> dict[str, str | dict[str, NoteValue]]:
         """Give code, level, item, text, advice and values, ready for JSON."""
         names = ("level", "item", "text", "advice")
@@ -136,7 +143,7 @@ def provenance(notes: Iterable[Note]) -> tuple[tuple[str, str], ...]:
 
 @cache
 def catalogue() -> Mapping[str, Mapping[str, str]]:
-    """Give code -> "text", and "item", or the "meaning" and "advice" of a warning."""
+    """Give code -> "text", "item" or the "meaning" and "advice" of a warning, maybe "light"."""
     return tomllib.loads(files("hbm").joinpath("notes.toml").read_text(encoding="utf-8"))
 
 
@@ -161,18 +168,24 @@ class _Sentence(Formatter):
     Python's format of numbers, with a factor before it and a unit behind it, both optional:
     ``{difference_m:1000*.0f mm}``. Names are joined by commas, and so are numbers by name.
     ``{frames:frame|frames}`` is singular or plural. Numbers that people type, after ``=`` as in
-    ``{delay_s:=.4f}``, have a hyphen and no minus sign.
+    ``{delay_s:=.4f}``, have a hyphen and no minus sign. ``{sensors:names}`` are names alone,
+    ``{markers:3 markers}`` three names at most, else how many; ``{markers:is|are}`` goes with them.
     """
 
     def format_field(self, value: Any, format_spec: str) -> str:
+        if format_spec == "names":
+            return ", ".join(value)
         if isinstance(value, Mapping):
             numbers = (f"{k} {self.format_field(v, format_spec)}" for k, v in value.items())
             return ", ".join(numbers)
+        singular, plural, several = format_spec.partition("|")
         if isinstance(value, tuple):
-            return ", ".join(value)
+            most, _, noun = format_spec.partition(" ")
+            if plural:
+                return singular if len(value) == 1 else several
+            return f"{len(value)} {noun}" if noun and len(value) > int(most) else ", ".join(value)
         if isinstance(value, float) and isnan(value):
             return "unknown"
-        singular, plural, several = format_spec.partition("|")
         if plural:
             return f"{value} {singular if value == 1 else several}"
         number, space, unit = format_spec.partition(" ")

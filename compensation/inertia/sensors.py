@@ -1,8 +1,9 @@
 """Accelerometers: what a calibration shows of each, and whether a trial's are as they were."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -164,13 +165,18 @@ def sensor_noise_of(accelerations: Array) -> float:
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
 
-FAULTS: Final = (
-    "accelerometer_dead",
-    "accelerometer_clipped",
-    "accelerometer_turned",
-    "accelerometers_swapped",
-)
-"""Codes of notes after which nothing else of an accelerometer is worth comparing."""
+class SensorFault(StrEnum):
+    """What makes a trial's compensation doubtful, by the codes of notes."""
+
+    DEAD = "accelerometer_dead"
+    CLIPPED = "accelerometer_clipped"
+    TURNED = "accelerometer_turned"
+    SWAPPED = "accelerometers_swapped"
+    BEYOND_RANGE = "calibration_range_exceeded"
+
+
+FAULTS: Final = tuple(SensorFault)[:-1]
+"""After which nothing else of an accelerometer is worth comparing."""
 
 
 def check_trial(
@@ -215,6 +221,14 @@ def check_trial(
     >>> [note.code for note in check_trial(model, -accelerations)]
     ['accelerometer_turned', 'calibration_range_exceeded']
     """
+    faults = sensor_faults(model, accelerations, range_g)
+    return tuple(Note.of(fault, **values) for fault, values in faults.items())
+
+
+def sensor_faults(
+    model: InertiaModel, accelerations: ArrayLike, range_g: float = 2.0
+) -> dict[SensorFault, dict[str, Any]]:
+    """Give what `check_trial` finds as data: fault -> the values of its note."""
     a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
     names, readings = model.sensors, a.reshape(len(a), -1, 3)
     size = np.median(np.linalg.norm(readings, axis=2), axis=0)
@@ -223,27 +237,27 @@ def check_trial(
     dead |= still.reshape(-1, 3).any(axis=1) & ~still.all()
     if dead.any():
         sensors = {names[k]: size[k] for k in np.flatnonzero(dead)}
-        return (Note.of("accelerometer_dead", sensors=sensors, gravity_mps2=GRAVITY_MPS2),)
-    notes = []
+        return {SensorFault.DEAD: {"sensors": sensors, "gravity_mps2": GRAVITY_MPS2}}
+    faults = dict[SensorFault, dict[str, Any]]()
     limit = range_g * GRAVITY_MPS2
     clipped = np.mean(np.abs(readings) >= CLIPPED_SHARE * limit, axis=0).max(axis=1)
     if clipped.any():
         shares = {names[k]: clipped[k] for k in np.flatnonzero(clipped)}
-        notes.append(Note.of("accelerometer_clipped", shares=shares, limit_mps2=limit))
+        faults[SensorFault.CLIPPED] = {"shares": shares, "limit_mps2": limit}
     now, then = (mean.reshape(-1, 3) for mean in (a.mean(axis=0), model.acceleration_mean))
     cosine = np.vecdot(now, then) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
     angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     if (angle > MIN_ROTATION_DEG).any():
         angles = {names[k]: angle[k] for k in np.flatnonzero(angle > MIN_ROTATION_DEG)}
-        notes.append(Note.of("accelerometer_turned", angles_deg=angles))
+        faults[SensorFault.TURNED] = {"angles_deg": angles}
     elif swapped := _swapped(model, a):
-        notes.append(Note.of("accelerometers_swapped", first=swapped[0], second=swapped[1]))
+        faults[SensorFault.SWAPPED] = {"first": swapped[0], "second": swapped[1]}
     low, high = model.acceleration_low, model.acceleration_high
     margin = MAX_EXCESS_SHARE * (high - low)
     outside = (a < low - margin) | (a > high + margin)
     if outside.any():
         worst = int(np.argmax(outside.mean(axis=0)))
-        values = {
+        faults[SensorFault.BEYOND_RANGE] = {
             "share": float(np.mean(outside.any(axis=1))),
             "channel": f"{names[worst // 3]} {'xyz'[worst % 3]}",
             "low_mps2": a[:, worst].min(),
@@ -251,8 +265,7 @@ def check_trial(
             "calibrated_low_mps2": low[worst],
             "calibrated_high_mps2": high[worst],
         }
-        notes.append(Note.of("calibration_range_exceeded", **values))
-    return tuple(notes)
+    return faults
 
 
 def _swapped(model: InertiaModel, a: Array) -> tuple[str, str] | None:

@@ -21,6 +21,7 @@ from pipeline.cli.terminal import PlainConsole
 from pipeline.config.schema import NOUNS
 from pipeline.io.write import write_text
 from pipeline.live.chain import LiveChain
+from pipeline.live.light import Finding
 from pipeline.live.lsl import LslSource
 from pipeline.live.monitor import Monitor, senders
 from pipeline.live.output import (
@@ -95,7 +96,7 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     body = None if options.pose else prepared.body()
     if body is not None and prepared.study is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
-    news = deque[Note]()
+    news = deque[Finding]()
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
             source = _source(prepared, options, console, news.append)
@@ -149,7 +150,7 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
 
 
 def _source(
-    prepared: Preparation, options: Options, console: PlainConsole, say: Callable[[Note], object]
+    prepared: Preparation, options: Options, console: PlainConsole, say: Callable[[Finding], object]
 ) -> Source:
     if options.qualisys is not None:
         console.say(f"connecting to Qualisys Track Manager at {options.qualisys}")
@@ -234,7 +235,7 @@ def follow(
     console: PlainConsole,
     duration_s: float | None,
     ending: ExitStack,
-    news: deque[Note],
+    news: deque[Finding],
 ) -> bool:
     """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault.
 

@@ -181,11 +181,20 @@ def _place(header: Header, number: int, position: Array, said: list[Note | Fact]
     try:
         corners = np.array([header[key] for key in keys], float).reshape(4, 3)
         unit, facts = unit_of_corners(number, corners, 1e-3, position)
-        corners, rotation = corners * unit, plate_axes(corners)
+        place = plate_at(number, corners * unit)
     except ValueError:
         return None
-    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < MAX_CORNER_ERROR_M:
-        return None
     said += facts
+    return place
+
+
+def plate_at(number: int, corners: Array) -> Plate:
+    """Give a plate without samples by its corners, (4, 3) [m], in the order of the C3D format.
+
+    A ValueError where they are no rectangle.
+    """
+    rotation = plate_axes(corners)
+    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < MAX_CORNER_ERROR_M:
+        raise ValueError("its corners are no rectangle")
     wrench, center = np.empty((0, 6)), corners.mean(axis=0)
     return Plate(number, np.empty(0), wrench, rotation, center, corners)

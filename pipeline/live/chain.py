@@ -24,7 +24,7 @@ from pipeline.live.ground import AnalogStreams, LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
 from pipeline.trial.gait.carried import PLACES, Feet, Support
-from pipeline.trial.gait.contact import FEET, pressure_beside
+from pipeline.trial.gait.contact import FEET, by_foot, pressure_beside
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.quality import Quality, settling_s
 from pipeline.trial.residuals import reported
@@ -180,8 +180,7 @@ class LiveChain:
         self.body, self.settings, self.live, self.stream = body, settings, live, markers
         self.analog = AnalogStreams(analog)
         channels = [live.channels_of(plate.number) for plate in plates]
-        of_plates = laboratory, settings, plates, channels, self.analog
-        self.ground = LiveGround(*of_plates, markers.labels, markers.rate_hz)
+        self.ground = LiveGround(laboratory, settings, plates, channels, self.analog, markers)
         self.wait_s = self.ground.ahead_s
         self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
         self.tracker = MarkerTracker(body, markers.labels)
@@ -198,7 +197,7 @@ class LiveChain:
         self.pelvis = np.array([body.segment_of[m] == "pelvis" for m in self.tracker.markers])
         self.shown: Mask = np.zeros(len(TREE), bool)
         self.pelvis_seen_s = self.known_s = self.known_since_s = -np.inf
-        self.foot_on: list[int | None] = [None] * len(plates)
+        self.foot_on = np.full(len(plates), -1)
         self.waiting = deque[_Pose]()
         self.newest_s = -np.inf
         self.solved = self.marked = 0
@@ -229,9 +228,9 @@ class LiveChain:
         return [self._next(False, perf_counter()) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
-        values = samples.values.reshape(len(samples.time), len(self.stream.labels), 3)
-        values = np.where(np.isnan(values).any(axis=2, keepdims=True), np.nan, values)
-        for time, position in zip(samples.time.tolist(), values, strict=True):
+        every = samples.values.reshape(len(samples.time), len(self.stream.labels), 3)
+        every = np.where(np.isnan(every).any(axis=2, keepdims=True), np.nan, every)
+        for time, position in zip(samples.time.tolist(), every, strict=True):
             self.newest_s = time
             self.waiting.append(self._pose(time, position))
 
@@ -250,8 +249,8 @@ class LiveChain:
         """Solve a frame's markers, (M, 3) [m]."""
         solution = self.tracker.step(time, position)
         self.motion.step(time, solution.q)
-        q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
-        tau, wrench, motion = self.newton_euler(q, v, a)
+        q = self.motion.value
+        tau, wrench, motion = self.newton_euler(q, self.motion.velocity, self.motion.acceleration)
         feet, places = self._places(solution.q)[1:], self._places(q)
         platform, above = self.ground.seen(position), None
         if platform is not None or self.ground.platform is None:  # else it waits for its commands
@@ -291,47 +290,40 @@ class LiveChain:
         time, quality = pose.time, pose.quality
         wrenches, platform = self.ground.at(time, pose.platform)
         on, uncertain = self._feet_on_plates(wrenches[-1], pose.feet)
-        raw = (on == np.array([[0], [1]])).astype(float) @ wrenches
+        raw = by_foot(wrenches, on)
         raw[np.isnan(wrenches).any(axis=(1, 2))] = np.nan
         contact = raw[-1, :, 2] > self.settings.contact_threshold_n
         if np.isnan(pose.q[0]):
             raw[:] = np.nan  # what is lost for the motion is lost for the forces
         self.forces.step(time, raw.ravel())
 
-        by_foot = self.forces.value.reshape(raw.shape)
+        loads = self.forces.value.reshape(raw.shape)
         alone, wrench, motion = pose.needed
-        tau = np.tile(alone, (len(by_foot), 1))
+        tau = np.tile(alone, (len(loads), 1))
         for foot, chain in enumerate(CHAINS):
-            tau[:, chain] -= by_foot[:, foot] @ motion[chain].T
-        residual = shift_wrench(wrench - by_foot.sum(axis=1), pose.q[:3])
+            tau[:, chain] -= loads[:, foot] @ motion[chain].T
+        residual = shift_wrench(wrench - loads.sum(axis=1), pose.q[:3])
 
-        if not complete:
-            quality |= Quality.LATE
+        quality |= Quality.LATE * (not complete) | Quality.FOOT_UNCERTAIN * uncertain
         if platform is not None and np.isnan(platform[1][0]):
             quality |= Quality.PLATFORM_UNKNOWN
         elif np.isnan(wrenches[-1]).any():
             quality |= Quality.FORCES_UNKNOWN
-        at = _one(platform)
+        at, measured = _one(platform), loads[-1, :, 2].sum(keepdims=True)
         above = pose.above or self.support.feet(np.array([time]), pose.places[None], at)
-        measured = by_foot[-1, :, 2].sum(keepdims=True)
-        best = wrenches[-1][None]
-        if not self.support.carried(above, best, on[None], wrench[2:3], measured, at)[0]:
+        of_frame = wrenches[-1:], on[None], wrench[2:3], measured
+        if not self.support.carried(above, *of_frame, at)[0]:
             quality |= Quality.NOT_CARRIED
-        if uncertain:
-            quality |= Quality.FOOT_UNCERTAIN
         if not self._settled(time, bool(np.isfinite(residual).all()), quality):
             quality |= Quality.SETTLING
         self.solved += quality.counts
         self.marked += not quality.counts
 
-        def named(values: Array) -> dict[str, Array]:
-            return dict(zip(self.ground.variants, values, strict=True))
-
-        forces = named(tau), named(reported(residual)), named(by_foot)
-        error, took_s = pose.marker_error, perf_counter() - started
-        return LiveFrame(
-            time, pose.q, *forces, contact, error, quality, took_s, pose.position, platform
-        )
+        every, of_markers = (tau, reported(residual), loads), (pose.position, platform)
+        of_variant = (dict(zip(self.ground.variants, each, strict=True)) for each in every)
+        taus, residuals, by_feet = of_variant
+        known = contact, pose.marker_error, quality, perf_counter() - started
+        return LiveFrame(time, pose.q, taus, residuals, by_feet, *known, *of_markers)
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.
@@ -339,14 +331,10 @@ class LiveChain:
         Wrenches of the plates, (P, 6) [N, N·m], and middles of the feet, (2, 3) [m], are in the
         lab. A plate whose pressure does not decide keeps the foot that it carried last.
         """
-        threshold_n, count = self.settings.contact_threshold_n, len(wrenches)
-        pressure = pressure_beside(wrenches, np.broadcast_to(feet, (count, 2, 3)), threshold_n)
-        on = np.array(pressure.nearer, int)
-        for k in range(count):
-            if pressure.decided[k]:
-                self.foot_on[k] = int(on[k])
-            elif (last := self.foot_on[k]) is not None:
-                on[k] = last
+        of_each = np.broadcast_to(feet, (len(wrenches), 2, 3))
+        pressure = pressure_beside(wrenches, of_each, self.settings.contact_threshold_n)
+        self.foot_on = np.where(pressure.decided, pressure.nearer, self.foot_on)
+        on = np.where(self.foot_on < 0, pressure.nearer, self.foot_on)
         return on, bool(pressure.uncertain.any())
 
     def _settled(self, time: float, known: bool, quality: Quality) -> bool:
@@ -373,11 +361,8 @@ def stated_streams(
 ) -> tuple[StreamDescription, list[StreamDescription]]:
     """Give the streams that are stated, or all: that of the markers, and the analog ones."""
     received = {stream.name: stream for stream in streams}
-    every = {"markers": list[str](), "analog": list[str]()}
-    for stream in streams:
-        every[stream.kind].append(stream.name)
-    markers = [live.markers] if live.markers else every["markers"]
-    analog = live.analog or every["analog"]
+    markers = [live.markers] if live.markers else [s.name for s in streams if s.kind == "markers"]
+    analog = live.analog or [stream.name for stream in streams if stream.kind == "analog"]
     if missing := [name for name in (*markers, *analog) if name not in received]:
         raise ValueError(
             f"[live] names the streams {', '.join(missing)}, which are not received; received: "

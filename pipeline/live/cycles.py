@@ -13,7 +13,7 @@ from pipeline.live.chain import LiveFrame
 from pipeline.trial.gait.contact import MIN_STANCE_S
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION, shortage
 from pipeline.trial.gait.events import MIN_STRIDE_S, SIDES
-from pipeline.trial.quality import Quality
+from pipeline.trial.quality import DOES_NOT_COUNT, Quality, free_of
 from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 
 MAX_CYCLE_S: Final = 2.5
@@ -71,20 +71,18 @@ class _Foot:
     """What is known of a foot: the state that is sure, and since when another one shows."""
 
     loaded: bool | None = None
-    changed_s: float | None = None
+    changed_s: float = np.inf
     strike_s: float = -np.inf
     others_strikes: int = 0
 
     def change(self, loaded: bool, time: float) -> float | None:
         """Give when the foot changed between ground and air, once that is sure."""
-        if self.loaded is None or loaded == self.loaded:
-            self.loaded, self.changed_s = loaded, None
-            return None
-        self.changed_s = time if self.changed_s is None else self.changed_s
-        if time - self.changed_s < MIN_STANCE_S:
-            return None
-        at, self.loaded, self.changed_s = self.changed_s, loaded, None
-        return at
+        same = self.loaded is None or loaded == self.loaded
+        at = self.changed_s = np.inf if same else min(self.changed_s, time)
+        if same or time - at >= MIN_STANCE_S:
+            self.loaded, self.changed_s = loaded, np.inf
+            return None if same else at
+        return None
 
 
 @dataclass(slots=True)
@@ -156,25 +154,24 @@ class GaitTracker:
         self, unit: Unit, side: str, start_s: float, stop_s: float, whole: bool
     ) -> LiveCycle:
         inside = [f for f in self._frames if start_s <= f.time < stop_s]
-        time = np.array([f.time for f in inside])
-        counts = np.array([f.quality.counts for f in inside])
+        time, quality = (np.array([getattr(f, of) for f in inside]) for of in ("time", "quality"))
+        counts = free_of(quality)
         percent = 100 * (time - start_s) / (stop_s - start_s)
         residual, curve, peak = {}, {}, {}
         for variant in inside[0].residual:
             every = np.array([f.residual[variant] for f in inside])
             every[~counts] = np.nan
             residual[variant] = every[counts]
-            columns = [np.interp(PERCENT, percent, column) for column in every.T]
-            curve[variant] = np.column_stack(columns)
+            curve[variant] = np.array([np.interp(PERCENT, percent, x) for x in every.T]).T
             force = np.array([f.by_foot[variant][:, :3].sum(axis=0) for f in inside])
             peak[variant] = np.linalg.norm(force[counts], axis=1).max(initial=0.0)
-        known = all((f.quality & ~Quality.NOT_CARRIED).counts for f in inside)
+        known = free_of(quality, DOES_NOT_COUNT & ~Quality.NOT_CARRIED).all()
         steps = np.diff(time)
         lost = np.rint(steps / np.median(steps)).astype(int) - 1 if len(steps) else []
         gap = np.where(steps > self.longest_s, Quality.POSE_UNKNOWN, Quality.BRIDGED)
-        quality = [*(f.quality for f in inside), *np.repeat(gap, lost)]
         vertical_n = float(force[:, 2].mean()) if known else np.nan
-        of_frames = time[counts], residual, peak, curve, vertical_n, np.array(quality, int)
+        flags = np.append(quality, np.repeat(gap, lost))
+        of_frames = time[counts], residual, peak, curve, vertical_n, flags
         return LiveCycle(side, start_s, stop_s, whole, *of_frames, unit)
 
 
@@ -255,8 +252,5 @@ class ConditionSoFar:
 
         The centre of mass is so high above the feet (`height_of_mass`) [m].
         """
-        found = {}
-        for variant, (force_n, moment_nm, ground_n) in self._peaks.items():
-            max_moment_nm = MAX_MOMENT_SHARE * center_of_mass_m * ground_n
-            found[variant] = Limits(force_n, moment_nm, MAX_FORCE_SHARE * ground_n, max_moment_nm)
-        return found
+        shares = np.array([MAX_FORCE_SHARE, MAX_MOMENT_SHARE * center_of_mass_m])
+        return {v: Limits(*peaks[:2], *shares * peaks[2]) for v, peaks in self._peaks.items()}

@@ -2,29 +2,23 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
+from compensation import InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
 from hbm.spatial import Array, Indices, fit_rotation, transform_wrench
 from hbm.spelling import listed, short
-from pipeline.config.schema import Belt, Platform, Settings
+from pipeline.config.schema import Platform, Settings
+from pipeline.io import units
 from pipeline.io.recording import Plate
 from pipeline.io.streams import over_short_losses
-from pipeline.io.units import (
-    acceleration_in_mps2,
-    angle_in_rad,
-    force_in_n,
-    length_in_m,
-    moment_in_nm,
-    speed_in_mps,
-)
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.ground.accelerometers import RealtimeAccelerometers, sensor_delays_s
-from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, belt_side, between_steps
+from pipeline.trial.ground.belts import RealtimeBelts, belt_side
 from pipeline.trial.ground.calibration_recording import FILTER
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
 from pipeline.trial.ground.laboratory import Laboratory, models_of_plates
@@ -67,8 +61,8 @@ class Channels:
     factor: Array
     rate_hz: float
 
-    def samples(self, start_s: float, stop_s: float) -> tuple[Array, Array]:
-        """Give the samples from one time to another: (N,) [s] and (N, K) in SI units."""
+    def samples(self, start_s: float = -np.inf, stop_s: float = np.inf) -> tuple[Array, Array]:
+        """Give the samples from one time to another, or all: (N,) [s] and (N, K) in SI units."""
         time = self.buffer.time
         first, last = np.searchsorted(time, (start_s, stop_s))
         part = slice(max(int(first) - 1, 0), int(last) + 1)
@@ -118,20 +112,18 @@ class AnalogStreams:
                 f"live channels {listed(missing or labels)} are in no stream"
                 f"{'' if missing else ' together'}; channels there: {listed(there)}"
             )
-        stream = having[0]
+        (stream,) = having
         if twice := [label for label in labels if stream.labels.count(label) > 1]:
             raise ValueError(f"stream {short(stream.name)!r}: several channels are {listed(twice)}")
-        columns = [stream.labels.index(label) for label in labels]
+        columns = np.array([stream.labels.index(label) for label in labels])
+        sent = [unit or stream.units[column] for column in columns]
         try:
-            units = [unit or stream.units[column] for column in columns]
-            factor = [in_si(each) for in_si, each in zip(unit_in_si, units, strict=True)]
+            factor = [in_si(each) for in_si, each in zip(unit_in_si, sent, strict=True)]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
-        if stream.name not in self.used:
-            length = round(HISTORY_S * stream.rate_hz)
-            self.used[stream.name] = SampleBuffer(len(stream.labels), length)
-        buffer = self.used[stream.name]
-        return Channels(stream.name, buffer, np.array(columns), np.array(factor), stream.rate_hz)
+        empty = SampleBuffer(len(stream.labels), round(HISTORY_S * stream.rate_hz))
+        buffer = self.used.setdefault(stream.name, empty)
+        return Channels(stream.name, buffer, columns, np.array(factor), stream.rate_hz)
 
 
 Pose = tuple[Array, Array]
@@ -152,25 +144,25 @@ class MarkedPlatform:
                 f"there: {', '.join(labels)}"
             )
         self.columns = [list(labels).index(name) for name in platform.markers]
-        self.first = list[Array]()
-        self.neutral: Array | None = None
+        self.first, self.neutral = list[Array](), np.empty((0, 3))
 
     def pose(self, position: Array) -> Pose:
         """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
-        own = position[self.columns]
-        if self.neutral is None:
-            self.first.append(own)
+        seen = position[self.columns]
+        if not len(self.neutral):
+            self.first.append(seen)
             if len(self.first) == NEUTRAL_FRAMES:
                 self._find_neutral()
             return UNKNOWN
-        if (np.abs(own) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
-            center = own.mean(axis=0)
-            rotation = fit_rotation((own - center).T @ self.centered)
-            error = self.centered @ rotation.T + center - own
+        if (np.abs(seen) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
+            center, center_then = seen.mean(axis=0), self.neutral.mean(axis=0)
+            centered = self.neutral - center_then
+            rotation = fit_rotation((seen - center).T @ centered)
+            error = centered @ rotation.T + center - seen
             if (error * error).sum(axis=1).max() <= MAX_MARKER_ERROR_M**2:
-                return rotation, center - rotation @ self.neutral_center
+                return rotation, center - rotation @ center_then
         try:
-            pose = fit_pose(own[None], self.neutral, MAX_MARKER_ERROR_M).pose
+            pose = fit_pose(seen[None], self.neutral, MAX_MARKER_ERROR_M).pose
         except ValueError:
             return UNKNOWN
         return pose.rotation[0], pose.position[0]
@@ -179,12 +171,9 @@ class MarkedPlatform:
         try:
             neutral = neutral_markers(np.array(self.first))
             fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
+            self.neutral = neutral
         except ValueError:
             del self.first[0]
-            return
-        self.neutral = neutral
-        self.neutral_center = neutral.mean(axis=0)
-        self.centered = neutral - self.neutral_center
 
 
 class CommandedPlatform:
@@ -194,13 +183,10 @@ class CommandedPlatform:
         if not platform.channels:
             raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
         self.pivot_m, self.delay_s = platform.pivot_m, platform.delay_s
-        self.commands = list[tuple[int, Channels, Convolution]]()
-        channels = (platform.sway_channel, length_in_m), (platform.pitch_channel, angle_in_rad)
-        for k, (channel, unit_in_si) in enumerate(channels):
-            if channel is not None:
-                found = analog.find([channel], [unit_in_si])
-                how = Convolution.between(found.rate_hz, frames_hz)
-                self.commands.append((k, found, how))
+        sway, pitch = platform.sway_channel, platform.pitch_channel
+        stated = (0, sway, units.length_in_m), (1, pitch, units.angle_in_rad)
+        found = [(k, analog.find([name], [in_si])) for k, name, in_si in stated if name is not None]
+        self.commands = [(k, c, Convolution.between(c.rate_hz, frames_hz)) for k, c in found]
         self.ahead_s = self.delay_s + max(how.reach_s for _, _, how in self.commands)
 
     def pose(self, time: float) -> Pose:
@@ -221,69 +207,7 @@ def _resampled(channels: Channels, how: Convolution, at: float) -> Array:
     return np.asarray(how.evaluate(*samples, np.array([at]))[0])
 
 
-KEPT_STEPS = 50
-"""Of the models' output: half a second."""
-
-
-class LiveBelts:
-    """The moments of accelerating belts, whose models run as far as an instant needs."""
-
-    def __init__(
-        self,
-        models: Sequence[BeltModel],
-        belt: Belt,
-        plates: Sequence[Plate],
-        delays_s: Sequence[float],
-        analog: AnalogStreams,
-    ) -> None:
-        if len(models) != len(plates):
-            raise ValueError(
-                f"{LIVE}: {len(plates)} plates, but the belt calibration has {len(models)}"
-            )
-        count = len(belt.speed_channels)
-        names = [belt.speed_channels[k % count] for k in range(len(plates))]
-        self.speeds = analog.find(names, [speed_in_mps] * len(names))
-        self.belts = RealtimeBelts(models, self.speeds.rate_hz)
-        self.delays_s, self.ahead_s = delays_s, max(delays_s) + self.belts.ahead_s
-        self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in plates])
-        self.moments = [SampleBuffer(1, KEPT_STEPS) for _ in models]
-        self.next_step: int | None = None
-
-    def wrenches(self, time: float) -> Array:
-        """Give what belts add to each plate at a frame's time [s], (P, 6), in the plate's axes."""
-        if self.next_step is None:
-            self.belts.first_s = time
-            known = self.speeds.buffer.time
-            start_s = float(known[0]) if len(known) else time
-            self.next_step = int(np.ceil((start_s - time) * MODEL_RATE_HZ))
-        at = [time + delay_s for delay_s in self.delays_s]
-        self._advance(self.next_step, max(at))
-        found = [
-            between_steps(moments.time, moments.values, np.array([instant]))[0]
-            for moments, instant in zip(self.moments, at, strict=True)
-        ]
-        return np.asarray(np.array(found) * self.sides)
-
-    def _advance(self, next_step: int, until_s: float) -> None:
-        """Run the models as far as an instant needs."""
-        belts = self.belts
-        last = int(np.floor((until_s + belts.ahead_s - belts.first_s) * MODEL_RATE_HZ))
-        reach_s = belts.resampling.step_s + belts.resampling.reach_s
-        for step in range(next_step, last + 1):
-            at = belts.first_s + step / MODEL_RATE_HZ
-            if at + reach_s > self.speeds.buffer.newest_s and at > until_s:
-                break
-            samples = self.speeds.samples(at - reach_s, at + reach_s)
-            acceleration = belts.accelerations(*samples, np.array([float(step)]))[0]
-            for model, kept, moment in zip(
-                belts.models, self.moments, belts.step(acceleration), strict=True
-            ):
-                earlier = belts.first_s + (step - model.advance) / MODEL_RATE_HZ
-                kept.append(np.array([earlier]), np.array([[moment]]))
-            self.next_step = step + 1
-
-
-PLATE_UNITS: Final = (*[force_in_n] * 3, *[moment_in_nm] * 3)
+PLATE_UNITS: Final = (*[units.force_in_n] * 3, *[units.moment_in_nm] * 3)
 LIVE: Final = "live"
 """What is compensated, in messages."""
 
@@ -292,9 +216,8 @@ class LiveGround:
     """Plates, accelerometers, belts and platform of a laboratory.
 
     Of each plate, whose place is known and whose samples do not count, six channels are its Fx Fy
-    Fz Mx My Mz in its own axes about the centre of its surface. Labels and rate are those of the
-    markers' stream. A ValueError says that a channel or platform marker is in no stream, or that
-    the calibration does not fit the streams.
+    Fz Mx My Mz in its own axes about the centre of its surface. A ValueError says that a channel or
+    platform marker is in no stream, or that the calibration does not fit the streams.
     """
 
     def __init__(
@@ -304,14 +227,14 @@ class LiveGround:
         plates: Sequence[Plate],
         channels: Sequence[Sequence[str]],
         analog: AnalogStreams,
-        labels: Sequence[str],
-        frames_hz: float,
+        markers: StreamDescription,
     ) -> None:
-        treadmill = laboratory.treadmill
+        treadmill, frames_hz = laboratory.treadmill, markers.rate_hz
         delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
         self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
         resampling = [Convolution.between(found.rate_hz, frames_hz) for found in each]
         self.resampled = list(zip(each, resampling, delays_s, strict=True))
+        self.delays_s = np.array(delays_s)
         corrections = [_correction(plate, laboratory) for plate in plates]
         self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
         self.to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
@@ -319,37 +242,36 @@ class LiveGround:
 
         self.gains = list[tuple[Array, Array]]()
         self.sensors: InertiaModel | None = None
-        if laboratory.calibration is not None:
+        if (calibration := laboratory.calibration) is not None:
             sensors, rate_hz = treadmill.accelerometers, round(each[0].rate_hz, 6)
             setup = Setup(tuple(sensors), rate_hz, treadmill.cutoff_hz, filter_method=FILTER)
-            numbers = [plate.number for plate in plates]
-            models = models_of_plates(laboratory.calibration, numbers, setup, LIVE)
-            self.sensors = models[0]
+            models = models_of_plates(calibration, [p.number for p in plates], setup, LIVE)
+            self.sensors, lags_s = models[0], models[0].lags_s
             self.gains = [(model.gain[:-1], model.gain[-1]) for model in models]
             names = [name for axes in sensors.values() for name in axes]
-            unit = treadmill.accelerometer_unit
-            self.readings = analog.find(names, [acceleration_in_mps2] * len(names), unit)
-            late_s = sensor_delays_s(treadmill, laboratory.calibration.sensors)
-            self.accelerometers = RealtimeAccelerometers.of(
-                late_s, models[0].lags_s, self.readings.rate_hz, frames_hz
-            )
+            in_si = [units.acceleration_in_mps2] * len(names)
+            self.readings = analog.find(names, in_si, treadmill.accelerometer_unit)
+            late_s, rate_hz = sensor_delays_s(treadmill, calibration.sensors), self.readings.rate_hz
+            self.accelerometers = RealtimeAccelerometers.of(late_s, lags_s, rate_hz, frames_hz)
             late = relative_delays_s(plates, laboratory.plates)
             self.earlier_s = [d - late_s for d, late_s in zip(delays_s, late, strict=True)]
             ahead_s.append(max(self.earlier_s) + self.accelerometers.ahead_s)
 
-        self.belts: LiveBelts | None = None
-        if laboratory.belts and treadmill.belt is not None:
-            self.belts = LiveBelts(laboratory.belts, treadmill.belt, plates, delays_s, analog)
-            ahead_s.append(self.belts.ahead_s)
+        self.belts: RealtimeBelts | None = None
+        if (belts := laboratory.belts) and (belt := treadmill.belt) is not None:
+            if len(belts) != (count := len(plates)):
+                fitted = f"the belt calibration has {len(belts)}"
+                raise ValueError(f"{LIVE}: {count} plates, but {fitted}")
+            speeds = [name for name, _ in zip(cycle(belt.speed_channels), plates, strict=False)]
+            self.speeds = analog.find(speeds, [units.speed_in_mps] * count)
+            self.belts = RealtimeBelts(belts, self.speeds.rate_hz)
+            self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in plates])
+            ahead_s.append(max(delays_s) + self.belts.ahead_s)
 
         self.platform: MarkedPlatform | CommandedPlatform | None = None
-        if treadmill.platform is not None:
-            marked = bool(treadmill.platform.markers)
-            self.platform = (
-                MarkedPlatform(treadmill.platform, labels)
-                if marked
-                else CommandedPlatform(treadmill.platform, analog, frames_hz)
-            )
+        if (stated := treadmill.platform) is not None:
+            commanded = None if stated.markers else CommandedPlatform(stated, analog, frames_hz)
+            self.platform = commanded or MarkedPlatform(stated, markers.labels)
             ahead_s.append(self.platform.ahead_s)
         self.ahead_s = max(ahead_s)
         compensated = self.gains or self.belts is not None
@@ -368,33 +290,27 @@ class LiveGround:
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
         each = [_resampled(sent, how, time + delay_s) for sent, how, delay_s in self.resampled]
-        measured = np.reshape(each, (-1, 6))
-        measured = (measured[:, None] @ self.corrections)[:, 0] + self.offsets
-        variants = [measured]
-        if len(self.variants) > 1:
-            compensated = measured.copy()
-            if self.gains:
-                compensated -= self._inertia(time)
-            if self.belts is not None:
-                compensated -= self.belts.wrenches(time)
-            variants.append(compensated)
+        measured = (np.array(each)[:, None] @ self.corrections)[:, 0] + self.offsets
+        added = [self._inertia(time)] if self.gains else []
+        if self.belts is not None:
+            at, samples = [np.array([t]) for t in time + self.delays_s], self.speeds.samples()
+            added.append(np.array(self.belts.moments(*samples, at, time)) * self.sides)
+        variants = [measured, measured - sum(added)] if added else [measured]
         wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
         pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
         return wrenches if pose is None else transform_wrench(wrenches, *pose), pose
 
     def _inertia(self, time: float) -> Array:
         """Give what the platform's motion adds to each plate, (P, 6)."""
-        sensors, felt = self.accelerometers, dict[float, Array]()
-        for earlier_s in set(self.earlier_s):
-            at = time + earlier_s
-            samples = self.readings.samples(at - sensors.behind_s, at + sensors.ahead_s)
-            felt[earlier_s] = sensors.felt(*samples, np.array([at]))[0]
-        return np.array(
-            [
-                felt[earlier_s] @ gain + offset
-                for earlier_s, (gain, offset) in zip(self.earlier_s, self.gains, strict=True)
-            ]
-        )
+        sensors, at_s = self.accelerometers, {time + earlier_s for earlier_s in self.earlier_s}
+        sensed = {
+            at: sensors.felt(
+                *self.readings.samples(at - sensors.behind_s, at + sensors.ahead_s), np.array([at])
+            )[0]
+            for at in at_s
+        }
+        each = zip(self.earlier_s, self.gains, strict=True)
+        return np.array([sensed[time + late_s] @ gain + zero for late_s, (gain, zero) in each])
 
 
 def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
@@ -402,5 +318,5 @@ def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
     found = laboratory.plates.calibrations.of(plate.number) if laboratory.plates else None
     if found is None:
         return np.eye(6), np.zeros(6)
-    offset = found.correct_in_plate(np.zeros(6), plate.rotation, plate.center)
-    return found.correct_in_plate(np.eye(6), plate.rotation, plate.center) - offset, offset
+    offset, *ones = found.correct_in_plate(np.eye(7, 6, -1), plate.rotation, plate.center)
+    return ones - offset, offset

@@ -108,11 +108,9 @@ def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescr
 
 def require_like(before: LslDescription, after: LslDescription) -> None:
     """Refuse a sender that is back where what numbers depend on is not as before."""
-    described = {
-        "description of its channels": (before.channels, after.channels),
-        "rate": (before.stream.rate_hz, after.stream.rate_hz),
-        "statement of its axes": (before.axes, after.axes),
-    }
+    names = "description of its channels", "statement of its axes", "rate"
+    parts = zip(*((d.channels, d.axes, d.stream.rate_hz) for d in (before, after)), strict=True)
+    described = dict(zip(names, parts, strict=True))
     sender = f"stream {short(before.stream.name)!r}"
     require_same(sender, described, before.plates, after.plates)
 
@@ -150,17 +148,14 @@ class Inlet:
     def __init__(
         self, lsl: Any, info: Any, stated: Stated, is_markers: bool, answer_s: float = ANSWER_S
     ) -> None:
-        self._lsl = lsl
+        self._lsl, self._answer_s = lsl, answer_s
+        self.stated, self.is_markers = stated, is_markers
         self.name: str = info.name()
         self.uid: str = info.uid()
-        self.identity = _identity(info)
-        self.stated, self.is_markers = stated, is_markers
+        self.identity, self.offset = _identity(info), ClockOffset()
         self._is_here: bool = info.hostname() == socket.gethostname()
-        self._answer_s = answer_s
-        self.offset = ClockOffset()
         self._inlet: Any = lsl.StreamInlet(info, max_buflen=BUFFER_S, recover=False)
-        self.lost = False
-        self._heard_s = time.monotonic()
+        self.lost, self._heard_s = False, time.monotonic()
         self._refusals = lsl.util.TimeoutError, lsl.util.LostError
         try:
             described = self._inlet.info(answer_s)
@@ -189,8 +184,7 @@ class Inlet:
 
     def find_rate(self) -> None:
         """Find the sampling rate from time stamps where the sender does not state it."""
-        stamps = np.empty(0)
-        deadline = time.monotonic() + RATE_TIMEOUT_S
+        stamps, deadline = np.empty(0), time.monotonic() + RATE_TIMEOUT_S
         while self.description.rate_hz <= 0:
             samples = self.pull(POLL_S)
             stamps = np.append(stamps, samples.time) if samples else stamps
@@ -246,8 +240,7 @@ class Inlet:
         try:
             back = Inlet(self._lsl, info, self.stated, self.is_markers, RETURN_S)
             require_like(self.described, back.described)
-            rate_hz = self.description.rate_hz
-            back.description = replace(back.description, rate_hz=rate_hz)
+            back.description = replace(back.description, rate_hz=self.description.rate_hz)
             back.open()
         except (ConnectionError, RuntimeError):  # of the library, whatever is wrong
             return None
@@ -328,14 +321,11 @@ class LslSource:
         senders: Sequence[str] = (),
         choose: Choose | None = None,
     ) -> None:
-        names = (markers, *analog)
+        names, lsl, stated = (markers, *analog), load_lsl(listen), stated or Stated()
         if len(set(names)) < len(names):
             raise ValueError(f"streams are named more than once: {listed(map(repr, names))}")
-        lsl = load_lsl(listen)
-        self._resolver = lsl.ContinuousResolver(forget_after=FORGET_S)
-        self._sought_s = 0.0
+        self._resolver, self._sought_s = lsl.ContinuousResolver(forget_after=FORGET_S), 0.0
         found, self._chosen = _find(self._resolver, names, timeout_s, searching, senders, choose)
-        stated = stated or Stated()
         first = Inlet(lsl, found[0], stated, is_markers=True)
         of_all = replace(stated, axes=first.described.axes)
         self._inlets = [first, *(Inlet(lsl, info, of_all, is_markers=False) for info in found[1:])]
@@ -345,7 +335,7 @@ class LslSource:
             inlet.find_rate()
         self._workers = ThreadPoolExecutor(len(self._inlets), thread_name_prefix="lsl")
         self._returning: dict[int, Future[Inlet | None]] = {}
-        rates_hz = [inlet.description.rate_hz for inlet in self._inlets]
+        rates_hz = [stream.rate_hz for stream in self.streams]
         self._fastest = rates_hz.index(max(rates_hz))
 
     @property
@@ -364,15 +354,12 @@ class LslSource:
         At most the samples of 50 ms of each stream; what else has arrived follows with the next
         call. A ValueError says that a stream came back with another description.
         """
-        deadline = time.monotonic() + timeout_s
-        wait = 0.0
+        deadline, wait = time.monotonic() + timeout_s, 0.0
         while True:
             self._seek()
-            found = [
-                samples
-                for k, inlet in enumerate(self._inlets)
-                if (samples := inlet.pull(wait if k == self._fastest else 0.0)) is not None
-            ]
+            waits = [wait * (k == self._fastest) for k in range(len(self._inlets))]
+            pulled = map(Inlet.pull, self._inlets, waits)
+            found = [samples for samples in pulled if samples is not None]
             remaining = deadline - time.monotonic()
             if found or remaining <= 0:
                 return found
@@ -386,8 +373,7 @@ class LslSource:
         away = [k for k, inlet in enumerate(self._inlets) if inlet.away]
         if not away or time.monotonic() < self._sought_s:
             return
-        self._sought_s = time.monotonic() + SEEK_S
-        every = _by_name(self._resolver)
+        self._sought_s, every = time.monotonic() + SEEK_S, _by_name(self._resolver)
         for k in away:
             inlet = self._inlets[k]
             there = every.get(inlet.name, [])
@@ -421,8 +407,7 @@ def _find(
 
     Of several of one name all but one may be those of a program that has ended just now.
     """
-    begun_s = time.monotonic()
-    complete_s: float | None = None
+    begun_s, complete_s = time.monotonic(), np.inf
     while True:
         there, now_s = _by_name(resolver), time.monotonic()
         absent = [name for name in names if name not in there]
@@ -432,16 +417,13 @@ def _find(
                 f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
                 f"streams there: {listed(map(repr, map(printable, there)))}"
             )
-        if absent:
-            complete_s = None
-            if searching is not None:
-                searching(absent, list(there))
-        elif several:
-            complete_s = complete_s or now_s
-            if now_s - complete_s > FORGET_S:
-                chosen = {name: _choose(name, there[name], senders, choose) for name in several}
-                return [chosen.get(name, there[name][0]) for name in names], set(chosen)
-        elif now_s - begun_s > SETTLE_S:
+        complete_s = np.inf if absent else min(complete_s, now_s if several else np.inf)
+        if absent and searching is not None:
+            searching(absent, list(there))
+        if several and now_s - complete_s > FORGET_S:
+            chosen = {name: _choose(name, there[name], senders, choose) for name in several}
+            return [chosen.get(name, there[name][0]) for name in names], set(chosen)
+        if not (absent or several) and now_s - begun_s > SETTLE_S:
             return [there[name][0] for name in names], set()
         time.sleep(POLL_S)
 
@@ -466,7 +448,7 @@ def _identity(info: Any) -> tuple[str, str]:
 
 
 def _by_name(resolver: Any) -> dict[str, list[Any]]:
-    there: dict[str, list[Any]] = {}
+    there = dict[str, list[Any]]()
     for info in resolver.results():
         there.setdefault(info.name(), []).append(info)
     return there

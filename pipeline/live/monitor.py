@@ -1,15 +1,17 @@
 """What a laboratory sees of a session: residuals so far, latency, and what is wrong."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import compress, pairwise
 from time import monotonic
 from typing import Final, Protocol
 
 import numpy as np
 
-from compensation import InertiaModel, check_trial, marker_plate_delay
+from compensation import InertiaModel, marker_plate_delay
+from compensation.inertia.sensors import sensor_faults
 from hbm.coordinates import N_Q
+from hbm.model import Body
 from hbm.notes import Note
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.signals.samples import stretches
@@ -19,20 +21,23 @@ from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
 from pipeline.live.ground import Channels
-from pipeline.live.light import OF_FRAMES, OF_NOTES, STOPPING, LiveState, light, marker_sides
+from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Key, Kind, light
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import MAX_REST_N, rest_level
-from pipeline.trial.quality import Quality
+from pipeline.trial.gait.events import SIDES
+from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
-    REPORTED_SIGN,
     height_of_mass,
+    reported,
 )
 from pipeline.trial.subject import differing_masses
 from pipeline.viewer.live import FULL_SCALE, Board
 
+MIDDLE_M: Final = 0.02
+"""From the middle of the body; markers that are nearer are neither left nor right."""
 GONE_S: Final = 0.4
 """A marker that a hand or a rail hides is back sooner."""
 FITTED_S: Final = 2.0
@@ -64,16 +69,16 @@ class MarkerGaps:
 
     Examples
     --------
-    >>> gaps = MarkerGaps(["LASIS"])
+    >>> gaps = MarkerGaps({"LASIS": "left camera"})
     >>> gaps.add(np.array([0.0, 0.2, 0.4]), np.full((3, 1, 3), np.nan))
-    >>> gaps.found
-    [Note(code='live_marker_gone', values={'marker': 'LASIS', 'gone_s': 0.4})]
+    >>> print(gaps.found[0].note)
+    LASIS: hidden for 0.4 s
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = tuple(names)
-        self._seen_s = np.full(len(names), np.nan)
-        self.found: list[Note] = []
+    def __init__(self, cameras: Mapping[str, str]) -> None:
+        self._cameras = list(cameras.items())
+        self._seen_s = np.full(len(cameras), np.nan)
+        self.found: list[Finding] = []
 
     def add(self, time: Array, position: Array) -> None:
         """Take frames, (N,) [s] and (N, M, 3)."""
@@ -82,9 +87,23 @@ class MarkerGaps:
         self._seen_s = np.maximum(self._seen_s, seen)
         gone_s = time[-1] - self._seen_s
         self.found = [
-            Note.of("live_marker_gone", marker=self._names[k], gone_s=gone_s[k])
-            for k in np.flatnonzero(gone_s >= GONE_S)
+            Finding(Kind.MARKER_GONE, (name,), {"gone_s": hidden_s, "camera": camera})
+            for (name, camera), hidden_s in zip(self._cameras, gone_s, strict=True)
+            if hidden_s >= GONE_S
         ]
+
+
+def cameras_of(body: Body) -> dict[str, str]:
+    """Give the camera to turn for each marker: that of its side, or any for one in the middle."""
+    cameras = {}
+    for name, segment, (_, to_left_m, _) in zip(
+        body.markers, body.marker_segment, body.marker_position, strict=True
+    ):
+        side = next((side for side in SIDES if segment.startswith(side)), "")
+        if not side and abs(to_left_m) > MIDDLE_M:
+            side = SIDES[int(to_left_m < 0)]
+        cameras[name] = f"{side} camera".strip()
+    return cameras
 
 
 class FitWatch:
@@ -96,8 +115,7 @@ class FitWatch:
 
     def __init__(self, markers: Sequence[str], columns: Sequence[int]) -> None:
         self._names, self._columns = tuple(markers), list(columns)
-        self._frames: list[LiveFrame] = []
-        self.found: list[Note] = []
+        self._frames, self.found = list[LiveFrame](), list[Finding]()
 
     def add(self, frame: LiveFrame) -> None:
         """Take a frame."""
@@ -107,23 +125,23 @@ class FitWatch:
             self.found = list(self._judged())
             frames.clear()
 
-    def _judged(self) -> Iterator[Note]:
+    def _judged(self) -> Iterator[Finding]:
         """Find large distances, markers that were seen and not used, and feet beside pressure."""
         error = np.array([frame.marker_error for frame in self._frames])
+        quality = np.array([frame.quality for frame in self._frames])
         squared_m2 = error[np.isfinite(error)] ** 2
         rms_m = float(np.sqrt(squared_m2.mean())) if len(squared_m2) else 0.0
-        lost = np.zeros(len(self._names))
-        for frame in self._frames:
-            if Quality.MARKERS_LEFT_OUT in frame.quality:
-                seen = np.isfinite(frame.markers[self._columns]).all(axis=1)
-                lost += seen & np.isnan(frame.marker_error)
-        often = np.flatnonzero(lost > MOST * len(self._frames))
-        if rms_m > MAX_ERROR_M or len(often):
-            left_out = ", ".join(self._names[k] for k in often) or "none"
-            yield Note.of("live_markers_misfit", error_m=rms_m, left_out=left_out)
-        share = float(np.mean([Quality.FOOT_UNCERTAIN in each.quality for each in self._frames]))
+        seen = np.isfinite([frame.markers[self._columns] for frame in self._frames]).all(axis=2)
+        doubtful = ~free_of(quality, Quality.MARKERS_LEFT_OUT)[:, None]
+        often = (seen & np.isnan(error) & doubtful).mean(axis=0) > MOST
+        if often.any():
+            markers = tuple(compress(self._names, often))
+            yield Finding(Kind.MARKERS_LEFT_OUT, values={"error_m": rms_m, "markers": markers})
+        elif rms_m > MAX_ERROR_M:
+            yield Finding(Kind.MARKERS_MISFIT, values={"error_m": rms_m})
+        share = 1 - float(free_of(quality, Quality.FOOT_UNCERTAIN).mean())
         if share > MOST:
-            yield Note.of("live_foot_uncertain", share=share)
+            yield Finding(Kind.FOOT_UNCERTAIN, values={"share": share})
 
 
 class DelayWatch:
@@ -134,9 +152,7 @@ class DelayWatch:
     """
 
     def __init__(self) -> None:
-        self._frames: deque[LiveFrame] = deque()
-        self._judged_s = -np.inf
-        self.found: list[Note] = []
+        self._frames, self._judged_s, self.found = deque[LiveFrame](), -np.inf, list[Finding]()
 
     def add(self, frame: LiveFrame) -> None:
         """Take a frame."""
@@ -146,19 +162,19 @@ class DelayWatch:
         if frame.time - max(self._judged_s, self._frames[0].time) < JUDGED_S:
             return
         self._judged_s = frame.time
-        variant = list(frame.residual)[-1]
-        time = np.array([each.time for each in self._frames])
-        plate = np.array([each.by_foot[variant][:, :3].sum(axis=0) for each in self._frames])
-        residual = np.array([each.residual[variant][:3] for each in self._frames])
-        motion = plate + residual * REPORTED_SIGN[:3]
-        motion[[not each.quality.counts for each in self._frames]] = np.nan
+        (*_, variant), frames = frame.residual, self._frames
+        time = np.array([each.time for each in frames])
+        plate = np.array([each.by_foot[variant][:, :3].sum(axis=0) for each in frames])
+        motion = plate + reported(np.array([each.residual[variant] for each in frames]))[:, :3]
+        motion[[not each.quality.counts for each in frames]] = np.nan
         try:
             found = marker_plate_delay(plate, motion, time)
         except ValueError:  # not determined by what is in it
             return
         delay_s, error_s = found.seconds + acceleration_lag_s(time), found.uncertainty
-        note = Note.of("live_plates_late", delay_s=delay_s, uncertainty_s=error_s)
-        self.found = [note] if abs(delay_s) > max(MIN_DELAY_S, error_s) else []
+        values = {"delay_s": delay_s, "uncertainty_s": error_s}
+        late = abs(delay_s) > max(MIN_DELAY_S, error_s)
+        self.found = [Finding(Kind.PLATES_LATE, values=values)] * late
 
 
 class WeightWatch:
@@ -176,15 +192,13 @@ class WeightWatch:
     >>> light = LiveCycle("left", 0.0, 1.1, True, empty, {}, {}, {}, vertical_n=700.0)
     >>> for _ in range(20):
     ...     watch.add(light)
-    >>> [note.code for note in watch.found], round(watch.found[0].values["carried_kg"], 1)
-    (['live_weight_differs'], 71.4)
+    >>> print(watch.found[0].note)
+    plates carry 71.4 kg over five strides, −5 % relative to the body mass of 75.0 kg
     """
 
     def __init__(self, mass_kg: float) -> None:
-        self._mass_kg = mass_kg
-        self._carried_kg: list[float] = []
-        self._latest = False
-        self.found: list[Note] = []
+        self._mass_kg, self._latest = mass_kg, False
+        self._carried_kg, self.found = list[float](), list[Finding]()
 
     def add(self, stride: LiveCycle) -> None:
         """Take a stride."""
@@ -194,22 +208,20 @@ class WeightWatch:
             return
         carried_kg = float(np.median(self._carried_kg))
         self._carried_kg.clear()
-        masses = {"carried_kg": carried_kg, "mass_kg": self._mass_kg}
         differs = bool(differing_masses({"of the body": self._mass_kg}, carried_kg))
         before, self._latest = self._latest, differs
         if differs == before and differs != bool(self.found):
-            difference = carried_kg / self._mass_kg - 1
-            note = Note.of("live_weight_differs", **masses, difference=difference)
-            self.found = [note] if differs else []
+            values = {"carried_kg": carried_kg, "mass_kg": self._mass_kg}
+            relative = {"difference": carried_kg / self._mass_kg - 1}
+            self.found = [Finding(Kind.WEIGHT_DIFFERS, values=values | relative)] * differs
 
 
 class SignalWatch:
     """Judges samples of signals that span a time [s], and then the next ones."""
 
-    def __init__(self, span_s: float, judge: Callable[[Array, Array], Iterable[Note]]) -> None:
+    def __init__(self, span_s: float, judge: Callable[[Array, Array], Iterable[Finding]]) -> None:
         self._span_s, self._judge = span_s, judge
-        self._kept: list[tuple[Array, Array]] = []
-        self.found: list[Note] = []
+        self._kept, self.found = list[tuple[Array, Array]](), list[Finding]()
 
     def add(self, time: Array, values: Array) -> None:
         """Take samples, (N,) [s] and (N, K)."""
@@ -226,16 +238,17 @@ def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = Fal
     (`pipeline.trial.checks.rest_level`). The plate's z axis points up (1) or down (-1). What it
     reads without load on a platform that moves is the platform's inertia and weight.
     """
+    plate = (str(number),)
 
-    def judge(time: Array, wrench: Array) -> Iterator[Note]:
+    def judge(time: Array, wrench: Array) -> Iterator[Finding]:
         vertical_n, weight_n = up * wrench[:, 2], mass_kg * GRAVITY_MPS2
         rest_n = None if moves else rest_level(vertical_n, time, weight_n)
         if rest_n is not None and abs(rest_n) > MAX_REST_N:
-            yield Note.of("live_plate_not_zero", plate=number, rest_n=rest_n)
+            yield Finding(Kind.PLATE_NOT_ZERO, plate, {"rest_n": rest_n})
         for name, sizes, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
             if _is_limited(sizes, least):
-                limit = float(np.nanmax(sizes))
-                yield Note.of("live_plate_saturated", plate=number, component=name, value=limit)
+                values = {"component": name, "value": float(np.nanmax(sizes))}
+                yield Finding(Kind.PLATE_SATURATED, plate, values)
 
     return SignalWatch(JUDGED_S, judge)
 
@@ -246,7 +259,12 @@ def sensor_watch(model: InertiaModel) -> SignalWatch:
     As of trials, by `compensation.check_trial`; a gap is zero, so that a sensor that sends nothing
     is dead. Samples are (N, K) [m/s²].
     """
-    return SignalWatch(SENSORS_S, lambda _, read: check_trial(model, np.nan_to_num(read)))
+
+    def judge(_: Array, read: Array) -> Iterator[Finding]:
+        for fault, values in sensor_faults(model, np.nan_to_num(read)).items():
+            yield Finding(OF_SENSORS[fault], values=values)
+
+    return SignalWatch(SENSORS_S, judge)
 
 
 def _is_limited(values: Array, least: float) -> bool:
@@ -279,7 +297,7 @@ CELLS: Final = 8
 class Watch(Protocol):
     """What is watched: what is wrong with it now."""
 
-    found: list[Note]
+    found: list[Finding]
 
 
 class Monitor:
@@ -307,7 +325,7 @@ class Monitor:
     notes
         The newest ones as they arose, each with its time on the streams' clock [s].
     raised
-        Code of a note, and what it is of -> the newest one, and how often it arose.
+        Kind and subject of findings -> the newest one in words, and how often it arose.
     reasons
         Why frames are not used -> how many.
     during_stop
@@ -323,44 +341,37 @@ class Monitor:
     ) -> None:
         self.chain, self._say, self._required = chain, say, required
         self._gait, self._delay = GaitTracker(chain.motion.longest_s), DelayWatch()
-        self._markers = MarkerGaps(chain.tracker.markers)
+        body, ground, names = chain.body, chain.ground, chain.tracker.markers
+        cameras, moves = cameras_of(body), ground.platform is not None
+        self._markers = MarkerGaps({name: cameras[name] for name in names})
         self._columns = list(chain.tracker.columns)
-        self._fit = FitWatch(chain.tracker.markers, self._columns)
-        body, ground = chain.body, chain.ground
-        self._weight, self._sides = WeightWatch(body.mass), marker_sides(body)
-        moves = ground.platform is not None
+        self._fit, self._weight = FitWatch(names, self._columns), WeightWatch(body.mass)
         self._signals: list[tuple[Channels, SignalWatch]] = [
             (channels, plate_watch(p.number, body.mass, np.sign(p.rotation[2, 2]), moves=moves))
             for p, channels in zip(plates, ground.plates, strict=True)
         ]
         if ground.sensors is not None:
             self._signals.append((ground.readings, sensor_watch(ground.sensors)))
-        self._watches: tuple[Watch, ...] = (
-            *(self._markers, self._fit, self._delay, self._weight),
-            *(watch for _, watch in self._signals),
-        )
-        self._latency: deque[float] = deque(maxlen=LATENCIES)
+        every = self._markers, self._fit, self._delay, self._weight
+        self._watches: list[Watch] = [*every, *(watch for _, watch in self._signals)]
+        self._latency = deque[float](maxlen=LATENCIES)
         self._recent = deque[Quality](maxlen=max(1, round(FITTED_S * chain.stream.rate_hz)))
-        self._time = np.nan
+        self._time = self._steady_s = np.nan
         self._height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._untimed_s = dict.fromkeys(streams, -np.inf)
-        self._silent: dict[str, str] = {}
-        self._held: set[tuple[str, object]] = set()
-        self._lasting: list[Note] = []
+        self._silent, self._lasting = list[Finding](), list[Finding]()
+        self._held: set[Key] = set()
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
-        self.cycles: deque[LiveCycle] = deque(maxlen=10)
-        self.notes: deque[tuple[float, Note]] = deque(maxlen=MAX_NOTES)
-        self.reasons: Counter[str] = Counter()
+        self.cycles, self.reasons = deque[LiveCycle](maxlen=10), Counter[str]()
+        self.notes = deque[tuple[float, Note]](maxlen=MAX_NOTES)
         self._stopped, self.during_stop = False, 0
-        self.raised: dict[tuple[str, object], tuple[Note, int]] = {}
-        self._steady_s = np.nan
-        present = set(chain.tracker.markers)
-        if absent := [name for name in body.markers if name not in present]:
-            names, of = ", ".join(absent), chain.stream.name
-            self._note(Note.of("live_markers_absent", markers=names, stream=of))
+        self.raised: dict[Key, tuple[Note, int]] = {}
+        if absent := tuple(name for name in body.markers if name not in chain.tracker.markers):
+            values = {"markers": absent}
+            self._note(Finding(Kind.MARKERS_ABSENT, (chain.stream.name,), values))
 
     def samples(self, received: Samples) -> None:
         """Take samples as they were received, in order; none where none had a time of its own."""
@@ -370,9 +381,9 @@ class Monitor:
             return
         self._time = float(time[-1])
         if received.clock_set_s:
-            self._note(Note.of("live_clock_set", stream=name, set_s=received.clock_set_s))
+            self._note(Finding(Kind.CLOCK_SET, (name,), {"set_s": received.clock_set_s}))
         self._arrived_s[name] = monotonic()
-        self._silent.pop(name, None)
+        self._silent = [silent for silent in self._silent if silent.subject != (name,)]
         if name == self.chain.stream.name:
             position = values.reshape(len(time), -1, 3)
             self._markers.add(time, position[:, self._columns])
@@ -390,14 +401,13 @@ class Monitor:
             self._recent.append(frame.quality)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
         ended = self._gait.add(frame)
-        strides = [each for each in ended if each.unit == "cycle"]
-        for stride in strides:
-            self._weight.add(stride)
         for each in ended:
+            if each.unit == "cycle":
+                self._weight.add(each)
             if each.whole and not self._stopped:
                 self._so_far[each.unit].add(each)
-            self.during_stop += each.whole and self._stopped and each.unit == "cycle"
-        cycles = [stride for stride in strides if stride.whole]
+        cycles = [each for each in ended if each.unit == "cycle" and each.whole]
+        self.during_stop += len(cycles) * self._stopped
         if ended:
             self._height_m = height_of_mass(self.chain.body, frame.q[None])
         self.cycles.extend(cycles)
@@ -406,30 +416,26 @@ class Monitor:
         self.look()
         return cycles
 
-    def hear(self, note: Note) -> None:
-        """Take what the source of the samples says; what the light knows stays wrong."""
-        self._note(note)
-        if note.code in OF_NOTES:
-            self._lasting.append(note)
+    def hear(self, finding: Finding) -> None:
+        """Take what the source of the samples says; a start that is unknown stays so."""
+        self._note(finding)
+        if finding.kind is Kind.START_UNKNOWN:
+            self._lasting.append(finding)
 
     def look_for_silence(self) -> None:
         """Find streams without a new sample for a second, once all that came was taken."""
         late_s = monotonic() - SILENT_S
-        self._silent = {
-            name: "live_stream_silent" if self._untimed_s[name] < late_s else "live_stamps_repeat"
-            for name, arrived_s in self._arrived_s.items()
-            if arrived_s < late_s
-        }
+        late = sorted(name for name, arrived_s in self._arrived_s.items() if arrived_s < late_s)
+        kinds = Kind.STAMPS_REPEAT, Kind.STREAM_SILENT
+        self._silent = [Finding(kinds[self._untimed_s[n] < late_s], (n,)) for n in late]
         self.look()
 
-    def look(self) -> list[Note]:
+    def look(self) -> list[Finding]:
         """Give what is wrong now; what is new is noted."""
-        found = [Note.of(code, stream=stream) for stream, code in sorted(self._silent.items())]
-        found += [note for watch in self._watches for note in watch.found]
-        keys = {note: (note.code, _subject(note)) for note in found}
-        self._note(*(note for note, key in keys.items() if key not in self._held))
-        self._held = set(keys.values())
-        self._stopped = any(note.code in STOPPING for note in found)
+        found = [*self._silent, *(one for watch in self._watches for one in watch.found)]
+        self._note(*(one for one in found if one.key not in self._held))
+        self._held = {one.key for one in found}
+        self._stopped = any(one.kind.stops for one in found)
         return [*found, *self._lasting]
 
     @property
@@ -453,35 +459,29 @@ class Monitor:
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
         noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
         used, wanted, weight_n = condition.used, self._required, self.chain.body.mass * GRAVITY_MPS2
-        shown = light(LiveState(used, wanted, noun, steady, self.look(), shares, self._sides))
-        done = used / wanted, f"{used} / {wanted} {noun}"
+        done, ended = f"{used} of {wanted} {noun} used", used >= wanted
+        shown = light(self.look(), shares, done, ended=ended, steady=steady)
+        progress = used / wanted, f"{used} / {wanted} {noun}"
         limits = MAX_FORCE_SHARE * weight_n, MAX_MOMENT_SHARE * weight_n * self._standing_m
-        said = shown.colour, shown.sentence
-        return Board(*said, *done, condition.newest, *limits, senders(streams))
+        return Board(*shown, *progress, condition.newest, *limits, senders(streams))
 
     def status(self) -> str:
         """Give one line: light, bars of the newest residuals, latency."""
         board = self.board()
-        parts = [f"{board.colour.upper()}: {board.sentence}"]
         *_, newest = (np.zeros(6), *board.peaks.values())
         limits = np.repeat([board.limit_n, board.limit_nm], 3)
-        bars = zip(AXES, newest, limits, FULL_SCALE, strict=True)
-        parts.append(
-            " ".join(f"{axis} {_bar(size, limit, full)}" for axis, size, limit, full in bars)
-        )
-        return " · ".join([*parts, *([f"{self.latency_ms(50):.1f} ms"] if self._latency else [])])
+        bars = " ".join(map(_bar, AXES, newest, limits, FULL_SCALE))
+        latency = f" · {self.latency_ms(50):.1f} ms" if self._latency else ""
+        return f"{board.colour.upper()}: {board.sentence} · {bars}{latency}"
 
     def residuals(self) -> list[str]:
         """Say the residuals of each variant so far, and peaks with their published limits."""
-        found = []
-        for variant, rms in self.condition.rms.items():
-            peak = self.limits[variant]
-            found.append(
-                f"residuals {variant}: RMS {_in_words(rms)}; peaks {peak.force_n:.0f} N (published "
-                f"limit {peak.max_force_n:.0f} N), {peak.moment_nm:.0f} N·m "
-                f"({peak.max_moment_nm:.0f} N·m)"
-            )
-        return found
+        return [
+            f"residuals {variant}: RMS {_in_words(self.condition.rms[variant])}; peaks "
+            f"{peak.force_n:.0f} N (published limit {peak.max_force_n:.0f} N), "
+            f"{peak.moment_nm:.0f} N·m ({peak.max_moment_nm:.0f} N·m)"
+            for variant, peak in self.limits.items()
+        ]
 
     def page(self) -> str:
         """Give frames, latency, residuals with their limits and the newest notes as Markdown."""
@@ -494,11 +494,11 @@ class Monitor:
         ]
         return "\n".join(f"- {line}" for line in lines)
 
-    def _note(self, *notes: Note) -> None:
-        for note in notes:
+    def _note(self, *findings: Finding) -> None:
+        for finding in findings:
+            note, (_, times) = finding.note, self.raised.get(finding.key, (None, 0))
             self.notes.append((self._time, note))
-            key = note.code, _subject(note)
-            self.raised[key] = note, self.raised.get(key, (note, 0))[1] + 1
+            self.raised[finding.key] = note, times + 1
             self._say(note)
 
 
@@ -507,22 +507,14 @@ def senders(streams: Sequence[StreamDescription]) -> str:
     return ", ".join(f"{s.name} ({s.rate_hz:g} Hz) from {s.sender}" for s in streams)
 
 
-def _subject(note: Note) -> object:
-    """Give the marker, plate or stream that a note is about, if any."""
-    return next(
-        (note.values[of] for of in ("marker", "plate", "stream") if of in note.values), None
-    )
-
-
-def _bar(size: float, limit: float, full: float) -> str:
-    """Draw a bar whose length is fixed, with its limit, such as "██|·····  25"."""
+def _bar(axis: str, size: float, limit: float, full: float) -> str:
+    """Draw a bar whose length is fixed, with its limit, such as "Fx ██|·····  25"."""
     filled, at = round(CELLS * min(size / full, 1.0)), round(CELLS * limit / full)
     letters = "█" * filled + "·" * (CELLS - filled)
-    return f"{letters[:at]}|{letters[at:]} {size:3.0f}"
+    return f"{axis} {letters[:at]}|{letters[at:]} {size:3.0f}"
 
 
 def _in_words(rms: Array) -> str:
     """Give residuals in words, such as "Fx 12 Fy 8 Fz 15 N, Mx 2.1 My 3.0 Mz 1.2 N·m"."""
-    forces = " ".join(f"{axis} {value:.0f}" for axis, value in zip(AXES[:3], rms[:3], strict=True))
-    moments = " ".join(f"{axis} {value:.1f}" for axis, value in zip(AXES[3:], rms[3:], strict=True))
-    return f"{forces} N, {moments} N·m"
+    each = [f"{axis} {x:.{k // 3}f}" for k, (axis, x) in enumerate(zip(AXES, rms, strict=True))]
+    return f"{' '.join(each[:3])} N, {' '.join(each[3:])} N·m"

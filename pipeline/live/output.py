@@ -8,7 +8,7 @@ from contextlib import suppress
 from importlib import import_module
 from ipaddress import IPv4Address
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any, Final
 from xml.etree.ElementTree import Element, SubElement, tostring
 
@@ -21,10 +21,10 @@ from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.live import LOOPBACK, Live, own_address
 from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
-from pipeline.io.streams import AXES, COMPONENTS, PLACE, Channel
+from pipeline.io.streams import COMPONENTS, PLACE, Channel
 from pipeline.io.write import whole_file
 from pipeline.live.chain import LiveFrame
-from pipeline.live.stream import LAB_AXES, Samples, StreamDescription
+from pipeline.live.stream import LAB_AXES, Samples, StreamDescription, marker_channels
 
 PARTS = "label", "unit", "type", "marker", "plate"
 """Of a channel that are described, those that are not empty."""
@@ -47,13 +47,16 @@ def describe(
         element("channel", *[(part, text) for part in PARTS if (text := getattr(each, part))])
         for each in channels
     )
-    placed = []
-    for plate in plates:
-        numbers = [(part, getattr(plate, part).ravel().tolist()) for part in PLACE]
-        place = [(part, " ".join(map(repr, each))) for part, each in numbers]
-        placed.append(element("plate", ("number", str(plate.number)), *place))
-    of_plates = [element("plates", *placed)] if placed else []
+    placed = (
+        element("plate", *[(part, _written(getattr(plate, part))) for part in ("number", *PLACE)])
+        for plate in plates
+    )
+    of_plates = [element("plates", *placed)] if plates else []
     return element("desc", element("channels", *described), *parts, *of_plates)
+
+
+def _written(numbers: int | Array) -> str:
+    return " ".join(map(repr, np.ravel(numbers).tolist()))
 
 
 def element(tag: str, *inside: Element | tuple[str, str]) -> Element:
@@ -67,30 +70,31 @@ def element(tag: str, *inside: Element | tuple[str, str]) -> Element:
     return made
 
 
-def stream_channels(
-    stream: StreamDescription, live: Live, plates: Sequence[Plate]
-) -> tuple[Channel, ...]:
-    """Give the channels of a stream: three per marker, or one per label.
+Description = tuple[str, str, Sequence[Channel], float, Sequence[tuple[str, str]], Sequence[Plate]]
+"""Name, content type, channels, rate [Hz], further parts, and plates of a stream that is sent."""
 
-    Channels of plates that are named as D-Flow names them say by that what they are.
+
+def description_of(stream: StreamDescription, live: Live, plates: Sequence[Plate]) -> Description:
+    """Describe a stream that is received, to send or record it.
+
+    It has three channels per marker, or one per label. Channels of plates that are named as D-Flow
+    names them say by that what they are.
     """
+    name, labels, rate_hz = stream.name, stream.labels, stream.rate_hz
     if stream.kind == "markers":
-        return tuple(
-            Channel(f"{name}_{axis}", "meters", f"Position{axis}", marker=name)
-            for name in stream.labels
-            for axis in AXES
-        )
+        channels = marker_channels(labels, "meters")
+        return name, "MoCap", channels, rate_hz, [("axes", LAB_AXES)], ()
     of_plate = {
         label: (component, str(plate.number))
         for plate in plates
         for label, component in zip(live.channels_of(plate.number), COMPONENTS, strict=True)
         if not DFLOW_PLATE.fullmatch(label)
     }
-    return tuple(
-        Channel(label, unit, kind, plate=number)
-        for label, unit in zip(stream.labels, stream.units, strict=True)
-        for kind, number in [of_plate.get(label, ("", ""))]
-    )
+    kinds, numbers = zip(*(of_plate.get(label, ("", "")) for label in labels), strict=True)
+    parts = zip(labels, stream.units, kinds, numbers, strict=True)
+    channels = tuple(Channel(label, unit, kind, plate=of) for label, unit, kind, of in parts)
+    placed = [plate for plate in plates if str(plate.number) in numbers]
+    return name, "Analog", channels, rate_hz, (), placed
 
 
 def described_streams(
@@ -99,20 +103,10 @@ def described_streams(
     """Describe streams that are received, one ``info`` each, as XDF has it."""
     described = []
     for stream in streams:
-        channels = stream_channels(stream, live, plates)
-        is_markers = stream.kind == "markers"
-        numbers = {channel.plate for channel in channels}
-        own = [plate for plate in plates if str(plate.number) in numbers]
-        info = element(
-            "info",
-            ("name", stream.name),
-            ("type", "MoCap" if is_markers else "Analog"),
-            ("channel_count", str(len(channels))),
-            ("nominal_srate", repr(stream.rate_hz)),
-            ("channel_format", "double64"),
-            describe(channels, [("axes", LAB_AXES)] if is_markers else [], own),
-        )
-        described.append(info)
+        name, kind, channels, rate_hz, parts, placed = description_of(stream, live, plates)
+        about = ("name", name), ("type", kind), ("channel_count", str(len(channels)))
+        numbers = ("nominal_srate", repr(rate_hz)), ("channel_format", "double64")
+        described.append(element("info", *about, *numbers, describe(channels, parts, placed)))
     return described
 
 
@@ -147,14 +141,12 @@ class XdfWriter:
     """
 
     def __init__(self, path: Path, descriptions: Sequence[Element]) -> None:
-        self._numbers: dict[str, int] = {}
-        self._counts: list[int] = []
-        self._file = path.open("xb")
+        names = [info.findtext("name", "") for info in descriptions]
+        self._numbers = {name: number for number, name in enumerate(names, start=1)}
+        self._counts, self._file = [0] * len(names), path.open("xb")
         self._file.write(MAGIC)
         self._chunk(FILE_HEADER, tostring(element("info", ("version", "1.0"))))
         for number, info in enumerate(descriptions, start=1):
-            self._numbers[info.findtext("name", "")] = number
-            self._counts.append(0)
             self._chunk(STREAM_HEADER, struct.pack("<I", number) + tostring(info, "utf-8"))
         self._file.flush()
 
@@ -170,10 +162,8 @@ class XdfWriter:
         if not count:
             return
         number = self._numbers[samples.stream]
-        rows = np.empty(
-            count,
-            dtype=np.dtype([("bytes", "u1"), ("stamp", "<f8"), ("values", "<f8", (channels,))]),
-        )
+        parts = [("bytes", "u1"), ("stamp", "<f8"), ("values", "<f8", (channels,))]
+        rows = np.empty(count, np.dtype(parts))
         rows["bytes"], rows["stamp"], rows["values"] = BYTES_OF_STAMP, samples.time, samples.values
         head = struct.pack("<I", number) + BYTES_OF_COUNT + struct.pack("<I", count)
         self._counts[number - 1] += count
@@ -253,11 +243,9 @@ class Recorder:
         self._streams = XdfWriter(folder / STREAMS, descriptions)
         (folder / RESULTS_FOLDER).mkdir(parents=True)
         self._folder, self._columns = folder / RESULTS_FOLDER, tuple(columns)
-        self._rows, self._parts = list[Array](), 0
-        self._waiting: SimpleQueue[Samples | Array] = SimpleQueue()
-        self._stop = threading.Event()
+        self._rows, self._parts, self.lost = list[Array](), 0, 0
+        self._waiting, self._stop = SimpleQueue[Samples | Array](), threading.Event()
         self.fault: str | None = None
-        self.lost = 0
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -274,36 +262,29 @@ class Recorder:
         self._thread.join()
 
     def _run(self) -> None:
-        ending = False
-        while not ending:
-            ending = self._stop.wait(EVERY_S)
-            try:
-                self._write_waiting()
-            except OSError as error:
-                self.fault = f"recording stopped: {error.strerror or error}"
-                self.lost += self._waiting.qsize()
-                return
+        failed = "stopped"
         try:
+            while not self._stop.wait(EVERY_S):
+                self._write_waiting()
+            self._write_waiting()
+            failed = "not ended"
             self._streams.close()
         except OSError as error:
-            self.fault = f"recording not ended: {error.strerror or error}"
+            self.fault = f"recording {failed}: {error.strerror or error}"
+            self.lost += self._waiting.qsize()
 
     def _write_waiting(self) -> None:
-        while True:
-            try:
-                entry = self._waiting.get_nowait()
-            except Empty:
-                break
+        for _ in range(self._waiting.qsize()):
+            entry = self._waiting.get()
             if isinstance(entry, Samples):
                 self._streams.write(entry)
             else:
                 self._rows.append(entry)
         if self._rows:
             values = np.array(self._rows).T.copy()
-            table = pa.table(dict(zip(self._columns, values, strict=True)))
-            with whole_file(self._folder / PART.format(number=self._parts + 1)) as temporary:
-                pq.write_table(table, temporary)
             self._parts += 1
+            with whole_file(self._folder / PART.format(number=self._parts)) as temporary:
+                pq.write_table(pa.table(dict(zip(self._columns, values, strict=True))), temporary)
             self._rows.clear()
 
 
@@ -343,11 +324,9 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
     close them to others.
     """
     try:
-        address = IPv4Address(own_address(listen))
+        address, lsl = IPv4Address(own_address(listen)), import_module("pylsl")
     except ValueError as error:
         raise ValueError(f"listen: {error}") from error
-    try:
-        lsl = import_module("pylsl")
     except ImportError as missing:
         raise ValueError(f"Lab Streaming Layer needs the extra live: {EXTRA}") from missing
     except (OSError, RuntimeError) as broken:  # its library, where it has no wheel
@@ -419,15 +398,14 @@ class Outlet:
         content_type: str,
         channels: Sequence[Channel],
         rate_hz: float,
-        *,
         parts: Sequence[tuple[str, str]] = (),
         plates: Sequence[Plate] = (),
+        *,
         listen: str = LOOPBACK,
     ) -> None:
-        lsl = load_lsl(listen)
-        info = lsl.StreamInfo(
-            name, content_type, len(channels), rate_hz, "double64", f"hbm-residuals {name}"
-        )
+        lsl, identity = load_lsl(listen), f"hbm-residuals {name}"
+        about = name, content_type, len(channels), rate_hz, "double64", identity
+        info = lsl.StreamInfo(*about)
         append_description(info.desc(), describe(channels, parts, plates))
         self._outlet: Any = lsl.StreamOutlet(info, 0, BUFFER_S)
 
@@ -447,12 +425,7 @@ class Outlet:
 
 
 def result_outlet(
-    rate_hz: float,
-    *,
-    filter_delay_s: float,
-    resampling_delay_s: float,
-    name: str = RESULTS,
-    listen: str = LOOPBACK,
+    rate_hz: float, name: str = RESULTS, listen: str = LOOPBACK, **delays_s: float
 ) -> Outlet:
     """Open the stream of results, whose samples `pipeline.live.output.result_row` gives.
 
@@ -460,20 +433,17 @@ def result_outlet(
     ----------
     rate_hz
         Of the cameras [Hz].
-    filter_delay_s, resampling_delay_s
-        By which the filter makes values late, and how long a frame waits for the samples that it
-        needs, as `pipeline.live.chain.LiveChain` has them [s]; the description states both.
     name
         The stream's name.
     listen
         As for `pipeline.live.output.load_lsl`, with its errors.
+    delays_s
+        ``filter_delay_s`` and ``resampling_delay_s``: by which the filter makes values late, and
+        how long a frame waits for samples, as of `pipeline.live.chain.LiveChain` [s]; the
+        description states both.
     """
-    parts = [
-        ("filter_delay_s", repr(float(filter_delay_s))),
-        ("resampling_delay_s", repr(float(resampling_delay_s))),
-    ]
-    channels = result_channels()
-    return Outlet(name, "Biomechanics", channels, rate_hz, parts=parts, listen=listen)
+    parts = [(part, repr(float(delay_s))) for part, delay_s in delays_s.items()]
+    return Outlet(name, "Biomechanics", result_channels(), rate_hz, parts, listen=listen)
 
 
 def result_channels() -> tuple[Channel, ...]:
@@ -491,15 +461,15 @@ def result_channels() -> tuple[Channel, ...]:
     >>> len(channels), channels[0].label, channels[92].label, channels[-1].unit
     (106, 'q.PelvisX', 'residual.measured.Fx', 's')
     """
-    found = [Channel(f"q.{c.name}", "m" if c.translates else "rad", type="Angle") for c in TREE] + [
-        Channel(f"tau.{c.name}", "N" if c.translates else "N·m", type="Moment") for c in TREE
-    ]
-    for variant in ("measured", "compensated"):
-        found += [
-            Channel(f"residual.{variant}.{name}", "N" if name[0] == "F" else "N·m", type="Residual")
-            for name in WRENCH_COMPONENTS
-        ]
-    return (*found, Channel("quality", "", type="Quality"), Channel("computing_time", "s"))
+    q = (Channel(f"q.{c.name}", "m" if c.translates else "rad", "Angle") for c in TREE)
+    tau = (Channel(f"tau.{c.name}", "N" if c.translates else "N·m", "Moment") for c in TREE)
+    residual = (
+        Channel(f"residual.{variant}.{name}", "N" if name[0] == "F" else "N·m", "Residual")
+        for variant in ("measured", "compensated")
+        for name in WRENCH_COMPONENTS
+    )
+    rest = Channel("quality", "", "Quality"), Channel("computing_time", "s")
+    return (*q, *tau, *residual, *rest)
 
 
 def append_description(desc: Any, described: Element) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -61,10 +61,9 @@ def place_plates(
     names other channels for the plate, it does not count. A ValueError says that neither knows a
     place, or that several streams state one plate's.
     """
-    used = [each for each in stated if live.plates.get(each.number, each.channels) == each.channels]
-    received: dict[str, Plate] = {}
-    for each in used:
-        if each.place is None:
+    received = dict[str, Plate]()
+    for each in stated:
+        if each.place is None or live.plates.get(each.number, each.channels) != each.channels:
             continue
         if each.number in received:
             raise ValueError(f"several streams give the place of plate {each.number}")
@@ -72,7 +71,7 @@ def place_plates(
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
     places = recorded | received
     if not places:
-        why = [f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem]
+        why = (f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem)
         streams = "; ".join(why) or "the streams have none (desc/plates/plate)"
         file = "no static file is given" if static is None else f"{static.source.name} has none"
         raise ValueError(
@@ -80,12 +79,9 @@ def place_plates(
             "has them: --static FILE, or static in the subject's file"
         )
     channels = {each.number: each.channels for each in stated if each.channels}
-    file = static.source.name if static is not None else ""
-    return PlacedPlates(
-        tuple(sorted(places.values(), key=lambda plate: plate.number)),
-        live.model_copy(update={"plates": channels | live.plates}),
-        _elsewhere(received, recorded, file),
-    )
+    plates = tuple(sorted(places.values(), key=lambda plate: plate.number))
+    notes = _elsewhere(received, recorded, static.source.name) if static else ()
+    return PlacedPlates(plates, live.model_copy(update={"plates": channels | live.plates}), notes)
 
 
 def _elsewhere(
@@ -95,14 +91,14 @@ def _elsewhere(
     notes = []
     for number in sorted(received.keys() & recorded.keys()):
         now, then = received[number], recorded[number]
-        if not (np.isfinite(now.corners).all() and np.isfinite(then.corners).all()):
+        if not np.isfinite([now.corners, then.corners]).all():
             continue  # of one only the wrench about the lab's origin is known, not its place
         distance_m = float(np.linalg.norm(now.center - then.center))
         cosine = (np.trace(now.rotation.T @ then.rotation) - 1) / 2
         angle_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
         if distance_m > MAX_DISTANCE_M or angle_deg > MAX_ANGLE_DEG:
-            values = {"distance_m": distance_m, "angle_deg": angle_deg}
-            notes.append(Note.of("live_plate_elsewhere", plate=number, **values, file=file))
+            apart = {"distance_m": distance_m, "angle_deg": angle_deg}
+            notes.append(Note.of("live_plate_elsewhere", plate=number, **apart, file=file))
     return tuple(notes)
 
 
@@ -137,12 +133,9 @@ class PoseFinder:
         self._arrivals = Arrivals(streams)
         frames = round(POSE_S * self._markers.rate_hz)
         self._frames = SampleBuffer(3 * len(self._markers.labels), frames)
-        self._analog = AnalogStreams(analog)
-        self._plates = [
-            (plate, self._analog.find(live.channels_of(plate.number), PLATE_UNITS))
-            for plate in plates
-        ]
-        self._looked_s = -np.inf
+        self._analog, self._looked_s = AnalogStreams(analog), -np.inf
+        six = [self._analog.find(live.channels_of(p.number), PLATE_UNITS) for p in plates]
+        self._plates = list(zip(plates, six, strict=True))
         self.why_not = f"stream {self._markers.name} has sent too few frames"
 
     def add(self, samples: Samples) -> Recording | None:
@@ -156,34 +149,34 @@ class PoseFinder:
         if len(self._frames.time) < self._frames.length or newest_s - self._looked_s < EVERY_S:
             return None
         self._looked_s = newest_s
-        return self._pose()
+        try:
+            return self._pose()
+        except ValueError as why_not:
+            self.why_not = str(why_not)
+            return None
 
-    def _pose(self) -> Recording | None:
-        time = self._frames.time[-self._frames.length :]
-        names, start_s = self._markers.labels, float(time[0])
-        position = self._frames.values[-len(time) :].reshape(len(time), len(names), 3)
+    def _pose(self) -> Recording:
+        """Give what the last 1.2 s show; a ValueError says why that is no pose."""
+        time, names = self._frames.time, self._markers.labels
+        position, start_s = self._frames.values.reshape(len(time), len(names), 3), float(time[0])
         seen = np.isfinite(position).all(axis=(0, 2))
         if not seen.any():
-            self.why_not = "no marker is seen all the time"
-            return None
+            raise ValueError("no marker is seen all the time")
         extent_m = median_extent(position[:, seen])
         if extent_m > MAX_STILL_EXTENT_M:
-            self.why_not = (
+            raise ValueError(
                 f"the markers moved by {1000 * extent_m:.0f} mm within {POSE_S:g} s, at most "
                 f"{1000 * MAX_STILL_EXTENT_M:.0f} mm are standing still"
             )
-            return None
         standing = []
         for plate, channels in self._plates:
             at, wrench = channels.samples(start_s, float(time[-1]))
             if not len(at):
-                self.why_not = f"plate {plate.number} has sent nothing"
-                return None
+                raise ValueError(f"plate {plate.number} has sent nothing")
             standing.append(replace(plate, time=at - start_s, wrench_in_plate=wrench))
         carried_n = sum(float(np.mean(plate.wrench[:, 2])) for plate in standing)
         if not carried_n >= MIN_MASS_KG * GRAVITY_MPS2:
-            self.why_not = f"the plates carry {carried_n:.0f} N, which is nobody"
-            return None
+            raise ValueError(f"the plates carry {carried_n:.0f} N, which is nobody")
         markers = Markers(time - start_s, names, position)
         return Recording(Path("calibration pose"), markers, tuple(standing))
 
@@ -219,15 +212,13 @@ class Preparation:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What is to be said of the treadmill and its calibration."""
-        notes, calibration = self.laboratory.notes, self.laboratory.calibration
-        if calibration is None:
-            return notes
-        level = self.laboratory.treadmill.platform is None
-        return (
-            *calibration.notes,
-            *notes,
-            *([Note.of("platform_pose", source=LEVEL)] if level else []),
-        )
+        laboratory = self.laboratory
+        notes = laboratory.notes
+        if laboratory.calibration is not None:
+            notes = *laboratory.calibration.notes, *notes
+            if laboratory.treadmill.platform is None:
+                notes = *notes, Note.of("platform_pose", source=LEVEL)
+        return notes
 
     @property
     def cycles(self) -> int | None:
@@ -239,8 +230,8 @@ class Preparation:
     def streams(self) -> tuple[str, tuple[str, ...]]:
         """Names of the stream of markers and of the others, as stated or as replays call them."""
         treadmill, stated = self.laboratory.treadmill, self.live
-        channels = treadmill.platform is not None and bool(treadmill.platform.channels)
-        needed = bool(treadmill.accelerometers) or treadmill.belt is not None or channels
+        commanded = treadmill.platform is not None and treadmill.platform.channels
+        needed = bool(treadmill.accelerometers or treadmill.belt or commanded)
         return stated.markers or MARKERS, stated.analog or (PLATES, *[ANALOG] * needed)
 
     def body(self, pose: Recording | None = None) -> tuple[Body, tuple[Note, ...]]:
@@ -252,21 +243,13 @@ class Preparation:
         if pose is None:
             raise ValueError("no calibration pose: give --static FILE, or show it live with --pose")
         pose = with_corrected_plates(pose, self.laboratory.plates)
-        person, study = self.person, self.study
-        mass = body_mass(person.person, pose)
-        marker_set = hip_trial = segments = None
+        person, study = self.person.person, self.study
+        mass, of_study = body_mass(person, pose), dict[str, Any]()
         if study is not None:
-            marker_set = study.marker_set
-            hip_trial, segments = read_body_files(study, person)
-        body = subject_body(
-            pose,
-            person.person,
-            self.settings,
-            mass.mass_kg,
-            marker_set=marker_set,
-            hip_trial=hip_trial,
-            segments=segments,
-        )
+            hip_trial, segments = read_body_files(study, self.person)
+            of_study = {"hip_trial": hip_trial, "segments": segments}
+            of_study["marker_set"] = study.marker_set
+        body = subject_body(pose, person, self.settings, mass.mass_kg, **of_study)
         return body, (mass.note, *body.notes, *implausible(body))
 
 

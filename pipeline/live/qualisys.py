@@ -9,22 +9,23 @@ import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from hbm.spelling import printable, short
 from pipeline.io.axes import parse_axes
-from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.labels import require_unique
+from pipeline.io.qualisys import plate_at
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.streams import AXES, Channel, parse_xml
 from pipeline.io.units import length_in_m
+from pipeline.live.light import Finding, Kind
 from pipeline.live.stream import (
     LAB_AXES,
     Convert,
@@ -33,12 +34,11 @@ from pipeline.live.stream import (
     StreamDescription,
     describe_markers,
     describe_signals,
+    marker_channels,
     require_same,
 )
 
 PROGRAM: Final = "Qualisys Track Manager"
-MAX_CORNER_ERROR_M: Final = 0.02
-"""Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
 
 
 def place_of(plate: Element, number: int, unit: str, to_lab: Array) -> Plate:
@@ -56,13 +56,10 @@ def place_of(plate: Element, number: int, unit: str, to_lab: Array) -> Plate:
         corners = np.array(words, float) * metre @ to_lab.T
     except ValueError as error:
         raise ValueError("the program has not its four corners") from error
-    rotation = plate_axes(corners)
-    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < MAX_CORNER_ERROR_M:
-        raise ValueError("its corners are no rectangle")
-    if rotation[2, 2] >= 0:
+    place = plate_at(number, corners)
+    if place.rotation[2, 2] >= 0:
         raise ValueError("its corners are in another order than that of the C3D format: z is up")
-    empty = np.empty(0)
-    return Plate(number, empty, empty.reshape(0, 6), rotation, corners.mean(axis=0), corners)
+    return place
 
 
 MARKERS: Final = "Markers"
@@ -80,7 +77,7 @@ LOADED_N: Final = 100.0
 CHECKED_SAMPLES: Final = 20
 MAX_MISFIT_M: Final = 0.01
 """As for recordings: moments of one plate agree with its centres of pressure within millimetres."""
-Say = Callable[[Note], object]
+Say = Callable[[Finding], object]
 """Called with what is wrong as it arises."""
 
 
@@ -134,12 +131,12 @@ class Signals:
         Force, moment and point of application are as sent, (N, 9) [N, N·m, mm]; in the first loaded
         samples moments and points may disagree by 1 cm.
         """
-        force, moment, point = forces[:, :3], forces[:, 3:6], forces[:, 6:] / 1e3
-        loaded = np.abs(force[:, 2]) > LOADED_N
-        if len(self.misfits) >= CHECKED_SAMPLES or not loaded.any():
+        forces = forces[np.abs(forces[:, 2]) > LOADED_N]
+        if len(self.misfits) >= CHECKED_SAMPLES or not len(forces):
             return
-        tilt = (moment - np.cross(point, force))[loaded, :2]
-        self.misfits += list(np.linalg.norm(tilt, axis=1) / np.abs(force[loaded, 2]))
+        force, moment, point = np.hsplit(forces, 3)
+        tilt = (moment - np.cross(point / 1e3, force))[:, :2]
+        self.misfits += list(np.linalg.norm(tilt, axis=1) / np.abs(force[:, 2]))
         misfit = float(np.median(self.misfits))
         if len(self.misfits) >= CHECKED_SAMPLES and not misfit < MAX_MISFIT_M:
             raise ValueError(
@@ -156,7 +153,7 @@ class Packets:
     `pipeline.live.stream.describe_markers`.
     """
 
-    def __init__(self, written: bytes, stated: Stated, say: Say = lambda note: None) -> None:
+    def __init__(self, written: bytes, stated: Stated, say: Say = lambda finding: None) -> None:
         try:
             root = parse_xml(written.decode("utf-8", "replace"))
         except ValueError as error:
@@ -165,11 +162,7 @@ class Packets:
         if not names:
             raise ValueError(f"{PROGRAM} has no labelled markers; apply an AIM model")
         self._sent, self._say = len(names), say
-        channels = [
-            Channel(f"{name}_{axis}", "mm", f"Position{axis}", marker=name)
-            for name in names
-            for axis in AXES
-        ]
+        channels = marker_channels(names, "mm")
         rate_hz = _number(root.find("General"), "Frequency", "the cameras")
         self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
         self._signals, self.plates = _signals(root, parse_axes(stated.axes or LAB_AXES))
@@ -193,29 +186,28 @@ class Packets:
         number of markers, or that moments are about another point than the centre of a plate's
         surface; `Malformed`, that it is not of the protocol.
         """
-        frame = _Bytes(data)
+        frame, parts = _Bytes(data), dict[int, _Bytes]()
         stamp_us, number, count = struct.unpack("<qII", frame.part(16))
-        parts = dict[int, _Bytes]()
         while len(parts) < count:
             size, component = frame.counts(2)
             parts[component] = _Bytes(frame.part(size - 8))
-        stamp_s, number_s, found = stamp_us / 1e6, number / self.markers.rate_hz, list[Samples]()
-        if POSITIONS in parts:
-            found.append(self._markers_of(parts[POSITIONS], stamp_s))
+        stamp_s, number_s = stamp_us / 1e6, number / self.markers.rate_hz
+        found = [self._markers_of(parts[POSITIONS], stamp_s)] if POSITIONS in parts else []
         for component in {ANALOG, FORCE} & parts.keys():
             for signals, first, values in self._read(component, parts[component]):
-                own_s = (first + np.arange(len(values))) / signals.description.rate_hz
+                sent = signals.description
+                taken_s = (first + np.arange(len(values))) / sent.rate_hz
                 if signals.origin_s is None:
-                    signals.origin_s = self._origin_s(signals, stamp_s, number_s, own_s[-1])
-                times = self._base_s + (own_s + signals.origin_s)
-                found.append(Samples(signals.description.name, times, signals.convert(values)))
+                    signals.origin_s = self._origin_s(signals, stamp_s, number_s, taken_s[-1])
+                times = self._base_s + (taken_s + signals.origin_s)
+                found.append(Samples(sent.name, times, signals.convert(values)))
         for component in self.components:
             self._seen_s.setdefault(component, stamp_s)
             if component in parts:
                 self._seen_s[component] = stamp_s
             elif stamp_s - self._seen_s[component] > ABSENT_S:
                 self._seen_s[component] = np.inf  # is said once
-                self._say(Note.of("live_component_absent", component=COMPONENTS[component]))
+                self._say(Finding(Kind.COMPONENT_ABSENT, (COMPONENTS[component],)))
         return found
 
     def _markers_of(self, part: _Bytes, stamp_s: float) -> Samples:
@@ -259,8 +251,8 @@ class Packets:
         """
         if abs(stamp_s - last_s) < SAME_START_S:
             return 0.0
-        frame_s = 1 / self.markers.rate_hz
-        self._say(Note.of("live_start_unknown", stream=signals.description.name, frame_s=frame_s))
+        frame_s, name = 1 / self.markers.rate_hz, signals.description.name
+        self._say(Finding(Kind.START_UNKNOWN, (name,), {"frame_s": frame_s}))
         if abs(number_s - last_s) < SAME_START_S:
             return stamp_s - number_s
         return stamp_s + frame_s / 2 - last_s
@@ -286,25 +278,18 @@ def _signals(
                 raise ValueError(f"{PROGRAM} numbers two of {element.tag} {number}; change one")
             if not name or counts[name] > 1:
                 name = f"{name} {number}".strip()
-            channels = [
-                Channel(_text(channel, "Label"), _text(channel, "Unit"))
-                for channel in element.iterfind("Channel")
-            ]
+            sent = [(_text(c, "Label"), _text(c, "Unit")) for c in element.iterfind("Channel")]
             if component == FORCE:
-                units = [force] * 3 + ["Nm"] * 3
-                parts = zip(WRENCH_COMPONENTS, units, strict=True)
-                channels = [Channel(f"{name}.{part}", unit) for part, unit in parts]
+                sent = [(f"{name}.{c}", "Nm" if c[0] == "M" else force) for c in WRENCH_COMPONENTS]
             rate_hz = _number(element, "Frequency", what)
-            signals = Signals(*describe_signals(name, channels, rate_hz))
+            signals = Signals(*describe_signals(name, [Channel(*each) for each in sent], rate_hz))
             found[component][number] = signals
             if component == FORCE:
-                place, problem = None, ""
+                of_plate = str(number), signals.description.labels
                 try:
-                    place = place_of(element, number, length, to_lab)
+                    plates.append(StatedPlate(*of_plate, place_of(element, number, length, to_lab)))
                 except ValueError as error:
-                    problem = str(error)
-                labels = signals.description.labels
-                plates.append(StatedPlate(str(number), labels, place, problem))
+                    plates.append(StatedPlate(*of_plate, problem=str(error)))
     return found, tuple(plates)
 
 
@@ -346,7 +331,7 @@ STREAM_S: Final = 0.5
 AT_ONCE: Final = 1 << 16
 """Bytes."""
 MIN_WAIT_S: Final = 0.001
-TELL_AGAIN_S: Final = 60.0
+SAY_AGAIN_S: Final = 60.0
 MAX_WORDS: Final = 80
 """Letters of an answer in a message."""
 
@@ -373,7 +358,7 @@ class QualisysSource:
     timeout_s
         How long an answer is waited for.
     say
-        Called with notes: frames that cannot be read, connections that are lost, what is doubtful.
+        Called with findings: frames that are not read, lost connections, what is doubtful.
 
     Attributes
     ----------
@@ -406,19 +391,18 @@ class QualisysSource:
         stated: Stated,
         port: int = PORT,
         timeout_s: float = 5.0,
-        say: Say = lambda note: None,
+        say: Say = lambda finding: None,
     ) -> None:
-        self._address, self._where = (host, port), f"{host}:{port}"
-        self._stated, self._say, self._told_s = stated, say, dict[str, float]()
+        self._address, self._where, self._stated = (host, port), f"{host}:{port}", stated
+        self._say, self._said_s = say, dict[Kind, float]()
         self._socket: socket.socket | None = None
         self._early, self._again_s = list[Packet](), 0.0
-        try:
+        with ExitStack() as failing:
+            failing.callback(self.close)
             self._packets = self._connect(timeout_s, None)
-        except BaseException:
-            self.close()
-            raise
-        streams, self.plates = self._packets.streams, self._packets.plates
-        self.streams = tuple(replace(stream, sender=self._where) for stream in streams)
+            failing.pop_all()
+        self.plates = self._packets.plates
+        self.streams = tuple(replace(each, sender=self._where) for each in self._packets.streams)
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s].
@@ -437,7 +421,7 @@ class QualisysSource:
         except OSError as reason:
             self.close()
             self._again_s = time.monotonic() + RETRY_S
-            self._tell("live_connection_lost", reason.strerror or str(reason))
+            self._tell(Kind.CONNECTION_LOST, reason.strerror or str(reason))
         return []
 
     def close(self) -> None:
@@ -453,9 +437,9 @@ class QualisysSource:
         try:
             self._socket = connected = socket.create_connection(self._address, timeout_s)
         except OSError as error:
-            reasons = [why for kind, why in WHY_NOT.items() if isinstance(error, kind)]
-            why_not = (reasons or [f"cannot be reached: {error.strerror or error}"])[0]
-            raise ConnectionError(f"{self._where} {why_not}") from error
+            other = f"cannot be reached: {error.strerror or error}"
+            reason = next((why for kind, why in WHY_NOT.items() if isinstance(error, kind)), other)
+            raise ConnectionError(f"{self._where} {reason}") from error
         kind, welcome = self._answer(connected, "takes the connection, but says nothing")
         if kind != COMMAND or _words(welcome) != WELCOME:
             raise ConnectionError(f"{self._where} is no {PROGRAM}: it says {_words(welcome)!r}")
@@ -469,9 +453,9 @@ class QualisysSource:
                 raise
             raise ConnectionError(str(error)) from error  # it may not be ready yet
         if before is not None:
-            sender = f"{PROGRAM} at {self._where}"
             streams = {"description of its streams": (before.streams, packets.streams)}
-            require_same(sender, streams, before.plates, packets.plates)
+            plates = before.plates, packets.plates
+            require_same(f"{PROGRAM} at {self._where}", streams, *plates)
             packets = before
         packets.restart()
         parts = " ".join(COMPONENTS[each] for each in packets.components)
@@ -511,19 +495,18 @@ class QualisysSource:
         if not piece:
             raise ConnectionError(f"{self._where} has closed the connection")
         self._received += piece
-        found = list[Packet]()
-        while len(self._received) >= HEADER.size:
-            size, kind = HEADER.unpack_from(self._received)
-            if not HEADER.size <= size <= MAX_BYTES or kind not in KINDS:
-                what = f"sends what is not of its protocol: {bytes(self._received[:16])!r}"
-                size, kind = HIGH_BYTE_FIRST.unpack_from(self._received)
-                if HEADER.size <= size <= MAX_BYTES and kind in KINDS:
+        found, received = list[Packet](), self._received
+        while len(received) >= HEADER.size:
+            size, kind = HEADER.unpack_from(received)
+            if not _is_header(size, kind):
+                what = f"sends what is not of its protocol: {bytes(received[:16])!r}"
+                if _is_header(*HIGH_BYTE_FIRST.unpack_from(received)):
                     what = "sends the high byte first; the right port is one less"
                 raise ConnectionError(f"{self._where} {what}")
-            if len(self._received) < size:
+            if len(received) < size:
                 break
-            found.append((kind, bytes(self._received[HEADER.size : size])))
-            del self._received[:size]
+            found.append((kind, bytes(received[HEADER.size : size])))
+            del received[:size]
         return found
 
     def _look_for_silence(self, connected: socket.socket, heard: bool) -> None:
@@ -543,14 +526,18 @@ class QualisysSource:
                 raise Malformed(f"it says {_words(data)!r}")
             return self._packets.samples(data) if kind == DATA else []
         except Malformed as reason:
-            self._tell("live_frames_unread", str(reason))
+            self._tell(Kind.FRAMES_UNREAD, str(reason))
             return []
 
-    def _tell(self, code: str, reason: str) -> None:
+    def _tell(self, kind: Kind, reason: str) -> None:
         """Say something, but not the like of it for a minute."""
-        if time.monotonic() - self._told_s.get(code, -np.inf) > TELL_AGAIN_S:
-            self._told_s[code] = time.monotonic()
-            self._say(Note.of(code, program=PROGRAM, reason=reason))
+        if time.monotonic() - self._said_s.get(kind, -np.inf) > SAY_AGAIN_S:
+            self._said_s[kind] = time.monotonic()
+            self._say(Finding(kind, values={"program": PROGRAM, "reason": reason}))
+
+
+def _is_header(size: int, kind: int) -> bool:
+    return HEADER.size <= size <= MAX_BYTES and kind in KINDS
 
 
 def _send(connected: socket.socket, command: str) -> None:

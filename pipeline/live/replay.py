@@ -10,8 +10,8 @@ import numpy as np
 from hbm.spatial import Array
 from pipeline.config.live import LOOPBACK, Live
 from pipeline.io.recording import Plate, Recording
-from pipeline.live.output import Outlet, load_lsl, stream_channels
-from pipeline.live.stream import LAB_AXES, Samples, StatedPlate, StreamDescription
+from pipeline.live.output import Outlet, description_of, load_lsl
+from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 
 MARKERS: Final = "Markers"
 PLATES: Final = "Plates"
@@ -32,19 +32,6 @@ class RecordedStream(NamedTuple):
     time: Array
     values: Array
 
-    def outlet(self, name: str, listen: str = LOOPBACK) -> Outlet:
-        """Open an outlet that sends it under a name."""
-        description, is_markers = self.description, self.description.kind == "markers"
-        return Outlet(
-            name,
-            "MoCap" if is_markers else "Analog",
-            stream_channels(description, Live(), self.plates),
-            description.rate_hz,
-            parts=[("axes", LAB_AXES)] if is_markers else [],
-            plates=self.plates,
-            listen=listen,
-        )
-
 
 def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
     """Give a recording of any format as streams.
@@ -54,20 +41,14 @@ def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
     recording does not have are absent; plates of several rates are streams of their own, "Plates",
     "Plates 2" and so on.
     """
-    markers = recording.markers
-    names = markers.names
+    markers, names = recording.markers, recording.markers.names
     seen = StreamDescription(MARKERS, "markers", names, ("m",) * len(names), markers.rate_hz)
     positions = np.reshape(markers.position, (len(markers.time), -1))
     streams = [RecordedStream(seen, (), markers.time, positions)]
-    groups: list[list[Plate]] = []
+    groups = dict[bytes, list[Plate]]()
     for plate in recording.plates:
-        for group in groups:
-            if np.array_equal(group[0].time, plate.time):
-                group.append(plate)
-                break
-        else:
-            groups.append([plate])
-    for number, group in enumerate(groups, start=1):
+        groups.setdefault(plate.time.tobytes(), []).append(plate)
+    for number, group in enumerate(groups.values(), start=1):
         name = PLATES if number == 1 else f"{PLATES} {number}"
         labels = tuple(label for plate in group for label in Live().channels_of(plate.number))
         units = (*("N",) * 3, *("N·m",) * 3) * len(group)
@@ -138,14 +119,11 @@ class RecordedSource:
     def until(self, time_s: float) -> list[Samples]:
         """Give the next samples before a time of the recording [s]."""
         found = []
-        for k, stream in enumerate(self._streams):
-            start = self._sent[k]
-            stop = int(np.searchsorted(stream.time, time_s - ROUNDING_S))
-            if stop > start:
-                part = slice(start, stop)
-                name = stream.description.name
-                found.append(Samples(name, stream.time[part], stream.values[part]))
-                self._sent[k] = stop
+        for k, (description, _, time, values) in enumerate(self._streams):
+            part = slice(self._sent[k], int(np.searchsorted(time, time_s - ROUNDING_S)))
+            if part.stop > part.start:
+                found.append(Samples(description.name, time[part], values[part]))
+                self._sent[k] = part.stop
         return found
 
     def close(self) -> None:
@@ -198,10 +176,8 @@ class Replay:
             raise ValueError(f"speed must be above 0 and at most {MAX_SPEED:g}, got {speed:g}")
         self._now: Callable[[], float] = load_lsl(listen).local_clock
         self._speed, self._source = speed, RecordedSource(recording)
-        self._outlets = {
-            stream.description.name: stream.outlet(prefix + stream.description.name, listen)
-            for stream in recorded_streams(recording)
-        }
+        sent = [description_of(s, Live(), plates) for s, plates, *_ in recorded_streams(recording)]
+        self._outlets = {d[0]: Outlet(prefix + d[0], *d[1:], listen=listen) for d in sent}
         self.names = tuple(prefix + name for name in self._outlets)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, name="replay", daemon=True)
@@ -210,8 +186,8 @@ class Replay:
     @property
     def without_receiver(self) -> tuple[str, ...]:
         """Names of the streams that nobody receives now."""
-        each = zip(self.names, self._outlets.values(), strict=True)
-        return tuple(name for name, outlet in each if not outlet.has_receivers)
+        outlets = self._outlets.values()
+        return tuple(n for n, o in zip(self.names, outlets, strict=True) if not o.has_receivers)
 
     @property
     def ended(self) -> bool:

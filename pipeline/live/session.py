@@ -53,8 +53,7 @@ class Session:
         recorder: Recorder | None = None,
         outlet: Outlet | None = None,
     ) -> None:
-        self._source, self._chain = source, chain
-        self._recorder, self._outlet = recorder, outlet
+        self._source, self._chain, self._recorder, self._outlet = source, chain, recorder, outlet
         self.arrivals = Arrivals(source.streams)
         self.frames = deque[tuple[LiveFrame, float]](maxlen=WAITING)
         self.samples = deque[Samples](maxlen=WAITING)

@@ -114,20 +114,16 @@ class Source(Protocol):
     @property
     def streams(self) -> tuple[StreamDescription, ...]:
         """What is received, known from the start."""
-        ...
 
     @property
     def plates(self) -> tuple[StatedPlate, ...]:
         """Plates as the streams' descriptions state them; empty where they state none."""
-        ...
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s]."""
-        ...
 
     def close(self) -> None:
         """Stop receiving."""
-        ...
 
 
 LARGEST: Final = 1e9
@@ -199,9 +195,8 @@ class StreamClock:
             return np.nan
         again, self.last = stamp == self.last[0], sample
         self.before, self.alike = (self.before, self.alike + 1) if again else (self.alike, 1)
-        if self.alike > 1 + MAX_BACK_S * self.rate_hz:
-            return np.nan
-        return stamp + (self.alike - (1 + max(self.alike, self.before)) / 2) / (self.rate_hz or 1)
+        place = (self.alike - (1 + max(self.alike, self.before)) / 2) / (self.rate_hz or 1)
+        return stamp + place if self.alike <= 1 + MAX_BACK_S * self.rate_hz else np.nan
 
     def in_order(self, time: Array) -> Mask:
         """Find samples at times, (N,) [s], that are later than all before them; count the others.
@@ -263,14 +258,13 @@ class Arrivals:
         """
         clock = self.of[samples.stream]
         passed_s, clock.heard_s = arrived_s - clock.heard_s, arrived_s
-        others_s = max([-np.inf, *(c.newest_s for c in self.of.values() if c is not clock)])
+        others_s = max((c.newest_s for c in self.of.values() if c is not clock), default=-np.inf)
         latest_s = MAX_AHEAD_S + max(clock.newest_s + passed_s, others_s)
         before_s, taken = clock.added_s, list[tuple[float, Array]]()
         clock.came += len(samples.time)
         for each, value in zip(samples.time.tolist(), samples.values, strict=True):
             stamp = clock.spread(each, value) if np.isfinite(each) else np.nan
-            time = stamp + clock.added_s
-            if not np.isfinite(stamp):
+            if not np.isfinite(time := stamp + clock.added_s):
                 continue
             if clock.newest_s == -np.inf:
                 clock.newest_s, latest_s = time, np.inf
@@ -322,6 +316,12 @@ Convert = Callable[[Array], Array]
 """From samples as sent, (N, K), to samples of a `Samples`."""
 
 
+def marker_channels(names: Sequence[str], unit: str) -> tuple[Channel, ...]:
+    """Give the channels of markers: x, y and z of each."""
+    every = [(name, axis) for name in names for axis in AXES]
+    return tuple(Channel(f"{n}_{axis}", unit, f"Position{axis}", marker=n) for n, axis in every)
+
+
 def describe_markers(
     name: str, channels: Sequence[Channel], rate_hz: float, stated: Stated, axes: str = ""
 ) -> tuple[StreamDescription, Convert]:
@@ -339,12 +339,11 @@ def describe_markers(
             "the axes of its markers are unknown; give them, for example --axes "
             'forward,left,up, or axes = "forward,left,up" in study.toml'
         )
-    to_lab = parse_axes(known)
+    to_lab = parse_axes(known).T
 
     def convert(values: Array) -> Array:
         with np.errstate(invalid="ignore"):  # infinite ones
-            found = positions(values) @ to_lab.T
-        return np.asarray(found).reshape(len(values), -1)
+            return np.asarray(positions(values) @ to_lab).reshape(len(values), -1)
 
     units = ("m",) * len(names)
     return StreamDescription(name, "markers", names, units, rate_hz), convert
@@ -371,9 +370,8 @@ def describe_signals(
     labels = tuple(channel.label for channel in channels)
     description = StreamDescription(name, "analog", labels, units, rate_hz)
     stems = dict.fromkeys(label[:-1] for label in labels if DFLOW_PLATE.fullmatch(label))
-    vectors = ([f"{stem}{axis}" for axis in AXES] for stem in stems)
-    whole = [v for v in vectors if [label for label in labels if label[:-1] == v[0][:-1]] == v]
-    triples = [[labels.index(label) for label in vector] for vector in whole]
+    every = ([k for k, label in enumerate(labels) if label[:-1] == stem] for stem in stems)
+    triples = [columns for columns in every if [labels[k][-1] for k in columns] == [*AXES]]
     to_lab = parse_axes(axes or LAB_AXES)
 
     def convert(values: Array) -> Array:
@@ -398,17 +396,16 @@ def describe_plates(
     """
     found, left_out = find_plates(info, channels)
     every, to_lab = [channel.label for channel in channels], parse_axes(axes)
-    no_time, no_values = np.empty(0), np.empty((0, len(channels)))
-    plates = []
+    nothing, plates = (np.empty(0), np.empty((0, len(channels)))), list[StatedPlate]()
     for plate in found:
         labels = tuple(every[column] for column in plate.columns)
-        if doubtful := [label for label in labels if not label or every.count(label) > 1]:
-            raise ValueError(
-                f"plate {plate.number}: the label {short(doubtful[0])!r} of a channel is "
-                f"{'that of another one too' if doubtful[0] else 'empty'}; rename it"
-            )
-        place = plate.plate(no_time, no_values, to_lab)
-        plates.append(StatedPlate(str(plate.number), labels, place))
+        for label in labels:
+            if not label or every.count(label) > 1:
+                raise ValueError(
+                    f"plate {plate.number}: the label {short(label)!r} of a channel is "
+                    f"{'that of another one too' if label else 'empty'}; rename it"
+                )
+        plates.append(StatedPlate(str(plate.number), labels, plate.plate(*nothing, to_lab)))
     described = {plate.number for plate in plates}
     plates += [plate for plate in _dflow_plates(every) if plate.number not in described]
     return (*plates, *(StatedPlate(number, problem=why) for number, why in left_out.items()))
@@ -416,12 +413,10 @@ def describe_plates(
 
 def _dflow_plates(labels: Sequence[str]) -> Iterator[StatedPlate]:
     """Find plates all of whose channels are named as D-Flow names them."""
-    matches = [match for label in labels if (match := DFLOW_PLATE.fullmatch(label))]
-    for number in dict.fromkeys(match[1] for match in matches):
+    for number in dict.fromkeys(m[1] for m in map(DFLOW_PLATE.fullmatch, labels) if m):
         six = tuple(f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in AXES)
         if all(labels.count(label) == 1 for label in six):
-            empty = np.empty(0)
-            place = Plate.at_origin(int(number), empty, empty.reshape(0, 6))
+            place = Plate.at_origin(int(number), np.empty(0), np.empty((0, 6)))
             yield StatedPlate(str(int(number)), six, place)
 
 
@@ -451,9 +446,8 @@ def require_same(
 
 
 def _same_plate(before: StatedPlate, after: StatedPlate) -> bool:
-    old, new = before.place, after.place
     named = (before.number, before.channels) == (after.number, after.channels)
-    if not named or old is None or new is None:
-        return named and old is new
-    pairs = ((getattr(old, part), getattr(new, part)) for part in ("corners", "rotation", "center"))
-    return all(np.allclose(*pair, rtol=0, atol=PLACE_M, equal_nan=True) for pair in pairs)
+    places = (before.place, after.place)
+    old, new = (np.vstack([p.corners, p.rotation, p.center]) if p else np.empty(0) for p in places)
+    same = old.shape == new.shape and np.allclose(old, new, rtol=0, atol=PLACE_M, equal_nan=True)
+    return named and same

@@ -22,6 +22,8 @@ from pipeline.trial.ground.calibration_recording import FILTER
 
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""
+KEPT_STEPS: Final = 50
+"""Of the models' output between two frames of a live session: half a second."""
 
 
 def belt_axes(plate: Plate) -> Array:
@@ -71,8 +73,8 @@ def belt_wrenches(
         speeds = np.column_stack([belt_speed(recording, name) for name in channels])
         assert recording.analog is not None
         first_s = float(recording.markers.time[0])
-        belts = RealtimeBelts(models, recording.analog.rate_hz, first_s)
-        moments = belts.moments(recording.analog.time, speeds, times)
+        belts = RealtimeBelts(models, recording.analog.rate_hz)
+        moments = belts.moments(recording.analog.time, speeds, times, first_s)
     else:
         every = zip(models, times, belt_accelerations(recording, belt), strict=True)
         moments = [
@@ -85,15 +87,20 @@ def belt_wrenches(
     ]
 
 
+BETWEEN_STEPS: Final = Convolution.between(MODEL_RATE_HZ, MODEL_RATE_HZ)
+"""From the belts' moments at steps of their models to instants between."""
+
+
 class RealtimeBelts:
     """How the moments of accelerating belts follow from the belts' speeds, step by step.
 
-    The models' steps are 10 ms apart, one of them at ``first_s``, the time of the first frame. A
-    model begins at constant speed, and again after a gap.
+    The models' steps are 10 ms apart, one of them at the time of the first frame. A model begins at
+    constant speed, and again after a gap.
     """
 
-    def __init__(self, models: Sequence[BeltModel], rate_hz: float, first_s: float = 0.0) -> None:
-        self.models, self.first_s = models, first_s
+    def __init__(self, models: Sequence[BeltModel], rate_hz: float) -> None:
+        self.models, self.first_s, self.next_step = models, np.nan, 0
+        self.steps, self.found = list[int](), list[list[float]]()
         self.resampling = Convolution.between(rate_hz, MODEL_RATE_HZ)
         self.states = [model.at_rest for model in models]
         self.known = [0] * len(models)
@@ -102,9 +109,9 @@ class RealtimeBelts:
     def ahead_s(self) -> float:
         """How much later than an instant the last sample is that it needs [s]."""
         to_step_s = self.resampling.step_s + self.resampling.reach_s
-        between = Convolution.between(MODEL_RATE_HZ, MODEL_RATE_HZ)
         advance = max(model.advance for model in self.models)
-        return to_step_s + advance / MODEL_RATE_HZ + between.reach_s + between.step_s
+        between_s = BETWEEN_STEPS.reach_s + BETWEEN_STEPS.step_s
+        return to_step_s + advance / MODEL_RATE_HZ + between_s
 
     def accelerations(self, time: Array, speeds: Array, steps: Array) -> Array:
         """Give the belts' accelerations at steps, (G,), from speeds, (N, P) [m/s]: (G, P) [m/s²].
@@ -130,25 +137,39 @@ class RealtimeBelts:
             moments.append(moment)
         return moments
 
-    def moments(self, time: Array, speeds: Array, at: Sequence[Array]) -> list[Array]:
-        """Give the moments of a whole trial at instants of each plate, (T,) [N·m] each.
+    def moments(
+        self, time: Array, speeds: Array, at: Sequence[Array], first_s: float
+    ) -> list[Array]:
+        """Give the moments at instants of each plate, (T,) [N·m] each: of a trial or of a frame.
 
-        From speeds (N, P) [m/s], one column per plate, at times (N,). NaN where unknown.
+        From speeds (N, P) [m/s], one column per plate, at times (N,). The first frame is at
+        ``first_s``. Frames come in order. NaN where unknown.
         """
-        first, last = ((t - self.first_s) * MODEL_RATE_HZ for t in (time[0], time[-1]))
-        steps = np.arange(np.ceil(first), np.floor(last) + 1)
-        accelerations = self.accelerations(time, speeds, steps)
-        moments = np.array([self.step(each) for each in accelerations])
+        if np.isnan(self.first_s):
+            self.first_s = first_s
+            start_s = time[0] - first_s if len(time) else 0.0
+            self.next_step = int(np.ceil(start_s * MODEL_RATE_HZ))
+        self._advance(time, speeds, max(float(instants[-1]) for instants in at))
+        steps, every = np.array(self.steps, int), np.reshape(self.found, (-1, len(self.models)))
         found = []
-        for model, own, instants in zip(self.models, moments.T, at, strict=True):
+        for model, moments, instants in zip(self.models, every.T, at, strict=True):
             step_times = self.first_s + (steps - model.advance) / MODEL_RATE_HZ
-            found.append(between_steps(step_times, own[:, None], instants)[:, 0])
+            found.append(BETWEEN_STEPS.evaluate(step_times, moments[:, None], instants)[:, 0])
+        del self.steps[:-KEPT_STEPS], self.found[:-KEPT_STEPS]
         return found
 
-
-def between_steps(step_times: Array, moments: Array, at: Array) -> Array:
-    """Give the belts' moments, (G, P) at steps of their models, at instants between: (T, P)."""
-    return Convolution.between(MODEL_RATE_HZ, MODEL_RATE_HZ).evaluate(step_times, moments, at)
+    def _advance(self, time: Array, speeds: Array, until_s: float) -> None:
+        """Run the models as far as an instant needs, and samples reach."""
+        last = int(np.floor((until_s + self.ahead_s - self.first_s) * MODEL_RATE_HZ))
+        reach_s = self.resampling.step_s + self.resampling.reach_s
+        for step in range(self.next_step, last + 1):
+            at = self.first_s + step / MODEL_RATE_HZ
+            if at > until_s and (not len(time) or at + reach_s > time[-1]):
+                break
+            acceleration = self.accelerations(time, speeds, np.array([float(step)]))[0]
+            self.steps.append(step)
+            self.found.append(self.step(acceleration))
+            self.next_step = step + 1
 
 
 def belt_side(plate: Plate) -> Array:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pipeline.config.live import Live
 from pipeline.io.streams import Channel, parse_channels
-from pipeline.live.output import describe, described_streams, stream_channels
+from pipeline.live.output import describe, described_streams, description_of
 from pipeline.live.replay import RecordedSource, recorded_streams
 from pipeline.live.stream import LAB_AXES
 
@@ -33,7 +33,7 @@ def test_a_recorded_stream_is_described_as_a_replayed_one(walker):
     recorded = described_streams(RecordedSource(walker).streams, Live(), walker.plates)
     for info, stream in zip(recorded, recorded_streams(walker), strict=True):
         parts = [("axes", LAB_AXES)] if stream.description.kind == "markers" else []
-        channels = stream_channels(stream.description, Live(), stream.plates)
+        _, _, channels, *_ = description_of(stream.description, Live(), stream.plates)
         sent = describe(channels, parts, stream.plates)
         assert tostring(info.find("desc")) == tostring(sent)
         assert info.findtext("channel_count") == str(stream.values.shape[1])

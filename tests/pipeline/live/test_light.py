@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hbm.notes import Note, catalogue
-from pipeline.live.light import OF_FRAMES, OF_NOTES, LiveState, light
+from compensation.inertia.sensors import SensorFault
+from hbm.notes import catalogue
+from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Kind, light
 from pipeline.trial.quality import DOES_NOT_COUNT, Quality
 from tests.pipeline.live.planted import EXPECTED, REQUIRED, VirtualLaboratory
 
@@ -37,76 +38,77 @@ def test_the_light_names_each_frequent_fault_and_what_to_do(laboratory, fault):
 def test_the_light_is_good_again_once_the_fault_is_mended(laboratory):
     monitor = laboratory.played("marker lost").monitor
     assert monitor.board().colour == "look"
-    seen = np.ones((1, len(monitor._markers._names), 3))
+    seen = np.ones((1, len(monitor._markers._cameras), 3))
     monitor._markers.add(np.array([100.0]), seen)
     assert monitor.board().colour == "good"
 
 
-def note(marker):
-    return Note.of("live_marker_gone", marker=marker, gone_s=1.0)
+DONE = "3 of 25 gait cycles used"
+
+
+def gone(marker, camera="camera"):
+    return Finding(Kind.MARKER_GONE, (marker,), {"gone_s": 1.0, "camera": camera})
 
 
 @pytest.mark.parametrize(
-    ("markers", "sides", "sentence"),
+    ("hidden", "sentence"),
     [
-        (["LASIS"], {}, "LASIS is hidden: turn the camera or re-attach the marker"),
+        ({"LASIS": "camera"}, "LASIS is hidden: turn the camera or re-attach the marker"),
         (
-            ["LASIS", "LKNE"],
-            {"LASIS": "left", "LKNE": "left"},
+            {"LASIS": "left camera", "LKNE": "left camera"},
             "LASIS, LKNE are hidden: turn the left camera or re-attach the markers",
         ),
         (
-            ["A", "B", "C", "D"],
-            {"A": "left", "B": "right"},
-            "4 markers are hidden",
+            {"A": "left camera", "B": "right camera", "C": "camera", "D": "camera"},
+            "4 markers are hidden: turn the camera or re-attach the markers",
         ),
     ],
 )
-def test_hidden_markers_are_named_with_their_side(markers, sides, sentence):
-    shown = light(LiveState(0, 25, notes=[*map(note, markers)], sides=sides))
-    assert shown.sentence.startswith(sentence)
+def test_hidden_markers_are_named_with_their_side(hidden, sentence):
+    assert light([gone(*each) for each in hidden.items()], {}, DONE) == ("look", sentence)
 
 
 def test_a_hidden_marker_stops_where_frames_are_not_used_for_it():
-    state = LiveState(0, 25, notes=[note("LASIS")], not_used={Quality.LIMB_UNSEEN: 0.9})
-    assert (light(state).colour, light(state).sentence[:5]) == ("stop", "LASIS")
+    """One sentence for the cause and for all that follows from it."""
+    colour, sentence = light(
+        [gone("LASIS")], {Quality.LIMB_UNSEEN: 0.9, Quality.POSE_UNKNOWN: 0.9}, DONE
+    )
+    assert (colour, sentence[:5], sentence[-6:]) == ("stop", "LASIS", "marker")
 
 
 def test_filters_that_settle_and_a_few_frames_stop_nothing():
-    assert light(LiveState(0, 25, not_used={Quality.SETTLING: 1.0})).colour == "look"
-    assert light(LiveState(0, 25, not_used={Quality.NOT_CARRIED: 0.05})).colour == "good"
-    assert light(LiveState(0, 25, not_used={Quality.NOT_CARRIED: 0.3})).colour == "look"
+    assert light([], {Quality.SETTLING: 1.0}, DONE)[0] == "look"
+    assert light([], {Quality.NOT_CARRIED: 0.05}, DONE) == ("good", DONE)
+    assert light([], {Quality.NOT_CARRIED: 0.3}, DONE)[0] == "look"
 
 
 def test_the_start_of_a_session_is_no_fault():
     """Filters settle, and the platform's neutral markers are not known before two seconds."""
     hidden = {Quality.PLATFORM_UNKNOWN: 1.0, Quality.FORCES_UNKNOWN: 1.0}
-    starting = light(LiveState(0, 25, steady=False, not_used=hidden))
-    assert (starting.colour, starting.sentence[:8]) == ("look", "Starting")
-    assert light(LiveState(0, 25, not_used=hidden)).colour == "stop"
+    colour, sentence = light([], hidden, DONE, steady=False)
+    assert (colour, sentence[:8]) == ("look", "Starting")
+    assert light([], hidden, DONE)[0] == "stop"
 
 
 def test_a_light_says_how_many_faults_it_does_not_name():
-    found = [
-        Note.of("live_plate_not_zero", plate=1, rest_n=13.0),
-        Note.of("live_marker_gone", marker="LASIS", gone_s=0.5),
-    ]
-    shown = light(LiveState(3, 25, notes=found))
-    assert shown.sentence == "Plate 1 reads 13 N without load: step off and zero it (+1 more)"
+    found = [gone("LASIS"), Finding(Kind.PLATE_NOT_ZERO, ("1",), {"rest_n": 13.0})]
+    sentence = "Plate 1 reads 13 N without load: step off and zero it (+1 more)"
+    assert light(found, {}, DONE) == ("stop", sentence)
 
 
-def test_every_reason_for_which_frames_are_not_used_has_a_sentence():
+def test_every_reason_for_which_frames_are_not_used_and_every_kind_has_a_sentence():
     assert set(OF_FRAMES) == set(DOES_NOT_COUNT) - {Quality.BRIDGED}  # of which live is no frame
-    assert set(OF_NOTES) <= set(catalogue())
+    assert set(OF_SENSORS) == set(SensorFault)
+    assert {kind.code for kind in Kind} <= set(catalogue())
 
 
 @given(
     shares=st.dictionaries(st.sampled_from([*OF_FRAMES]), st.floats(0, 1)),
     markers=st.lists(st.sampled_from(["LASIS", "RASIS", "SACR"]), unique=True),
-    used=st.integers(0, 50),
+    ended=st.booleans(),
 )
-def test_the_light_is_never_good_while_something_is_wrong(shares, markers, used):
-    shown = light(LiveState(used, 25, notes=[*map(note, markers)], not_used=shares))
+def test_the_light_is_never_good_while_something_is_wrong(shares, markers, ended):
+    colour, sentence = light(map(gone, markers), shares, DONE, ended=ended)
     faults = bool(markers) or any(share > 0.1 for share in shares.values())
-    assert (shown.colour != "good") == faults
-    assert len(shown.sentence.split()) <= 20
+    assert (colour != "good") == faults
+    assert len(sentence.split()) <= 20

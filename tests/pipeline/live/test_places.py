@@ -20,7 +20,13 @@ from pipeline.live.ground import AnalogStreams, LiveGround
 from pipeline.live.output import XdfWriter, described_streams
 from pipeline.live.preparation import place_plates
 from pipeline.live.replay import RecordedSource
-from pipeline.live.stream import Samples, StatedPlate, describe_plates, describe_signals
+from pipeline.live.stream import (
+    Samples,
+    StatedPlate,
+    StreamDescription,
+    describe_plates,
+    describe_signals,
+)
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import xdf_file as xdf
 
@@ -142,8 +148,8 @@ def on_the_ground(stream, values, walker, placed):
     """The plates' wrenches in the lab at 2.5 s."""
     analog = AnalogStreams([stream])
     six = [placed.live.channels_of(plate.number) for plate in placed.plates]
-    still = Laboratory(Treadmill())
-    ground = LiveGround(still, Settings(), placed.plates, six, analog, (), 100.0)
+    still, cameras = Laboratory(Treadmill()), StreamDescription("Markers", "markers", (), (), 100.0)
+    ground = LiveGround(still, Settings(), placed.plates, six, analog, cameras)
     analog.append(Samples("Plates", walker.plates[0].time[:3000], values[:3000]))
     return ground.at(2.5, None)[0][0]
 

@@ -12,6 +12,7 @@ from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.stated import Stated
 from pipeline.live import qualisys
 from pipeline.live.ground import AnalogStreams, LiveGround
+from pipeline.live.light import Kind
 from pipeline.live.preparation import place_plates
 from pipeline.live.qualisys import Packets, QualisysSource
 from pipeline.live.stream import Samples
@@ -52,7 +53,7 @@ def said():
 
 
 def connected(server, said=None, timeout_s=2.0):
-    say = said.append if said is not None else lambda note: None
+    say = said.append if said is not None else lambda finding: None
     return QualisysSource("127.0.0.1", port=server.port, stated=AXES, timeout_s=timeout_s, say=say)
 
 
@@ -213,7 +214,7 @@ def test_forces_arrive_in_the_lab_without_any_file():
     analog = AnalogStreams(source.streams[1:])
     channels = [placed.live.channels_of(plate.number) for plate in placed.plates]
     still = Laboratory(Treadmill())
-    ground = LiveGround(still, Settings(), placed.plates, channels, analog, NAMES, 100.0)
+    ground = LiveGround(still, Settings(), placed.plates, channels, analog, source.streams[0])
     for data, *_ in frames(range(12)):
         server.send(data)
     for name, (times, values) in collect(source, 12).items():
@@ -340,7 +341,7 @@ def test_a_connection_that_stalls_with_its_socket_open_is_sought_again(
         server.send(data)
     times, _ = collect(source, 3)["Markers"]
     np.testing.assert_allclose(times, np.arange(40, 43) / 100, atol=1e-9)
-    assert [note.code for note in said] == ["live_connection_lost"]
+    assert [finding.kind for finding in said] == [Kind.CONNECTION_LOST]
 
 
 def test_a_program_that_is_idle_and_answers_keeps_its_connection(source, server, monkeypatch):
@@ -388,7 +389,7 @@ def test_frames_that_are_malformed_are_left_out_and_said_once(source, server, sa
         server.send(data)
     times, _ = collect(source, 3)["Markers"]
     np.testing.assert_allclose(times, np.arange(20, 23) / 100, atol=1e-9)
-    assert [note.code for note in said] == ["live_frames_unread"]
+    assert [finding.kind for finding in said] == [Kind.FRAMES_UNREAD]
     assert server.connections == 1
     assert capfd.readouterr() == ("", "")
 
@@ -433,8 +434,8 @@ def test_plates_lie_beside_the_frames_whatever_their_numbers_count_from(
     found = collect(source, 3)
     late_s = found["Left"][0][behind] - found["Markers"][0][0]
     assert late_s == pytest.approx(0, abs=1e-6 if numbered else 0.005)
-    starts = [n.values["stream"] for n in said if n.code == "live_start_unknown"]
-    assert starts == ["Left", "Right"]
+    starts = [finding.subject for finding in said if finding.kind is Kind.START_UNKNOWN]
+    assert starts == [("Left",), ("Right",)]
 
 
 def test_a_part_that_frames_lack_is_named(source, server, said):
@@ -442,5 +443,5 @@ def test_a_part_that_frames_lack_is_named(source, server, said):
         forces = [(10 * k, acting_on_plate(10))] * 2
         server.send(frame(k, k / 100, None if k else np.ones((3, 3)), forces=forces))
     collect(source, 2, timeout_s=0.5)
-    absent = [n.values["component"] for n in said if n.code == "live_component_absent"]
-    assert sorted(absent) == ["3D", "Analog"]
+    absent = [f.subject for f in said if f.kind is Kind.COMPONENT_ABSENT]
+    assert sorted(absent) == [("3D",), ("Analog",)]

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hbm.notes import Note
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
 from pipeline.live import session as module
+from pipeline.live.light import Finding, Kind
 from pipeline.live.monitor import Monitor
 from pipeline.live.output import (
     RESULTS_FOLDER,
@@ -245,9 +245,8 @@ def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeyp
     monitor.look_for_silence()
     monitor.look_for_silence()
     monitor.samples(plates)
-    said = [(note.code, note.values["stream"]) for _, note in monitor.notes]
-    silent = [("live_stream_silent", "Markers"), ("live_stream_silent", "Plates")]
-    assert sorted(said) == silent  # the markers have not sent anything yet
+    silent = [(Kind.STREAM_SILENT, ("Markers",)), (Kind.STREAM_SILENT, ("Plates",))]
+    assert [*monitor.raised] == silent  # the markers have not sent anything yet
     assert monitor.board().sentence.startswith("Stream Markers is not received")
     now[0] += 2.0
     monitor.look_for_silence()
@@ -268,9 +267,7 @@ def test_a_stream_whose_time_stamps_repeat_is_said_within_a_second(walker, follo
         monitor.look_for_silence()
         if k < 119:
             assert not monitor.notes
-    assert [(n.code, n.values["stream"]) for _, n in monitor.notes] == [
-        ("live_stamps_repeat", "Markers")
-    ]
+    assert [*monitor.raised] == [(Kind.STAMPS_REPEAT, ("Markers",))]
     assert monitor.board().colour == "stop"
     assert monitor.board().sentence == (
         "Time stamps of stream Markers repeat: start its program again"
@@ -280,8 +277,8 @@ def test_a_stream_whose_time_stamps_repeat_is_said_within_a_second(walker, follo
 def test_gait_cycles_measured_while_the_light_says_stop_are_not_used(walker, followed, monkeypatch):
     computed, _, frames, _ = followed
     monitor, whole = Monitor(computed, walker.plates), Monitor(computed, walker.plates)
-    dead = Note.of("live_plate_not_zero", plate=1, rest_n=15.0)
-    monitor._watches[0].found = [dead]
+    offset = Finding(Kind.PLATE_NOT_ZERO, ("1",), {"rest_n": 15.0})
+    monitor._watches[0].found = [offset]
     for frame in frames:
         whole.frame(frame, 0.0)
         if frame.time > frames[-1].time / 2:
@@ -289,7 +286,7 @@ def test_gait_cycles_measured_while_the_light_says_stop_are_not_used(walker, fol
         monitor.frame(frame, 0.0)
     assert 0 < monitor.condition.cycles < whole.condition.cycles
     assert monitor.condition.cycles + monitor.during_stop == whole.condition.cycles
-    assert [*monitor.raised.values()] == [(dead, 1)]
+    assert [*monitor.raised.values()] == [(offset.note, 1)]
 
 
 def test_the_moment_limit_does_not_depend_on_where_the_laboratory_has_its_origin(walker, followed):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.chain import LiveFrame
 from pipeline.live.cycles import GaitTracker
+from pipeline.live.light import Finding, Kind
 from pipeline.live.monitor import (
     GONE_S,
     DelayWatch,
@@ -39,9 +40,9 @@ def walking(minutes, rest_n=0.0, rate_hz=250):
 
 def new(watch, *samples):
     """What a watch finds with these samples that it had not found before."""
-    before = {note.code for note in watch.found}
+    before = {finding.kind for finding in watch.found}
     watch.add(*samples)
-    return [note for note in watch.found if note.code not in before]
+    return [finding for finding in watch.found if finding.kind not in before]
 
 
 def noted(watch, time, wrench, each=25):
@@ -58,7 +59,7 @@ def test_a_plate_that_is_not_zero_is_noted_within_seconds(up):
     """As a load, whether its z axis points up or down."""
     time, wrench = walking(0.4, rest_n=14.0)
     first, *_ = noted(plate_watch(1, MASS_KG, up), time, up * wrench)
-    assert first.code == "live_plate_not_zero"
+    assert (first.kind, first.subject) == (Kind.PLATE_NOT_ZERO, ("1",))
     assert first.values["rest_n"] == pytest.approx(14.0, abs=0.5)
 
 
@@ -71,8 +72,8 @@ def test_what_a_plate_reads_on_a_platform_that_moves_is_no_offset():
 def test_a_saturated_component_is_noted_once_with_its_limit():
     time, wrench = walking(0.5)
     wrench[:, 2] = wrench[:, 2].clip(None, 600.0)
-    (note,) = noted(plate_watch(1, MASS_KG), time, wrench)
-    assert note.values == {"plate": 1, "component": "Fz", "value": 600.0}
+    (finding,) = noted(plate_watch(1, MASS_KG), time, wrench)
+    assert finding == Finding(Kind.PLATE_SATURATED, ("1",), {"component": "Fz", "value": 600.0})
 
 
 def test_a_converters_steps_are_no_saturation_at_rest_and_of_one_who_stands():
@@ -86,13 +87,13 @@ def test_a_marker_is_found_as_long_as_it_is_hidden_once_it_has_been_for_long(gon
     position = np.ones((300, 2, 3))
     position[50 : 50 + gone, 1] = np.nan
     position[200:230, 0] = np.nan  # shorter
-    gaps, time = MarkerGaps(["LASIS", "RASIS"]), np.arange(300) / 100
+    gaps, time = MarkerGaps(dict.fromkeys(["LASIS", "RASIS"], "camera")), np.arange(300) / 100
     for k in range(0, 300, each):
         part = slice(k, k + each)
         gaps.add(time[part], position[part])
         last_s = time[part][-1]
         hidden = 0.49 + GONE_S - 1e-9 <= last_s < 0.5 + gone / 100 - 1e-9
-        assert [note.values["marker"] for note in gaps.found] == ["RASIS"] * int(hidden)
+        assert [finding.subject for finding in gaps.found] == [("RASIS",)] * int(hidden)
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +119,7 @@ def test_plates_that_are_late_are_noted_and_others_are_not(walk, result):
     assert noted_of(result) == []
     plates = tuple(replace(p, time=p.time + 0.012) for p in walk.plates)
     first, *_ = noted_of(processed(replace(walk, plates=plates)))
-    assert first.code == "live_plates_late"
+    assert first.kind is Kind.PLATES_LATE
     assert first.values["delay_s"] == pytest.approx(0.012, abs=0.003)
 
 
@@ -133,10 +134,10 @@ def weighed(result, gain):
 
 @pytest.mark.parametrize("gain", [0.95, 1.05])
 def test_plates_of_a_wrong_gain_are_noted_once_with_what_they_carry(result, gain):
-    ((_, note),) = weighed(result, lambda time: np.full(2, gain))
-    assert note.code == "live_weight_differs"
-    assert note.values["carried_kg"] == pytest.approx(gain * result.body.mass, rel=0.01)
-    assert note.values["difference"] == pytest.approx(gain - 1, abs=0.01)
+    ((_, finding),) = weighed(result, lambda time: np.full(2, gain))
+    assert finding.kind is Kind.WEIGHT_DIFFERS
+    assert finding.values["carried_kg"] == pytest.approx(gain * result.body.mass, rel=0.01)
+    assert finding.values["difference"] == pytest.approx(gain - 1, abs=0.01)
 
 
 def test_a_trial_is_judged_alike_by_its_whole_and_by_its_strides(result):
@@ -190,20 +191,18 @@ def fitted(error_m, quality, seen=True, count=500):
 
 
 @pytest.mark.parametrize(
-    ("frames", "codes", "left_out"),
+    ("frames", "kinds"),
     [
-        (fitted([0.012, 0.008], Quality(0)), [], None),
-        (fitted([0.03, 0.03], Quality(0)), ["live_markers_misfit"], "none"),
-        (fitted([0.003, np.nan], Quality.MARKERS_LEFT_OUT), ["live_markers_misfit"], "RASIS"),
-        (fitted([0.003, np.nan], Quality(0), seen=False), [], None),
-        (fitted([0.003, 0.003], Quality.FOOT_UNCERTAIN), ["live_foot_uncertain"], None),
+        (fitted([0.012, 0.008], Quality(0)), []),
+        (fitted([0.03, 0.03], Quality(0)), [Kind.MARKERS_MISFIT]),
+        (fitted([0.003, np.nan], Quality.MARKERS_LEFT_OUT), [Kind.MARKERS_LEFT_OUT]),
+        (fitted([0.003, np.nan], Quality(0), seen=False), []),
+        (fitted([0.003, 0.003], Quality.FOOT_UNCERTAIN), [Kind.FOOT_UNCERTAIN]),
     ],
 )
-def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(
-    frames, codes, left_out
-):
+def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(frames, kinds):
     fit = FitWatch(["LASIS", "RASIS"], [0, 1])
-    notes = [note for frame in frames for note in new(fit, frame)]
-    assert [note.code for note in notes] == codes
-    if left_out:
-        assert notes[0].values["left_out"] == left_out
+    found = [finding for frame in frames for finding in new(fit, frame)]
+    assert [finding.kind for finding in found] == kinds
+    if kinds == [Kind.MARKERS_LEFT_OUT]:
+        assert found[0].note.light == "Markers are not where they were: re-attach RASIS"
