@@ -12,7 +12,7 @@ from compensation.delay import sensor_delays
 from compensation.inertia.model import InertiaModel, Setup, sensor_names
 from compensation.inputs import read_table
 from hbm.notes import Note
-from hbm.spatial import GRAVITY_MPS2, Array
+from hbm.spatial import GRAVITY_MPS2, Array, Mask
 
 QUANTILE_95: Final = 1.96
 RIGID_DIRECTIONS: Final = 5
@@ -164,15 +164,6 @@ def sensor_noise_of(accelerations: Array) -> float:
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
 
-FAULTS: Final = (
-    "accelerometer_dead",
-    "accelerometer_clipped",
-    "accelerometer_turned",
-    "accelerometers_swapped",
-)
-"""Codes of notes after which nothing else of an accelerometer is worth comparing."""
-
-
 def check_trial(
     model: InertiaModel, accelerations: ArrayLike, range_g: float = 2.0
 ) -> tuple[Note, ...]:
@@ -216,12 +207,35 @@ def check_trial(
     ['accelerometer_turned', 'calibration_range_exceeded']
     """
     a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
-    names, readings = model.sensors, a.reshape(len(a), -1, 3)
-    size = np.median(np.linalg.norm(readings, axis=2), axis=0)
-    still = (a == a[0]).all(axis=0)
-    dead = np.abs(np.log(np.maximum(size, TINY) / GRAVITY_MPS2)) >= np.log(GRAVITY_FACTOR)
-    dead |= still.reshape(-1, 3).any(axis=1) & ~still.all()
-    if dead.any():
+    faults, names = faulty_sensors(model, a, range_g), model.sensors
+    low, high = model.acceleration_low, model.acceleration_high
+    margin = MAX_EXCESS_SHARE * (high - low)
+    outside = (a < low - margin) | (a > high + margin)
+    outside[:, np.repeat(_dead(a), 3)] = False
+    if not outside.any():
+        return faults
+    worst = int(np.argmax(outside.mean(axis=0)))
+    beyond = Note.of(
+        "calibration_range_exceeded",
+        share=float(np.mean(outside.any(axis=1))),
+        channel=f"{names[worst // 3]} {'xyz'[worst % 3]}",
+        low_mps2=a[:, worst].min(),
+        high_mps2=a[:, worst].max(),
+        calibrated_low_mps2=low[worst],
+        calibrated_high_mps2=high[worst],
+    )
+    return (*faults, beyond)
+
+
+def faulty_sensors(model: InertiaModel, accelerations: Array, range_g: float) -> tuple[Note, ...]:
+    """Find the sensors that are dead, clipped, turned or swapped.
+
+    Parameters are those of `check_trial`. With a fault, nothing else is worth comparing.
+    """
+    a, names = accelerations, model.sensors
+    readings = a.reshape(len(a), -1, 3)
+    if (dead := _dead(a)).any():
+        size = _median_size(a)
         sensors = {names[k]: size[k] for k in np.flatnonzero(dead)}
         return (Note.of("accelerometer_dead", sensors=sensors, gravity_mps2=GRAVITY_MPS2),)
     notes = []
@@ -238,21 +252,20 @@ def check_trial(
         notes.append(Note.of("accelerometer_turned", angles_deg=angles))
     elif swapped := _swapped(model, a):
         notes.append(Note.of("accelerometers_swapped", first=swapped[0], second=swapped[1]))
-    low, high = model.acceleration_low, model.acceleration_high
-    margin = MAX_EXCESS_SHARE * (high - low)
-    outside = (a < low - margin) | (a > high + margin)
-    if outside.any():
-        worst = int(np.argmax(outside.mean(axis=0)))
-        values = {
-            "share": float(np.mean(outside.any(axis=1))),
-            "channel": f"{names[worst // 3]} {'xyz'[worst % 3]}",
-            "low_mps2": a[:, worst].min(),
-            "high_mps2": a[:, worst].max(),
-            "calibrated_low_mps2": low[worst],
-            "calibrated_high_mps2": high[worst],
-        }
-        notes.append(Note.of("calibration_range_exceeded", **values))
     return tuple(notes)
+
+
+def _median_size(a: Array) -> Array:
+    """Give the median size of what every sensor reads, from (N, 3 S), (S,) [m/s²]."""
+    return np.asarray(np.median(np.linalg.norm(a.reshape(len(a), -1, 3), axis=2), axis=0))
+
+
+def _dead(a: Array) -> Mask:
+    """Say which sensors do not read gravity, or stand still while others move, (S,)."""
+    still = (a == a[0]).all(axis=0)
+    wrong = np.abs(np.log(np.maximum(_median_size(a), TINY) / GRAVITY_MPS2))
+    motionless = still.reshape(-1, 3).any(axis=1) & ~still.all()
+    return np.asarray((wrong >= np.log(GRAVITY_FACTOR)) | motionless)
 
 
 def _swapped(model: InertiaModel, a: Array) -> tuple[str, str] | None:

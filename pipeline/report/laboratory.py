@@ -235,14 +235,13 @@ def calibration_verdict(calibration: Calibration, file: Path) -> Table:
     """Say for which trials a calibration is fit, for how long, and what to do next."""
     rows = [row for of_plate in calibration.verdict.values() for row in of_plate]
     beyond = [row for row in rows if not row.passed]
-    codes = {note.code for note in calibration.notes}
     checks = read_checks(file)
     checks = checks[checks["calibration_sha256"] == file_digest(file)]
     failed = len(checks) > 0 and not bool(checks["valid"].iloc[-1])
     if not rows:
         answer: Check = ("check", "not judged", "file of an earlier version")
         todo = f"{NEW_FIT} again"
-    elif "calibration_loaded" in codes:
+    elif calibration.loads_n:
         answer = ("fail", "not fit", "plates loaded or not zeroed")
         todo = f"empty and zero the plates, {NEW_FIT}"
     elif beyond:

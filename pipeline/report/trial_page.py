@@ -10,7 +10,7 @@ import numpy as np
 from joblib import delayed
 from matplotlib.figure import Figure
 
-from hbm.notes import Note, provenance, warnings_of
+from hbm.notes import provenance, warnings_of
 from hbm.spelling import written
 from pipeline.budgets.explanation import Explanation
 from pipeline.config.schema import TrialName
@@ -22,7 +22,7 @@ from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.report.blocks import TEMPLATES, Table, drawing
-from pipeline.report.trials import NOT_KNOWN, causes, trial_quality
+from pipeline.report.trials import MAX_MARKER_PEAK_MM, NOT_KNOWN, causes, trial_quality
 from pipeline.run.processes import in_processes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
@@ -32,6 +32,7 @@ from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
     HEALTHY_RMS,
     UNITS,
+    marker_table,
     reference_of,
     residual_table,
     rows_of,
@@ -45,6 +46,8 @@ PROCESSES: Final = 2
 """That write pages of a study at the same time."""
 MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
+MAX_MARKERS: Final = 6
+"""In one figure."""
 
 
 def write_trial_page(
@@ -66,7 +69,7 @@ def write_trial_page(
     path
         The page to write.
     plates
-        As recorded: the channels of plates that a warning is about are drawn.
+        As recorded: the channels of doubted ones are drawn.
     explanation
         Of the residuals; without it, the page names the command that finds their causes.
     study
@@ -97,7 +100,6 @@ def write_trial_page(
     'trial.html'
     """
     name = str(result.name) if result.key else result.source.stem
-    recorded = {plate.number: plate for plate in plates}
     curves = _mean_curves(result)
     bands = explanation.budget.bands if explanation is not None else None
     page = TEMPLATES.get_template("trial.html").render(
@@ -107,11 +109,8 @@ def write_trial_page(
         verdict=[*verdict_lines(result)],
         residuals=drawing(residual_figure(result)),
         tables=[*result_tables(result)],
-        warnings=[
-            (note, drawing(figure, ".png") if figure else "")
-            for note in warnings_of(result.notes)
-            for figure in [_warning_figure(note, result, recorded)]
-        ],
+        warnings=warnings_of(result.notes),
+        doubted=[(text, drawing(figure, ".png")) for text, figure in _doubted(result, plates)],
         joints=drawing(joint_figure(curves, "Joints of the legs, mean ± SD")) if curves else "",
         causes=causes(name, explanation) if explanation is not None else None,
         bands=drawing(bands_figure(bands, name)) if bands is not None else "",
@@ -147,7 +146,7 @@ def _write_page(
     if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
         return name
     plates: Iterable[Plate] = ()
-    if study is not None and name in study.trials and any(map(_of_plates, result.notes)):
+    if study is not None and name in study.trials and result.doubted_plates:
         trial = study.trial(name)
         with suppress(ValueError, OSError):  # the recording may be gone since
             static = study.subject(name.subject).static
@@ -156,11 +155,6 @@ def _write_page(
         result, page, plates=plates, explanation=explanation, study="../report.html", key=key
     )
     return name
-
-
-def _of_plates(note: Note) -> bool:
-    """Say whether a warning is about the samples of a plate."""
-    return note.level == "warning" and note.code.startswith(("plate", "pressure"))
 
 
 def scope(result: TrialResult) -> str:
@@ -241,23 +235,22 @@ def _mean_curves(result: TrialResult) -> list[Curve]:
     ]
 
 
-def _warning_figure(note: Note, result: TrialResult, plates: dict[int, Plate]) -> Figure | None:
-    """Draw the channels of a plate, or the errors of markers, that a warning is about."""
-    numbers = [note.values.get(key) for key in ("plate", "first", "second")]
-    named = [plates[n] for n in numbers if isinstance(n, int) and n in plates]
-    if named and _of_plates(note):
-        return _plate_figure(named, note)
-    values = [[value] if isinstance(value, str) else value for value in note.values.values()]
-    names = {name for value in values if isinstance(value, Iterable) for name in value}
-    markers = [name for name in result.motion.markers if name in names]
-    return _marker_figure(result, markers) if markers else None
+def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[tuple[str, Figure]]:
+    """Draw the channels of doubted plates, and the errors of markers beyond the guideline."""
+    if doubted := [plate for plate in plates if plate.number in result.doubted_plates]:
+        yield (
+            f"Channels of {join_names([f'plate {p.number}' for p in doubted])}, as recorded",
+            (_plate_figure(doubted)),
+        )
+    errors_mm = marker_table(result)[:-1].sort_values("peak_mm", ascending=False)
+    far = errors_mm.loc[errors_mm["peak_mm"] > MAX_MARKER_PEAK_MM, "marker"][:MAX_MARKERS]
+    if len(far):
+        text = f"Markers more than {MAX_MARKER_PEAK_MM:g} mm from the model: {join_names([*far])}"
+        yield text, _marker_figure(result, [*far])
 
 
-def _plate_figure(plates: list[Plate], note: Note) -> Figure:
+def _plate_figure(plates: list[Plate]) -> Figure:
     """Draw the six components of plates in their own axes, as recorded, over time."""
-    first = [
-        value for key in ("first_s", "at_s") if isinstance(value := note.values.get(key), float)
-    ]
     with mpl.rc_context(STYLE):
         figure, panels = six_panels()
         for k, panel in enumerate(panels):
@@ -265,8 +258,6 @@ def _plate_figure(plates: list[Plate], note: Note) -> Figure:
                 time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
                 label = f"plate {plate.number}"
                 panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)
-            for instant in first:
-                panel.axvline(instant, color="black", lw=0.8, ls=":")
             panel.set_title(f"{('Fx', 'Fy', 'Fz', 'Mx', 'My', 'Mz')[k]} of the plate", loc="left")
             panel.set_ylabel(UNITS[k])
         for panel in panels[3:]:
@@ -288,7 +279,7 @@ def _marker_figure(result: TrialResult, markers: list[str]) -> Figure:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 2.6), layout="constrained")
         panel = figure.subplots()
-        for name in markers[:6]:
+        for name in markers:
             error_mm = 1000 * result.motion.marker_error[:, result.motion.markers.index(name)]
             panel.plot(result.motion.time, error_mm, lw=0.8, label=name)
         panel.set_xlabel("time (s)")

@@ -44,11 +44,11 @@ from pipeline.trial.once import computing_once
 from pipeline.trial.plate_units import require_units, reversed_plates
 from pipeline.trial.quality import Quality, flagged, settled_frames, settling_s
 from pipeline.trial.study_files import (
-    labels_in_none,
     read_body_files,
     read_study_file,
     read_study_laboratory,
     saying_what_was_read,
+    unused_renames,
 )
 from pipeline.trial.subject import (
     MassUnknownError,
@@ -95,8 +95,8 @@ class Findings:
     remarks: list[Finding] = field(default_factory=list)
     variant: str = ""
     """Which one is checked; empty for the study's main way. It adds only faults of its own."""
-    read: dict[str, tuple[str, tuple[Note, ...]]] = field(default_factory=dict)
-    """Name of a file -> digest of its markers' positions, notes on reading it."""
+    read: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
+    """Name of a file -> digest of its markers' positions, labels to rename that it lacks."""
 
     def remark(self, place: str, *said: Note | str, contents: bool = False) -> None:
         """Add what is to be known of a place, or what a file holds."""
@@ -151,7 +151,7 @@ class Way:
         def corrected(file: str) -> Recording:
             recording = read_study_file(self.study, file, trial, static)
             digest = sha256(recording.markers.position.tobytes()).hexdigest()
-            self.findings.read[file] = digest, recording.notes
+            self.findings.read[file] = digest, recording.labels_absent
             return with_corrected_plates(recording, self.laboratory.plates)
 
         return self.findings.attempt(file, lambda: corrected(file)) if file else None
@@ -190,8 +190,8 @@ def check_study(study: Study) -> Findings:
         if without := [name for name in study.file.conditions if name not in person.trials]:
             findings.remark(subject, f"no trial for {listed(without)}")
     _remark_repeated(study, findings)
-    if absent := labels_in_none(notes for _, notes in findings.read.values()):
-        findings.remark("study.toml", Note.of("rename_without_label", labels=absent))
+    renames = unused_renames(absent for _, absent in findings.read.values())
+    findings.remark("study.toml", *(fact.note for fact in renames))
     return findings
 
 
@@ -346,14 +346,13 @@ class _TrialCheck:
         source, doubts = choose_method(recording.events, swings, settings.events)
         self.remark(*warnings_of(doubts))
         events, note = gait_events(recording.events, markers, body.marker_set, source)
-        unknown = note.code == "events_unknown"
+        unknown = not events
         guessed = source in BY_PLATES  # the run's events need poses; these may err
         if unknown and not guessed:
             self.remark(note)
 
         def count(rule: Condition) -> None:
-            said, pose = [note], platform
-            rest = settling, pose, said, least, swings.feet
+            rest = settling, platform, [note], least, swings.feet
             counted = what_counts(recording, events, quality, rule, *rest)
             later = [event for event in events if event.time >= rule.skip_s]
             shown = found_cycles(later, SIDES) if rule.wanted == "cycle" else counted.found
@@ -361,12 +360,11 @@ class _TrialCheck:
             no_step = not (stepped or unknown)
             unperturbed = rule.perturbed and (counted.onsets < rule.skip_s).all()
             sure = not guessed or no_step or unperturbed or rule.skip_s > time[-1]
-            for shortage in (note for note in said if note.code == "no_residuals"):
-                reason = str(shortage.values["reason"])
-                if sure:
-                    self.fault(reason)
-                elif not unknown:
-                    self.remark(f"by the markers' gait events, before a pose is solved: {reason}")
+            if counted.shortage and sure:
+                self.fault(counted.shortage)
+            elif counted.shortage and not unknown:
+                guess = "by the markers' gait events, before a pose is solved"
+                self.remark(f"{guess}: {counted.shortage}")
 
         pulse = self.rule.pulse_channel
         if self.rule.perturbed:  # all gait cycles first: without any, perturbations do not matter

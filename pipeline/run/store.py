@@ -36,7 +36,7 @@ from pipeline.io.write import open_parquet, whole_file, write_text
 from pipeline.trial.residuals import AXES, reported
 from pipeline.trial.result import TrialResult
 
-FORMAT_VERSION: Final = 11
+FORMAT_VERSION: Final = 12
 """Of stored trials; raised with every change of what they hold."""
 METADATA: Final = b"hbm"
 DIGEST: Final = b"hbm.sha256"

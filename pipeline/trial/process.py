@@ -7,8 +7,8 @@ from functools import partial
 from hbm.body import Body
 from hbm.engines.engine import choose_engine
 from hbm.markers import MarkerSet, recognise_marker_set
-from hbm.notes import Note
-from hbm.plausibility.motion import implausible
+from hbm.notes import Note, warnings_of
+from hbm.plausibility.motion import held_coordinates, implausible
 from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices
 from pipeline.config.schema import (
@@ -25,7 +25,7 @@ from pipeline.trial.checks import check_markers, check_motion, check_plates, oth
 from pipeline.trial.gait.contact import contact_notes
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
 from pipeline.trial.gait.events import check_events, choose_method, foot_swings, other_events
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.corrected_plates import corrections_used, with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
 from pipeline.trial.ground.platform import uncompensated_motion
 from pipeline.trial.ground.uncertainty import uncertainty_notes
@@ -40,7 +40,7 @@ from pipeline.trial.plate_faults import (
 )
 from pipeline.trial.plate_units import require_possible, require_units, reversed_plates
 from pipeline.trial.quality import NO_SUPPORT, carried_notes, free_of, settling_s
-from pipeline.trial.result import TrialResult
+from pipeline.trial.result import EventOrigin, Procedure, TrialResult
 from pipeline.trial.stages import (
     Loads,
     Pose,
@@ -138,6 +138,7 @@ def process_recording(
     """
     laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
     choose_engine(settings.engine)
+    corrections = corrections_used(recording.plates, laboratory.plates)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
     notes += (*recording.notes, *(fact.note for fact in reversed_plates(recording)))
@@ -221,7 +222,7 @@ def process_recording(
     notes += differing_masses(mass.known_kg, carried_kg)
 
     # gait: events and the cycles that count
-    events, feet = _events(lab, body, pose, ground, loads, quality, notes, settings)
+    events, origin, feet = _events(lab, body, pose, ground, loads, quality, notes, settings)
     counted = what_counts(
         recording,
         events,
@@ -261,6 +262,17 @@ def process_recording(
         delay_s=delay_s,
         delay_uncertainty_s=delay_uncertainty_s,
         notes=tuple(notes),
+        of_calibration=() if laboratory.calibration is None else laboratory.calibration.notes,
+        shortage=counted.shortage,
+        doubted_plates=_doubted_plates(notes),
+        procedure=Procedure(
+            mass=mass.source,
+            events=origin,
+            held=held_coordinates(body, pose.solved),
+            plate_calibration=laboratory.plates.name if laboratory.plates and corrections else "",
+            delays_corrected=any(one.delay_s for one in corrections),
+            dynamic=bool(lab.lags_s),
+        ),
     )
 
 
@@ -345,7 +357,15 @@ def _weighed_by_steps(
     result = again(rough.subject.model_copy(update={"mass_kg": mass_kg}))
     by_steps = Note.of("mass_by_steps", mass_kg=mass_kg)
     notes = (by_steps if note.code == "mass_stated" else note for note in result.notes)
-    return replace(result, notes=tuple(notes))
+    procedure = replace(result.procedure, mass=ON_PLATES)
+    return replace(result, notes=tuple(notes), procedure=procedure)
+
+
+def _doubted_plates(notes: Sequence[Note]) -> tuple[int, ...]:
+    """Give the numbers of the plates that warnings are about."""
+    about = [note for note in warnings_of(notes) if note.code.startswith(("plate", "pressure"))]
+    numbers = (note.values.get(key) for note in about for key in ("plate", "first", "second"))
+    return tuple(sorted({number for number in numbers if isinstance(number, int)}))
 
 
 def _body_mass(
@@ -394,10 +414,10 @@ def _events(
     quality: Indices,
     notes: list[Note],
     settings: Settings,
-) -> tuple[tuple[Event, ...], Array]:
+) -> tuple[tuple[Event, ...], EventOrigin, Array]:
     """Give a trial's gait events by the method of the settings; checks of them are noted.
 
-    With where the feet are from the pelvis, (T, 2, 3) [m].
+    With what shows them, and where the feet are from the pelvis, (T, 2, 3) [m].
     """
     time, of_file = pose.motion.time, lab.recording.events
     of_plates = plate_events(
@@ -410,4 +430,7 @@ def _events(
     carried = free_of(quality, NO_SUPPORT)
     reference = other_events(of_plates, swings.events, carried, method)
     notes += (*doubts, note, *check_events(events, reference))
-    return events, swings.feet
+    origin: EventOrigin = "motion" if {*events}.isdisjoint(of_plates) else "calibrated"
+    if method != "auto":
+        origin = method
+    return events, origin if events else "", swings.feet

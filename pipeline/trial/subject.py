@@ -154,6 +154,11 @@ class BodyMass(NamedTuple):
     known_kg: Mapping[str, float]
     note: Note
 
+    @property
+    def source(self) -> str:
+        """Where the one that is used comes from."""
+        return next(iter(self.known_kg))
+
 
 def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None) -> BodyMass:
     """Give body mass as stated, else as weighed by the plates, else as the file states it.

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from typing import Final, Literal
 
@@ -126,6 +126,8 @@ class Counted:
         Whether ``usable`` and ``cycles`` are gait cycles, steps or stances.
     found
         How many of them the events of these sides show, whether they count or not.
+    shortage
+        Why no frame counts; empty where one does.
     """
 
     usable: dict[str, Array]
@@ -135,6 +137,7 @@ class Counted:
     span: Span | None
     unit: Unit
     found: int
+    shortage: str = ""
 
 
 def what_counts(
@@ -177,8 +180,9 @@ def what_counts(
     shortage = cycle_shortage(events, [*chain(*of_asked)], time, solved, "".join(why), asked)
     notes += (*selection, *of_part)
     strikes = () if {*every} == {NO_SWING} else events  # who stands makes no gait cycle
-    notes += _nothing_counts(wanted, counted, strikes, shortage, time, counts, solved)
-    return counted
+    nothing, said = _nothing_counts(wanted, counted, strikes, shortage, time, counts, solved)
+    notes += said
+    return replace(counted, shortage=nothing)
 
 
 def _cut(
@@ -378,20 +382,21 @@ def _nothing_counts(
     time: Array,
     counts: Mask,
     solved: Mask,
-) -> tuple[Note, ...]:
+) -> tuple[str, tuple[Note, ...]]:
     """Say why nothing counts, or why the recording counts in place of gait cycles."""
     part, span, cycles = counted.part, counted.span, counted.cycles
     some_cycles = any(map(len, cycles.values()))
     parts = cycles if part is None else {s: np.reshape(p, (-1, 2)) for s, p in part.spans.items()}
     if (frames_within(time, parts, span) & counts).any():
         if wanted is not None or (span is None and counted.unit == "cycle"):
-            return ()
+            return "", ()
         if span is None:
             count = sum(map(len, cycles.values()))
             unit = NOUNS[counted.unit] + "s" * (count > 1)
-            return (Note.of("steps_for_cycles", reason=shortage, count=count, unit=unit),)
+            note = Note.of("steps_for_cycles", reason=shortage, count=count, unit=unit)
+            return "", (note,)
         code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
-        return (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
+        return "", (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
     frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames are used"
     why = f"{np.count_nonzero(inside & ~solved)} unsolved, else the plates do not carry the subject"
@@ -403,4 +408,4 @@ def _nothing_counts(
     elif wanted is None:
         takes = "; --span all uses them" if (counts & inside).any() else ""
         reason += f"; {frames}, less than min_valid_share ({why}){takes}"
-    return (Note.of("no_residuals", reason=reason),)
+    return reason, (Note.of("no_residuals", reason=reason),)
