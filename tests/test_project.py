@@ -1,5 +1,6 @@
 """The project as a whole: public names, imports, packaging, and its texts."""
 
+import ast
 import re
 import shlex
 import shutil
@@ -128,6 +129,48 @@ def test_no_text_names_a_machine_or_an_index():
         for hit in unwanted.finditer(text)
     ]
     assert found == []
+
+
+SHOW_NOTES = {
+    *("hbm/notes.py", "pipeline/cli/terminal.py", "pipeline/viewer/trial.py"),
+    "pipeline/report/blocks.py",
+}
+"""They write notes for people."""
+READ_NOTES = {
+    *("checks.py", "plate_faults.py", "process.py", "subject.py", "window.py"),
+    *("light.py", "monitor.py"),
+}
+"""Modules of pipeline/trial and pipeline/live that still decide by notes; to become empty."""
+
+
+def reads_of_notes(text):
+    """Lines that read a note's code, or its values by name; examples in docstrings are none."""
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Attribute(value=ast.Name(id="self" | "error")):
+                continue
+            case (
+                ast.Attribute(attr="code", ctx=ast.Load())
+                | ast.Subscript(ast.Attribute(attr="values"), ast.Constant(str()))
+                | ast.Attribute(ast.Attribute(attr="values"), "get" | "items" | "keys" | "values")
+                | ast.Call(ast.Name("dict"), [ast.Attribute(attr="values")])
+            ):
+                yield node.lineno
+
+
+def test_notes_are_written_for_people_and_no_code_decides_by_them():
+    plain = "if note.code == 'legs_differ':\n    kg = notes[0].values['mass_kg']\n"
+    assert [*reads_of_notes(plain)] == [1, 2]
+    assert [*reads_of_notes("samples.values[:, 0]; table.values; 'note.code'")] == []
+    found = {
+        path.relative_to(ROOT).as_posix(): lines
+        for package in PACKAGES
+        for path in sorted((ROOT / package).rglob("*.py"))
+        if (lines := [*reads_of_notes(path.read_text(encoding="utf-8"))])
+    }
+    rooms = ("pipeline/trial/", "pipeline/live/")
+    allowed = SHOW_NOTES | {room + name for room in rooms for name in READ_NOTES}
+    assert {name: lines for name, lines in found.items() if name not in allowed} == {}
 
 
 def test_type_checkers_find_the_packages_where_they_are_installed(tmp_path):

@@ -5,14 +5,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from hbm.notes import provenance, warnings_of
+from hbm.notes import Note, provenance, warnings_of
 from pipeline.figures.style import DPI, in_style
+from pipeline.io.write import write_text
 from pipeline.statistics.verdict import join_names
 
 MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -47,6 +50,53 @@ class Table:
     legend: str = ""
     links: Mapping[str, str] = field(default_factory=dict)
     """Name of a row -> address that it links to."""
+
+
+class Drawn(NamedTuple):
+    """A figure as a source inside the page, with its caption."""
+
+    caption: str
+    source: str
+
+
+Block = str | Text | Table | Drawn | Note
+"""A sentence, or markup; lines; a table; a figure; a warning."""
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page: its name, also in the list of sections, its heading, and what is below."""
+
+    name: str
+    title: str
+    blocks: Sequence[Block]
+
+
+def write_page(
+    path: Path,
+    name: str,
+    scope: str,
+    sections: Iterable[Section],
+    *,
+    what: str = "pelvis residuals",
+    links: Mapping[str, str] = MappingProxyType({}),
+    key: str = "",
+) -> Path:
+    """Write a page: name, scope, and each section that has something below its heading.
+
+    Links, text -> address, follow the list of sections; the key is a comment at the end.
+    """
+    shown = [section for section in sections if any(section.blocks)]
+    page = TEMPLATES.get_template("page.html").render(
+        name=name, what=what, scope=scope, sections=shown, links=links
+    )
+    write_text(page + key, path)
+    return path
+
+
+def markup(template: str, **values: Any) -> Markup:
+    """Fill a template of a part of a page."""
+    return Markup(TEMPLATES.get_template(template).render(values).strip())
 
 
 def picture(path: Path) -> str:

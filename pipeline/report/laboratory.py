@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -36,7 +36,7 @@ from pipeline.config.study import Study
 from pipeline.figures.style import STYLE, condition_style
 from pipeline.io.input_file import read_text
 from pipeline.io.write import read_csv, write_csv, write_text
-from pipeline.report.blocks import TEMPLATES, Check, Table, drawing
+from pipeline.report.blocks import Block, Check, Drawn, Section, Table, drawing, write_page
 from pipeline.report.empty_treadmill import (
     PITCH,
     SWAY,
@@ -49,6 +49,7 @@ from pipeline.report.empty_treadmill import (
 )
 from pipeline.run.job import file_digest
 from pipeline.trial.ground.calibrations import CalibrationCheck
+from pipeline.trial.result import StoredNote
 
 PAGE: Final = "laboratory.html"
 STATE: Final = "laboratory.json"
@@ -69,13 +70,6 @@ BEYOND: Final = "study_beyond_range"
 NEW_FIT: Final = "record the empty treadmill, hbm calibration fit"
 
 
-class Drawn(NamedTuple):
-    """A figure as a source inside the page, with its caption."""
-
-    caption: str
-    source: str
-
-
 @dataclass(frozen=True, slots=True)
 class Part:
     """What one command adds to the page.
@@ -91,7 +85,7 @@ class Part:
     of
         SHA-256 of the calibration that the part is about; empty where it is about none.
     warnings
-        Sentence, code and advice of each, at the top of the page.
+        At the top of the page.
     """
 
     name: PartName
@@ -99,13 +93,13 @@ class Part:
     tables: Sequence[Table] = ()
     figures: Sequence[Drawn] = ()
     of: str = ""
-    warnings: Sequence[tuple[str, str, str]] = ()
+    warnings: Sequence[StoredNote] = ()
 
 
 PARTS: Final = TypeAdapter(dict[PartName, Part])
 
 
-def write_page(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) -> Path:
+def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) -> Path:
     """Write parts into ``laboratory.json`` of a folder, and the page that shows it.
 
     Parameters
@@ -144,16 +138,17 @@ def write_page(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) -> Pat
     shown |= {part.name: part for part in parts}
     for part in verdicts:
         shown[part.name] = replace(shown.get(part.name, part), verdict=part.verdict)
-    in_order = [shown[name] for name in TITLES if name in shown]
     write_text(PARTS.dump_json(shown, indent=1).decode(), state)
-    template = TEMPLATES.get_template("laboratory.html")
-    write_text(template.render(parts=in_order, titles=TITLES), page)
-    return page
-
-
-def shown_warnings(notes: Iterable[Note]) -> list[tuple[str, str, str]]:
-    """Give sentence, code and advice of the warnings among notes."""
-    return [(note.text, note.code, note.advice) for note in warnings_of(notes)]
+    in_order = [shown[name] for name in TITLES if name in shown]
+    top = [block for part in in_order for block in (*part.verdict, *part.warnings)]
+    sections = [Section("verdict", "Verdict", top)]
+    for part in in_order:
+        folded = [table for table in part.tables if table.css_class == "folded"]
+        blocks: list[Block] = [table for table in part.tables if table not in folded]
+        blocks += [*part.figures, *folded]
+        sections.append(Section(part.name, TITLES[part.name], blocks))
+    scope = "Record of the treadmill and its force plates"
+    return write_page(page, "Laboratory", scope, sections, what="treadmill and force plates")
 
 
 def page_of_study(study: Study, folder: Path) -> str | None:
@@ -209,13 +204,13 @@ def calibration_part(
     ranges = Drawn(text, drawing(range_figure(calibration, others)))
     drawn = [*_of_recording(calibration, empty), ranges]
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
-    return Part("calibration", [verdict], tables, drawn, of, shown_warnings(notes))
+    return Part("calibration", [verdict], tables, drawn, of, warnings_of(notes))
 
 
 def calibration_in_use(calibration: Calibration, file: Path) -> Part:
     """Give the part of a calibration without its recording: its verdict, by all checks."""
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
-    return Part("calibration", [verdict], of=of, warnings=shown_warnings(calibration.notes))
+    return Part("calibration", [verdict], of=of, warnings=warnings_of(calibration.notes))
 
 
 def _excess(calibration: Calibration, least: Array, most: Array) -> Array:
@@ -451,7 +446,7 @@ def check_part(
         drawn.append(
             Drawn("Range of calibration and check.", drawing(range_figure(calibration, seen)))
         )
-    return Part("check", [verdict], tables, drawn, file_digest(file), shown_warnings(found.notes))
+    return Part("check", [verdict], tables, drawn, file_digest(file), warnings_of(found.notes))
 
 
 def check_table(found: CalibrationCheck, empty: EmptyTreadmill) -> Table:

@@ -20,8 +20,15 @@ from pipeline.figures.joints import Curve, joint_figure
 from pipeline.figures.residuals import legend_below, residual_figure, six_panels
 from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Plate
-from pipeline.io.write import write_text
-from pipeline.report.blocks import TEMPLATES, Table, drawing
+from pipeline.report.blocks import (
+    Block,
+    Drawn,
+    Section,
+    Table,
+    drawing,
+    markup,
+    write_page,
+)
 from pipeline.report.trials import MAX_MARKER_PEAK_MM, NOT_KNOWN, causes, trial_quality
 from pipeline.run.processes import in_processes
 from pipeline.run.program import program_digest
@@ -48,6 +55,10 @@ MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
 MAX_MARKERS: Final = 6
 """In one figure."""
+JOINTS: Final = (
+    "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot strike. "
+    "Internal moments by body mass, positive in the direction in which the angle grows."
+)
 
 
 def write_trial_page(
@@ -100,27 +111,50 @@ def write_trial_page(
     'trial.html'
     """
     name = str(result.name) if result.key else result.source.stem
-    curves = _mean_curves(result)
     bands = explanation.budget.bands if explanation is not None else None
-    page = TEMPLATES.get_template("trial.html").render(
-        name=name,
-        scope=scope(result),
-        study=study,
-        verdict=[*verdict_lines(result)],
-        residuals=drawing(residual_figure(result)),
-        tables=[*result_tables(result)],
-        warnings=warnings_of(result.notes),
-        doubted=[(text, drawing(figure, ".png")) for text, figure in _doubted(result, plates)],
-        joints=drawing(joint_figure(curves, "Joints of the legs, mean ± SD")) if curves else "",
-        causes=causes(name, explanation) if explanation is not None else None,
-        bands=drawing(bands_figure(bands, name)) if bands is not None else "",
-        command=command or f"hbm explain {'RESULTS' if study else result.source.name}",
-        provenance=provenance(result.notes),
-        settings=[(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None],
-        versions=[*result.versions.items()],
-    )
-    write_text(page + key, path)
-    return path
+    found: list[Block] = [] if explanation is None else [*causes(name, explanation)]
+    if bands is not None:
+        text = "Residuals with their 95 % intervals of measurement"
+        found.append(Drawn(text, drawing(bands_figure(bands, name))))
+    command = command or f"hbm explain {'RESULTS' if study else result.source.name}"
+    joints = []
+    if curves := _mean_curves(result):
+        title = "Joints of the legs, mean ± SD"
+        joints.append(Drawn(JOINTS, drawing(joint_figure(curves, title))))
+    doubted = _doubted(result, plates)
+    settings = [(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None]
+    sections = [
+        Section(
+            "residuals",
+            "Residuals",
+            [
+                markup("headline.html", sentences=[*verdict_lines(result)]),
+                Drawn("Pelvis residuals, six axes", drawing(residual_figure(result))),
+                *result_tables(result),
+            ],
+        ),
+        Section(
+            "warnings",
+            "Warnings",
+            [
+                *(warnings_of(result.notes) or ("No warnings.",)),
+                *(Drawn(text, drawing(figure, ".png")) for text, figure in doubted),
+            ],
+        ),
+        Section("joints", "Joints", joints),
+        Section("causes", "Causes", found or [f"Not explained yet: {command} finds the causes."]),
+        Section(
+            "provenance",
+            "Provenance",
+            [
+                Table("How the result was made", ("Item", "Finding"), provenance(result.notes)),
+                Table("Settings", ("Setting", "Value"), settings),
+                Table("Processed with", ("Package", "Version"), [*result.versions.items()]),
+            ],
+        ),
+    ]
+    links = {"Study": study} if study else {}
+    return write_page(path, name, scope(result), sections, links=links, key=key)
 
 
 def write_trial_pages(

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -14,7 +15,7 @@ from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.blocks import TEMPLATES, Check, picture
+from pipeline.report.blocks import Check, Section, markup, picture, write_page
 from pipeline.report.columns import write_columns
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
@@ -53,6 +54,19 @@ from pipeline.statistics.reliability import reliability
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 from pipeline.trial.result import TrialResult
+
+TITLES: Final = {
+    "residuals": "Residuals",
+    "joints": "Joints",
+    "choices": "Does the conclusion depend on the choices?",
+    "tests": "Tests of every residual",
+    "figures": "Figures",
+    "trials": "Trials",
+    "causes": "Causes of the residuals",
+    "methods": "Methods and references",
+    "sources": "Settings, versions and input files",
+}
+"""Section of the page, of which each has a template -> its heading."""
 
 
 def write_report(
@@ -182,10 +196,7 @@ def write_report(
     paragraphs = methods(described, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
-    page = TEMPLATES.get_template("page.html").render(
-        name=source.name or "Study report",
-        scope=_scope(results, design),
-        question=question(design),
+    values = dict(
         design=design,
         windows=windows,
         measurement=missing,
@@ -226,7 +237,12 @@ def write_report(
             for name, field in Settings.model_fields.items()
         },
     )
-    write_text(page, folder / "report.html")
+    titles = {"verdict": question(design), **TITLES}
+    sections = (
+        Section(name, title, [markup(f"{name}.html", **values)]) for name, title in titles.items()
+    )
+    name = source.name or "Study report"
+    write_page(folder / "report.html", name, _scope(results, design), sections)
     if pages:
         for done in write_trial_pages(folder, explained, study, keys):
             announce(f"page of {done}")
