@@ -1,7 +1,7 @@
 """What the page of a report is made of: texts, tables, pictures, and templates that place them."""
 
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -52,6 +52,18 @@ class Table:
     """Name of a row -> address that it links to."""
 
 
+def table_of(
+    caption: str,
+    columns: Mapping[str, Callable[[Any], str | Sequence[Check]]],
+    rows: Iterable[Any],
+    css_class: str = "numbers",
+    legend: str = "",
+) -> Table:
+    """Lay out a table, a row for each of some things: head -> what is written of a thing."""
+    cells = [[write(row) for write in columns.values()] for row in rows]
+    return Table(caption, [*columns], cells, css_class, legend)
+
+
 class Drawn(NamedTuple):
     """A figure as a source inside the page, with its caption."""
 
@@ -65,7 +77,10 @@ Block = str | Text | Table | Drawn | Note
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a page: its name, also in the list of sections, its heading, and what is below."""
+    """A part of a page: its name in the list of sections, its heading, and what is below.
+
+    Without a heading, the first block holds it.
+    """
 
     name: str
     title: str

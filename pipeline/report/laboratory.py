@@ -140,9 +140,10 @@ def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) 
         shown[part.name] = replace(shown.get(part.name, part), verdict=part.verdict)
     write_text(PARTS.dump_json(shown, indent=1).decode(), state)
     in_order = [shown[name] for name in TITLES if name in shown]
-    top = [block for part in in_order for block in (*part.verdict, *part.warnings)]
+    top: list[Block] = []
     sections = [Section("verdict", "Verdict", top)]
     for part in in_order:
+        top += [*part.verdict, *part.warnings]
         folded = [table for table in part.tables if table.css_class == "folded"]
         blocks: list[Block] = [table for table in part.tables if table not in folded]
         blocks += [*part.figures, *folded]

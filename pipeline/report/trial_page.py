@@ -1,6 +1,6 @@
 """The page of one trial: its residuals, warnings, joints, causes and provenance."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -8,27 +8,21 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 from joblib import delayed
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hbm.notes import provenance, warnings_of
+from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import written
 from pipeline.budgets.explanation import Explanation
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.figures.explained import bands_figure
 from pipeline.figures.joints import Curve, joint_figure
-from pipeline.figures.residuals import legend_below, residual_figure, six_panels
+from pipeline.figures.residuals import component_figure, legend_below, residual_figure
 from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Plate
-from pipeline.report.blocks import (
-    Block,
-    Drawn,
-    Section,
-    Table,
-    drawing,
-    markup,
-    write_page,
-)
+from pipeline.report.blocks import Block, Drawn, Section, Table, drawing, markup, write_page
 from pipeline.report.trials import MAX_MARKER_PEAK_MM, NOT_KNOWN, causes, trial_quality
 from pipeline.run.processes import in_processes
 from pipeline.run.program import program_digest
@@ -38,7 +32,6 @@ from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
     HEALTHY_RMS,
-    UNITS,
     marker_table,
     reference_of,
     residual_table,
@@ -117,42 +110,23 @@ def write_trial_page(
         text = "Residuals with their 95 % intervals of measurement"
         found.append(Drawn(text, drawing(bands_figure(bands, name))))
     command = command or f"hbm explain {'RESULTS' if study else result.source.name}"
-    joints = []
-    if curves := _mean_curves(result):
-        title = "Joints of the legs, mean ± SD"
-        joints.append(Drawn(JOINTS, drawing(joint_figure(curves, title))))
-    doubted = _doubted(result, plates)
     settings = [(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None]
-    sections = [
-        Section(
-            "residuals",
-            "Residuals",
-            [
-                markup("headline.html", sentences=[*verdict_lines(result)]),
-                Drawn("Pelvis residuals, six axes", drawing(residual_figure(result))),
-                *result_tables(result),
-            ],
-        ),
-        Section(
-            "warnings",
-            "Warnings",
-            [
-                *(warnings_of(result.notes) or ("No warnings.",)),
-                *(Drawn(text, drawing(figure, ".png")) for text, figure in doubted),
-            ],
-        ),
-        Section("joints", "Joints", joints),
-        Section("causes", "Causes", found or [f"Not explained yet: {command} finds the causes."]),
-        Section(
-            "provenance",
-            "Provenance",
-            [
-                Table("How the result was made", ("Item", "Finding"), provenance(result.notes)),
-                Table("Settings", ("Setting", "Value"), settings),
-                Table("Processed with", ("Package", "Version"), [*result.versions.items()]),
-            ],
-        ),
-    ]
+    blocks: dict[str, Sequence[Block]] = {
+        "Residuals": [
+            markup("headline.html", sentences=[*verdict_lines(result)]),
+            Drawn("Pelvis residuals, six axes", drawing(residual_figure(result))),
+            *result_tables(result),
+        ],
+        "Warnings": [*(warnings_of(result.notes) or ["No warnings."]), *_doubted(result, plates)],
+        "Joints": [*_joints(result)],
+        "Causes": found or [f"Not explained yet: {command} finds the causes."],
+        "Provenance": [
+            Table("How the result was made", ("Item", "Finding"), provenance(result.notes)),
+            Table("Settings", ("Setting", "Value"), settings),
+            Table("Processed with", ("Package", "Version"), [*result.versions.items()]),
+        ],
+    }
+    sections = (Section(title.lower(), title, shown) for title, shown in blocks.items())
     links = {"Study": study} if study else {}
     return write_page(path, name, scope(result), sections, links=links, key=key)
 
@@ -260,44 +234,41 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
     yield Table("Quality", ("Criterion", "Finding"), quality, "trials")
 
 
-def _mean_curves(result: TrialResult) -> list[Curve]:
-    """Give mean and SD of the joints over the gait cycles of both sides."""
-    return [
+def _joints(result: TrialResult) -> Iterator[Drawn]:
+    """Draw mean and SD of the joints over the gait cycles of both sides, where there are any."""
+    curves: list[Curve] = [
         (variant, COLOURS[variant], "-", *mean_and_sd(np.concatenate([*of_sides.values()])))
         for variant, of_sides in joint_curves(result).items()
         if of_sides
     ]
+    if curves:
+        yield Drawn(JOINTS, drawing(joint_figure(curves, "Joints of the legs, mean ± SD")))
 
 
-def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[tuple[str, Figure]]:
+def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
     """Draw the channels of doubted plates, and the errors of markers beyond the guideline."""
     if doubted := [plate for plate in plates if plate.number in result.doubted_plates]:
-        yield (
-            f"Channels of {join_names([f'plate {p.number}' for p in doubted])}, as recorded",
-            (_plate_figure(doubted)),
-        )
+        names = join_names([f"plate {plate.number}" for plate in doubted])
+        figure = _plate_figure(doubted)
+        yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
     errors_mm = marker_table(result)[:-1].sort_values("peak_mm", ascending=False)
-    far = errors_mm.loc[errors_mm["peak_mm"] > MAX_MARKER_PEAK_MM, "marker"][:MAX_MARKERS]
-    if len(far):
-        text = f"Markers more than {MAX_MARKER_PEAK_MM:g} mm from the model: {join_names([*far])}"
-        yield text, _marker_figure(result, [*far])
+    far = [*errors_mm.loc[errors_mm["peak_mm"] > MAX_MARKER_PEAK_MM, "marker"][:MAX_MARKERS]]
+    if far:
+        text = f"Markers more than {MAX_MARKER_PEAK_MM:g} mm from the model: {join_names(far)}"
+        yield Drawn(text, drawing(_marker_figure(result, far), ".png"))
 
 
-def _plate_figure(plates: list[Plate]) -> Figure:
+def _plate_figure(plates: Sequence[Plate]) -> Figure:
     """Draw the six components of plates in their own axes, as recorded, over time."""
-    with mpl.rc_context(STYLE):
-        figure, panels = six_panels()
-        for k, panel in enumerate(panels):
-            for plate, colour in zip(plates, PALETTE, strict=False):
-                time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
-                label = f"plate {plate.number}"
-                panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)
-            panel.set_title(f"{('Fx', 'Fy', 'Fz', 'Mx', 'My', 'Mz')[k]} of the plate", loc="left")
-            panel.set_ylabel(UNITS[k])
-        for panel in panels[3:]:
-            panel.set_xlabel("time (s)")
-        legend_below(figure, panels[0])
-    return figure
+
+    def draw(panel: Axes, k: int) -> None:
+        for plate, colour in zip(plates, PALETTE, strict=False):
+            time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
+            label = f"plate {plate.number}"
+            panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)
+        panel.set_xlabel("time (s)")
+
+    return component_figure(WRENCH_COMPONENTS, draw)
 
 
 def _extremes(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -16,7 +16,6 @@ from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.blocks import Check, Section, markup, picture, write_page
-from pipeline.report.columns import write_columns
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
@@ -43,7 +42,7 @@ from pipeline.report.trials import (
 )
 from pipeline.report.variants import as_conditions, choices, variant_residuals, variant_results
 from pipeline.report.verdict import question, verdict_values
-from pipeline.report.workbook import write_wide_tables
+from pipeline.report.workbook import write_columns, write_wide_tables
 from pipeline.run.job import read_failures
 from pipeline.run.load import Results, collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
@@ -55,18 +54,11 @@ from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 from pipeline.trial.result import TrialResult
 
-TITLES: Final = {
-    "residuals": "Residuals",
-    "joints": "Joints",
-    "choices": "Does the conclusion depend on the choices?",
-    "tests": "Tests of every residual",
-    "figures": "Figures",
-    "trials": "Trials",
-    "causes": "Causes of the residuals",
-    "methods": "Methods and references",
-    "sources": "Settings, versions and input files",
-}
-"""Section of the page, of which each has a template -> its heading."""
+SECTIONS: Final = (
+    *("verdict", "residuals", "joints", "choices", "tests", "figures", "trials", "causes"),
+    *("methods", "sources"),
+)
+"""Of the page; each has a template, which begins with its heading."""
 
 
 def write_report(
@@ -197,6 +189,7 @@ def write_report(
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
     values = dict(
+        question=question(design),
         design=design,
         windows=windows,
         measurement=missing,
@@ -237,10 +230,7 @@ def write_report(
             for name, field in Settings.model_fields.items()
         },
     )
-    titles = {"verdict": question(design), **TITLES}
-    sections = (
-        Section(name, title, [markup(f"{name}.html", **values)]) for name, title in titles.items()
-    )
+    sections = (Section(part, "", [markup(f"{part}.html", **values)]) for part in SECTIONS)
     name = source.name or "Study report"
     write_page(folder / "report.html", name, _scope(results, design), sections)
     if pages:

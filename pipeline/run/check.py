@@ -346,7 +346,7 @@ class _TrialCheck:
         source, doubts = choose_method(recording.events, swings, settings.events)
         self.remark(*warnings_of(doubts))
         events, note = gait_events(recording.events, markers, body.marker_set, source)
-        unknown = not events
+        unknown = note.code == "events_unknown"
         guessed = source in BY_PLATES  # the run's events need poses; these may err
         if unknown and not guessed:
             self.remark(note)
