@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -75,8 +74,7 @@ Block = str | Text | Table | Drawn | Note
 """A sentence, or markup; lines; a table; a figure; a warning."""
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """A part of a page: its name in the list of sections, its heading, and what is below.
 
     Without a heading, the first block holds it.
@@ -88,29 +86,20 @@ class Section:
 
 
 def write_page(
-    path: Path,
-    name: str,
-    scope: str,
-    sections: Iterable[Section],
-    *,
-    what: str = "pelvis residuals",
-    links: Mapping[str, str] = MappingProxyType({}),
-    key: str = "",
+    path: Path, name: str, scope: str, sections: Iterable[Section], study: str = "", key: str = ""
 ) -> Path:
     """Write a page: name, scope, and each section that has something below its heading.
 
-    Links, text -> address, follow the list of sections; the key is a comment at the end.
+    With a link to its study's page, where there is one; the key is a comment at the end.
     """
     shown = [section for section in sections if any(section.blocks)]
-    page = TEMPLATES.get_template("page.html").render(
-        name=name, what=what, scope=scope, sections=shown, links=links
-    )
-    write_text(page + key, path)
+    page = markup("page.html", name=name, scope=scope, sections=shown, study=study)
+    write_text(f"{page}\n{key}", path)
     return path
 
 
 def markup(template: str, **values: Any) -> Markup:
-    """Fill a template of a part of a page."""
+    """Fill the template of a page, or of a part of one."""
     return Markup(TEMPLATES.get_template(template).render(values).strip())
 
 

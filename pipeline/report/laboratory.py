@@ -149,7 +149,7 @@ def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) 
         blocks += [*part.figures, *folded]
         sections.append(Section(part.name, TITLES[part.name], blocks))
     scope = "Record of the treadmill and its force plates"
-    return write_page(page, "Laboratory", scope, sections, what="treadmill and force plates")
+    return write_page(page, "Laboratory", scope, sections)
 
 
 def page_of_study(study: Study, folder: Path) -> str | None:
@@ -542,25 +542,26 @@ def of_checks(checks: pd.DataFrame, what: str) -> dict[str, Array]:
 
 def history_table(checks: pd.DataFrame) -> Table:
     """Give day, recording and largest values by their limits, a row per check."""
-    columns = []
-    for what, limits in (("left", MAX_LEFT), ("zero change", MAX_ZERO_CHANGE)):
-        plates, cells = of_checks(checks, what), []
-        for n in range(len(checks)):
-            sizes = [
-                (abs(value) / limit, f"{plate} {name} {written(value, '.2f')} {unit}")
-                for plate, values in plates.items()
-                for value, limit, name, unit in zip(
-                    *(values[n], limits, WRENCH_COMPONENTS, UNITS), strict=True
-                )
-                if np.isfinite(value)
-            ]
-            cells.append(max(sizes, default=(0.0, "–"))[1])
-        columns.append(cells)
+    heads = ("Day", "Recording", "Calibration", "Largest RMS below 6 Hz", "Largest change of zero")
+    largest = _largest(checks, "left", MAX_LEFT), _largest(checks, "zero change", MAX_ZERO_CHANGE)
     valid, not_valid = [("pass", "valid", "")], [("fail", "not valid", "")]
     ratings = [valid if check else not_valid for check in checks["valid"]]
-    rows = [*zip(checks["day"], checks["recording"], ratings, *columns, strict=True)]
-    heads = ("Day", "Recording", "Calibration", "Largest RMS below 6 Hz", "Largest change of zero")
+    rows = [*zip(checks["day"], checks["recording"], ratings, *largest, strict=True)]
     return Table("Checks by day; largest: in relation to the limit", heads, rows)
+
+
+def _largest(checks: pd.DataFrame, what: str, limits: Array) -> list[str]:
+    """Write the component of each check that is largest by its limit; a dash where none is."""
+    plates = of_checks(checks, what)
+    values = np.hstack([np.empty((len(checks), 0)), *plates.values()])
+    names = [f"{plate} {component}" for plate in plates for component in WRENCH_COMPONENTS]
+    if not names:
+        return ["–"] * len(checks)
+    sizes = np.nan_to_num(np.abs(values) / np.tile(limits, len(plates)), nan=-1.0)
+    return [
+        f"{names[k]} {written(row[k], '.2f')} {UNITS[k % len(UNITS)]}" if size[k] >= 0 else "–"
+        for row, size, k in zip(values, sizes, sizes.argmax(axis=1), strict=True)
+    ]
 
 
 def history_figure(calibration: Path) -> Figure:
@@ -570,8 +571,8 @@ def history_figure(calibration: Path) -> Figure:
     remaining, by_new, zero = (
         of_checks(checks, what) for what in ("left", "by new fit", "zero change")
     )
-    current = (checks["calibration_sha256"] == digest).to_numpy()
-    valid = checks["valid"].to_numpy(bool)
+    faces = checks["calibration_sha256"] == digest  # hollow: of an earlier calibration
+    markers = checks["valid"].map({True: "o", False: "X"})
     shown = {
         "removed by a new fit / allowed": {
             plate: np.sqrt(np.maximum(values**2 - by_new[plate] ** 2, 0)) / (MAX_GAIN * MAX_LEFT)
@@ -589,10 +590,9 @@ def history_figure(calibration: Path) -> Figure:
                 colour, linestyle = condition_style(n)
                 worst = of_plate.max(axis=1)
                 panel.plot(days, worst, color=colour, ls=linestyle, lw=1, label=plate)
-                for marker, of_kind in (("o", valid), ("X", ~valid)):
-                    for drawn, face in ((current & of_kind, colour), (~current & of_kind, "none")):
-                        look = {"color": colour, "mfc": face, "ms": 7, "ls": "none"}
-                        panel.plot(days[drawn], worst[drawn], marker=marker, **look)
+                for day, size, marker, filled in zip(days, worst, markers, faces, strict=True):
+                    face = colour if filled else "none"
+                    panel.plot(day, size, color=colour, marker=marker, mfc=face, ms=7)
             panel.axhline(1, color="black", ls=":", lw=0.9)
             panel.set_ylim(bottom=0)
             panel.set_title(title, loc="left")

@@ -127,8 +127,7 @@ def write_trial_page(
         ],
     }
     sections = (Section(title.lower(), title, shown) for title, shown in blocks.items())
-    links = {"Study": study} if study else {}
-    return write_page(path, name, scope(result), sections, links=links, key=key)
+    return write_page(path, name, scope(result), sections, study, key)
 
 
 def write_trial_pages(

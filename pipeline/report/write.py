@@ -123,9 +123,7 @@ def write_report(
     if study is not None and study.variants:
         announce("collecting the variants")
         of_variants |= variant_results(folder, study)
-    write_csv(results.residuals, folder / "residuals.csv")
-    write_csv(results.by_cycle, folder / "cycles.csv")
-    write_csv(results.joints, folder / "joints.csv")
+    tables = {"residuals": results.residuals, "cycles": results.by_cycle, "joints": results.joints}
     _write_parquet(results.joint_cycles, folder / "joint_cycles.parquet")
     described = results
     if study is not None and study_design(study.file).factor == VARIANT:
@@ -139,7 +137,7 @@ def write_report(
     compared = design.comparable(headline)
     sensitivity = None
     if len(of_variants) > 1:
-        write_csv(variant_residuals(of_variants, design), folder / "variants.csv")
+        tables["variants"] = variant_residuals(of_variants, design)
         if design.factor != VARIANT:
             sensitivity = choices(of_variants, design)
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
@@ -149,22 +147,21 @@ def write_report(
     write_wide_tables(folder, results.residuals, results.joints, people, design)
     repeated = reliability(repeated_values(compared, results.joints))
     if len(repeated):
-        write_csv(repeated, folder / "reliability.csv")
+        tables["reliability"] = repeated
     announce("comparing curves")
     curves = differing_curves(results.cycles, results.joint_cycles, design)
-    write_csv(curves, folder / "curves.csv")
     explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
     table = table_3(results.residuals, tests, design, measurement)
     windows = windows_sentence(results.residuals)
     windows = f"{windows} {recordings_sentence(results.residuals, design)}".strip()
-    write_csv(tests, folder / "statistics.csv")
-    write_csv(table, folder / "table_3.csv")
     below = "\n".join(filter(None, (windows, missing)))
     write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
     found = verdicts(results.residuals, design, measurement, compared)
-    write_csv(plan_table(found, design), folder / "plan.csv")
+    tables |= {"curves": curves, "statistics": tests, "table_3": table}
+    for file, shown in {**tables, "plan": plan_table(found, design)}.items():
+        write_csv(shown, folder / f"{file}.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
     _write_parquet(results.cycles, folder / "cycles.parquet")
     write_columns(folder)
