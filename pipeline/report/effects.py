@@ -146,9 +146,9 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
     """Give planned pairs with effect sizes and both Wilcoxon p-values side by side."""
     corrected, of_pairs = _of_correction(tests, design), []
     for first, second in design.pairs:
-        pair = tests["effect"] == f"{first} - {second}"
-        if of_pair := _by(corrected[pair], "test"):
-            sizes = tests[pair & (tests["test"] == "estimate")]
+        pair = f"{first} - {second}"
+        if of_pair := _by(corrected[corrected["effect"] == pair], "test"):
+            sizes = tests[(tests["effect"] == pair) & (tests["test"] == "estimate")]
             of_pairs.append(of_pair | _by(sizes, "effect_size_name"))
     columns: dict[str, Callable[[Any], str]] = {
         "Pair": lambda of: of["Wilcoxon exact"].effect.replace(" - ", " − "),
