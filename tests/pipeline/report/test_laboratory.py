@@ -216,9 +216,9 @@ def test_a_check_leaves_tables_and_figures_of_the_fit_and_a_new_fit_drops_the_ch
 
     assert details(page_of(checked)) == details(page_of(fitted))
     folder = shutil.copytree(checked, tmp_path / "lab")
-    write_laboratory(
-        folder, Part("plates", [Table("Left <plate>", ("Question", "Answer"), [("A", "B")])])
-    )
+    verdict = Table("Left <plate>", ("Question", "Answer"), [("A", "B")])
+    errors = Table("Errors", ("Plate", "Error"), [("left", "1 N")])
+    write_laboratory(folder, Part("plates", [verdict], [errors]))
     assert {"calibration", "check", "plates"} <= set(
         re.findall(r'<section id="(\w+)"', page_of(folder))
     )
