@@ -222,9 +222,9 @@ def build_body(
             overrides[foot] = replace(override, worn=shoe)
     elif shoe_mass_kg is None and overrides.keys().isdisjoint(FEET):
         notes.append(Note.of("no_shoes"))
-    if rules:
-        of_rules = tuple(f"{missing} ({rule})" for missing, rule in rules.items())
-        notes.append(Note.of("landmarks_substituted", rules=of_rules))
+    landmark_rules = tuple(f"{missing} ({rule})" for missing, rule in rules.items())
+    if landmark_rules:
+        notes.append(Note.of("landmarks_substituted", rules=landmark_rules))
     body = Body(
         mass=float(mass),
         sex=sex,
@@ -239,6 +239,7 @@ def build_body(
         lengths=lengths,
         locked=_never_shown(set(segments)),
         notes=tuple(notes),
+        landmark_rules=landmark_rules,
     )
     body = replace(body, notes=(*notes, *mass_not_shown(body, undetermined(body, markers)[1])))
     if not still:

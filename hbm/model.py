@@ -84,6 +84,8 @@ class Body:
         Coordinates that none of the markers depends on; they stay at zero.
     notes
         What was estimated or substituted.
+    landmark_rules
+        Landmarks without markers, and what replaced each, for texts.
 
     Examples
     --------
@@ -113,6 +115,7 @@ class Body:
     lengths: Mapping[str, float]
     locked: tuple[str, ...]
     notes: tuple[Note, ...]
+    landmark_rules: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         expected = (len(self.markers), 3)

@@ -1,5 +1,6 @@
 """The project as a whole: public names, imports, packaging, and its texts."""
 
+import ast
 import re
 import shlex
 import shutil
@@ -128,6 +129,47 @@ def test_no_text_names_a_machine_or_an_index():
         for hit in unwanted.finditer(text)
     ]
     assert found == []
+
+
+SHOW_NOTES = {
+    *("hbm/notes.py", "pipeline/cli/terminal.py", "pipeline/viewer/trial.py"),
+    "pipeline/report/blocks.py",
+}
+"""They write notes for people."""
+READ_NOTES = {
+    *(f"pipeline/trial/{name}.py" for name in ("checks", "plate_faults", "process")),
+    *(f"pipeline/trial/{name}.py" for name in ("subject", "window")),
+    *("pipeline/live/light.py", "pipeline/live/monitor.py", "pipeline/run/check.py"),
+}
+"""They still decide by notes; to become empty."""
+
+
+def reads_of_notes(text):
+    """Lines that read a note's code, or its values by name; examples in docstrings are none."""
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Attribute(value=ast.Name(id="self" | "error")):
+                continue
+            case (
+                ast.Attribute(attr="code", ctx=ast.Load())
+                | ast.Subscript(ast.Attribute(attr="values"), ast.Constant(str()))
+                | ast.Attribute(ast.Attribute(attr="values"), "get" | "items" | "keys" | "values")
+                | ast.Call(ast.Name("dict"), [ast.Attribute(attr="values")])
+            ):
+                yield node.lineno
+
+
+def test_notes_are_written_for_people_and_no_code_decides_by_them():
+    plain = "if note.code == 'legs_differ':\n    kg = notes[0].values['mass_kg']\n"
+    assert [*reads_of_notes(plain)] == [1, 2]
+    assert [*reads_of_notes("samples.values[:, 0]; table.values; 'note.code'")] == []
+    found = {
+        path.relative_to(ROOT).as_posix(): lines
+        for package in PACKAGES
+        for path in sorted((ROOT / package).rglob("*.py"))
+        if (lines := [*reads_of_notes(path.read_text(encoding="utf-8"))])
+    }
+    assert {n: lines for n, lines in found.items() if n not in SHOW_NOTES | READ_NOTES} == {}
 
 
 def test_type_checkers_find_the_packages_where_they_are_installed(tmp_path):

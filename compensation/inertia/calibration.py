@@ -111,16 +111,22 @@ class Calibration:
         return {name: left_over(model) for name, model in self.in_use.items()}
 
     @property
-    def notes(self) -> tuple[Note, ...]:
-        """What to know wherever it is used: plates that were loaded, and the verdict."""
-        notes, loads = [], {}
+    def loads_n(self) -> dict[str, float]:
+        """Plate -> mean force on it, of the plates that were loaded or not zeroed [N]."""
+        loads_n = {}
         for name, model in self.in_use.items():
             k = len(model.acceleration_mean)  # differences have no mean
             mean = model.acceleration_mean @ model.gain[:k, :3] + model.gain[-1, :3]
-            if (force := float(np.linalg.norm(mean))) > MIN_LOAD_N:
-                loads[name] = force
-        if loads:
-            notes.append(Note.of("calibration_loaded", force_n=loads))
+            if (force_n := float(np.linalg.norm(mean))) > MIN_LOAD_N:
+                loads_n[name] = force_n
+        return loads_n
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What to know wherever it is used: plates that were loaded, and the verdict."""
+        notes = []
+        if self.loads_n:
+            notes.append(Note.of("calibration_loaded", force_n=self.loads_n))
         beyond = [
             f"{plate} {row.component} {row.left:.1f} {row.unit} (limit {row.limit:.1f})"
             for plate, rows in self.verdict.items()

@@ -119,14 +119,6 @@ def lightest_kg(rows: Iterable[LeftOver]) -> float:
     return PERSON_KG * max(row.left / row.limit for row in rows)
 
 
-OF_CALIBRATION: Final = (
-    "calibration_loaded",
-    "calibration_leaves_much",
-    "calibration_of_earlier_version",
-)
-"""Codes of notes on a calibration that hold for everything that uses it."""
-
-
 def refuse_unusable(plates: Mapping[str, InertiaModel]) -> None:
     """Refuse a recording that is no calibration: nothing was commanded, or somebody was on it.
 

@@ -13,7 +13,7 @@ from compensation.delay import sensor_delays
 from compensation.inertia.model import InertiaModel, Setup, sensor_names
 from compensation.inputs import read_table
 from hbm.notes import Note
-from hbm.spatial import GRAVITY_MPS2, Array
+from hbm.spatial import GRAVITY_MPS2, Array, Mask
 
 QUANTILE_95: Final = 1.96
 RIGID_DIRECTIONS: Final = 5
@@ -175,10 +175,6 @@ class SensorFault(StrEnum):
     BEYOND_RANGE = "calibration_range_exceeded"
 
 
-FAULTS: Final = tuple(SensorFault)[:-1]
-"""After which nothing else of an accelerometer is worth comparing."""
-
-
 def check_trial(
     model: InertiaModel, accelerations: ArrayLike, range_g: float = 2.0
 ) -> tuple[Note, ...]:
@@ -235,6 +231,39 @@ def sensor_faults(
     still = (a == a[0]).all(axis=0)
     dead = np.abs(np.log(np.maximum(size, TINY) / GRAVITY_MPS2)) >= np.log(GRAVITY_FACTOR)
     dead |= still.reshape(-1, 3).any(axis=1) & ~still.all()
+    faults = _faulty(model, a, readings, size, dead, range_g)
+    low, high = model.acceleration_low, model.acceleration_high
+    margin = MAX_EXCESS_SHARE * (high - low)
+    outside = (a < low - margin) | (a > high + margin)
+    outside[:, np.repeat(dead, 3)] = False
+    if outside.any():
+        worst = int(np.argmax(outside.mean(axis=0)))
+        faults[SensorFault.BEYOND_RANGE] = {
+            "share": float(np.mean(outside.any(axis=1))),
+            "channel": f"{names[worst // 3]} {'xyz'[worst % 3]}",
+            "low_mps2": a[:, worst].min(),
+            "high_mps2": a[:, worst].max(),
+            "calibrated_low_mps2": low[worst],
+            "calibrated_high_mps2": high[worst],
+        }
+    return faults
+
+
+def faulty_sensors(model: InertiaModel, accelerations: Array, range_g: float) -> tuple[Note, ...]:
+    """Name the sensors that are dead, clipped, turned or swapped; parameters as `check_trial`."""
+    faults = sensor_faults(model, accelerations, range_g)
+    return tuple(
+        Note.of(fault, **values)
+        for fault, values in faults.items()
+        if fault is not SensorFault.BEYOND_RANGE
+    )
+
+
+def _faulty(
+    model: InertiaModel, a: Array, readings: Array, size: Array, dead: Mask, range_g: float
+) -> dict[SensorFault, dict[str, Any]]:
+    """Find sensors that are dead; where none is, those that are clipped, turned or swapped."""
+    names = model.sensors
     if dead.any():
         sensors = {names[k]: size[k] for k in np.flatnonzero(dead)}
         return {SensorFault.DEAD: {"sensors": sensors, "gravity_mps2": GRAVITY_MPS2}}
@@ -252,19 +281,6 @@ def sensor_faults(
         faults[SensorFault.TURNED] = {"angles_deg": angles}
     elif swapped := _swapped(model, a):
         faults[SensorFault.SWAPPED] = {"first": swapped[0], "second": swapped[1]}
-    low, high = model.acceleration_low, model.acceleration_high
-    margin = MAX_EXCESS_SHARE * (high - low)
-    outside = (a < low - margin) | (a > high + margin)
-    if outside.any():
-        worst = int(np.argmax(outside.mean(axis=0)))
-        faults[SensorFault.BEYOND_RANGE] = {
-            "share": float(np.mean(outside.any(axis=1))),
-            "channel": f"{names[worst // 3]} {'xyz'[worst % 3]}",
-            "low_mps2": a[:, worst].min(),
-            "high_mps2": a[:, worst].max(),
-            "calibrated_low_mps2": low[worst],
-            "calibrated_high_mps2": high[worst],
-        }
     return faults
 
 

@@ -85,10 +85,17 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     """
     if not motion.converged.any():
         return ()
-    held, segments = undetermined(body, seen_markers(motion))
-    names = tuple(np.array(COORDINATES)[held].tolist())
+    names, (_, segments) = held_coordinates(body, motion), undetermined(body, seen_markers(motion))
     notes = [Note.of("coordinates_held", coordinates=names)] if names else []
     return (*notes, *(n for n in mass_not_shown(body, segments) if n not in body.notes))
+
+
+def held_coordinates(body: Body, motion: Motion) -> tuple[str, ...]:
+    """Name the coordinates that markers show more weakly than posture does, or not at all."""
+    if not motion.converged.any():
+        return ()
+    held, _ = undetermined(body, seen_markers(motion))
+    return tuple(np.array(COORDINATES)[held].tolist())
 
 
 RANGE_DEG: Final = {

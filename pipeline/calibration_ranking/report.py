@@ -28,9 +28,9 @@ from pipeline.calibration_ranking.verdict import (
 )
 from pipeline.figures.style import save_figure
 from pipeline.io.write import write_csv
-from pipeline.report.blocks import Table, drawing
+from pipeline.report.blocks import Drawn, Table, drawing
 from pipeline.report.empty_treadmill import time_figure
-from pipeline.report.laboratory import Drawn, Part, frame_table
+from pipeline.report.laboratory import Part, frame_table
 
 THESIS_NAMES: Final = {"Fx": "Fz", "Fy": "Fx", "Fz": "Fy", "Mx": "Mz", "My": "Mx", "Mz": "My"}
 """Components in lab directions (x forward, y left, z up) -> the thesis' (x right, y up, z back)."""

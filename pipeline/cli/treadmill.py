@@ -29,13 +29,13 @@ def say_parts(
 
     Those of ``verdicts`` are on the page alone.
     """
-    from pipeline.report.laboratory import write_page
+    from pipeline.report.laboratory import write_laboratory
 
     for part in parts:
         numbers = (block for block in part.tables if block.css_class == "numbers")
         for block in (*part.verdict, *numbers):
             print_block(block, console, narrow=True)
-    console.say(f"page: {write_page(folder, *parts, verdicts=verdicts)}")
+    console.say(f"page: {write_laboratory(folder, *parts, verdicts=verdicts)}")
 
 
 @takes(RecordingRequest)

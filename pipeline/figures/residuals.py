@@ -1,6 +1,6 @@
 """Residuals of one trial, over the gait cycle or over time, and the labels of the panels."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 import matplotlib as mpl
@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hbm.spatial import Array
+from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.schema import NOUNS
 from pipeline.figures.style import COLOURS, STYLE, draw_band
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
@@ -77,6 +77,22 @@ def six_panels(size_inch: tuple[float, float] = (9, 5)) -> tuple[Figure, Sequenc
     """Give a figure of six panels: forces above, moments below."""
     figure = Figure(figsize=size_inch, layout="constrained")
     return figure, figure.subplots(2, 3, sharex=True).ravel()
+
+
+def component_figure(
+    components: Sequence[str], draw: Callable[[Axes, int], None], per: str = ""
+) -> Figure:
+    """Lay out a panel per component of a wrench; `draw` fills it."""
+    rows = 1 + (len(components) > 3)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9, 2.5 * rows + 0.3), layout="constrained")
+        panels = figure.subplots(rows, -(-len(components) // rows), squeeze=False).ravel()
+        for k, (panel, component) in enumerate(zip(panels, components, strict=True)):
+            draw(panel, k)
+            panel.set_title(component, loc="left")
+            panel.set_ylabel(f"{UNITS[WRENCH_COMPONENTS.index(component)]}{per}")
+        legend_below(figure, panels[0])
+    return figure
 
 
 def _over_cycle(result: TrialResult) -> Figure:

@@ -188,7 +188,7 @@ def settle_axes(
     plate_normals: ArrayLike = (),
     plate_forces: ArrayLike = (),
     screen_up: str = "",
-    by: str = "",
+    by: str = "as given",
     file: str = "",
 ) -> tuple[str, list[Note | Fact]]:
     """Infer the axes of a recording, or check those that a person or a program states.
@@ -211,7 +211,7 @@ def settle_axes(
     screen_up
         The file's own Y_SCREEN hint, such as "+Z"; empty where it gives none.
     by
-        The program whose files have the stated axes; empty where a person states them.
+        Why the stated axes hold, in words; empty not to note them.
     file
         Name of the recording, for options that exchange its labels.
 
@@ -265,8 +265,9 @@ def settle_axes(
             "wrong, or the plate stores the force that acts on itself"
             + (f"; then give {correction(*pulling)}" if pulling else "")
         )
-    shown = f"as {by} defines them" if by else "as given"
-    notes: list[Note | Fact] = [Note.of("axes", axes=split_axes(axes), evidence=shown)]
+    notes: list[Note | Fact] = []
+    if by:
+        notes.append(Note.of("axes", axes=split_axes(axes), evidence=by))
     try:
         left, pairs, doubts = _infer_left(position, sites, up, file)
     except AxesUnknownError:

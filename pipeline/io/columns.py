@@ -15,8 +15,8 @@ from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import join_trajectories, rename_markers, require_unique, without_prefixes
-from pipeline.io.recording import Fact, Plate, Recording, saying
-from pipeline.io.stated import CONVERT, Stated, impossible_samples, parse_mending
+from pipeline.io.recording import Fact, Plate, Recording, impossible_samples, saying
+from pipeline.io.stated import CONVERT, Stated, parse_mending
 from pipeline.io.units import LENGTHS, length_in_m
 
 MIN_SPAN_M: Final = 0.05
@@ -62,12 +62,15 @@ class FileMarkers:
         Of positions, as the file writes it.
     notes
         On labels, and what was joined or made gaps.
+    absent
+        Labels to rename that are not there.
     """
 
     names: tuple[str, ...]
     position: Array
     unit: str
     notes: Sequence[Note | Fact]
+    absent: tuple[str, ...] = ()
 
 
 def file_markers(
@@ -125,11 +128,11 @@ def settle_markers(
     columns, joined = join_trajectories(labels, position, stated)
     said += joined
     with saying(said):
-        markers, renamed = rename_markers(columns, stated)
+        markers, renamed, absent = rename_markers(columns, stated)
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
         _require_extent(position, stated.units or unit)
-    return FileMarkers(tuple(markers), position, unit, [*said, *renamed])
+    return FileMarkers(tuple(markers), position, unit, [*said, *renamed], absent)
 
 
 def without_impossible_positions(
@@ -345,7 +348,7 @@ def recording_of(
             plate_normals=[plate.rotation[:, 2] for plate in witnesses],
             plate_forces=forces,
             screen_up=screen_up,
-            by=program if stated.axes is None else "",
+            by=f"as {program} defines them" if stated.axes is None else stated.axes_by,
             file=source.name,
         )
         to_lab = parse_axes(settled)
@@ -379,6 +382,7 @@ def recording_of(
             plates=tuple(sorted(made, key=lambda plate: plate.number)),
             stated=stated,
             axes=split_axes(settled),
+            labels_absent=markers.absent,
             facts=tuple(each for each in said if isinstance(each, Fact)),
             notes=tuple(each.note if isinstance(each, Fact) else each for each in said),
             **others,

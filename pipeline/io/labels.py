@@ -238,18 +238,18 @@ def free_name(name: str, taken: Container[str]) -> str:
 
 def rename_markers(
     markers: Mapping[str, int], stated: Stated
-) -> tuple[dict[str, int], list[Note | Fact]]:
+) -> tuple[dict[str, int], list[Fact], tuple[str, ...]]:
     """Give markers, label -> index, the labels wanted; labels that are not renamed stay.
 
     Where no marker set is stated and labels are of none, those with the same letters are read as
-    one's, such as L_ASI and Left ASI as LASI; a fact says so. The note ``labels_not_renamed`` names
-    labels to rename that are not there. A ValueError where two labels become the same, or none is
+    one's, such as L_ASI and Left ASI as LASI; a fact says so. Also gives the labels to rename that
+    are not there. A ValueError where two labels become the same, or none is
     of the stated marker set.
     """
     names = _renamed(markers, stated)
     require_unique(names, "renaming gives several markers the same label")
-    absent = [short(name) for name in stated.rename if name not in markers and name[-1:] != "*"]
-    notes: list[Note | Fact] = [Note.of("labels_not_renamed", labels=absent)] if absent else []
+    absent = (short(name) for name in stated.rename if name not in markers and name[-1:] != "*")
+    facts: list[Fact] = []
     table = stated.marker_set
     if table is not None and names and not table.present(names).markers:
         raise ValueError(
@@ -261,8 +261,8 @@ def rename_markers(
         names = [alike.get(name, name) for name in names]
         pairs = listed(f"{short(name)} as {label}" for name, label in alike.items())
         reason = f"{len(alike)} have the letters of a marker set's: {pairs}"
-        notes.append(Fact("corrected", "labels", reason))
-    return dict(zip(names, markers.values(), strict=True)), notes
+        facts.append(Fact("corrected", "labels", reason))
+    return dict(zip(names, markers.values(), strict=True)), facts, tuple(absent)
 
 
 def _renamed(names: Collection[str], stated: Stated) -> list[str]:

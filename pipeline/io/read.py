@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from hbm.notes import Note
 from pipeline.io.axes import AxesUnknownError
 from pipeline.io.c3d.data import KEY
 from pipeline.io.c3d.read import read_c3d_file
@@ -107,11 +106,9 @@ def read_recording(
                 raise
         with naming(static):
             axes = READERS[kind](static, stated.of_file(static.name)).axes
-        there = replace(stated.of_file(path.name), axes=",".join(axes))
-        recording = with_mended_plates(READERS[kind](path, there, *beside))
-    evidence = f"as in the static recording {static.name}; this recording does not show them itself"
-    others = (note for note in recording.notes if note.code != "axes")
-    return replace(recording, notes=(Note.of("axes", axes=axes, evidence=evidence), *others))
+        by = f"as in the static recording {static.name}; this recording does not show them itself"
+        there = replace(stated.of_file(path.name), axes=",".join(axes), axes_by=by)
+        return with_mended_plates(READERS[kind](path, there, *beside))
 
 
 def file_format(path: Path) -> str:

@@ -1,11 +1,11 @@
 """Types of what a file holds once it has been read."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Literal, SupportsInt
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from hbm.spatial import Array, read_only, transform_wrench
 from hbm.spelling import listed
 from pipeline.io.stated import Stated
 
-FactKind = Literal["joined", "left_out", "missing", "corrected", "in_doubt"]
+Doubt = Literal["in_doubt", "impossible_samples", "rename_without_label"]
+FactKind = Literal["joined", "left_out", "missing", "corrected", Doubt]
 """What was done on reading, or is in doubt; also the codes of their notes."""
 
 
@@ -55,17 +56,26 @@ class Fact:
         return self.note.text
 
 
-FOLLOWED: Final = ("impossible_samples", "rename_without_label")
-"""Codes of notes on reading that a later error may follow from."""
+def impossible_samples(names: Sequence[str], counts: Iterable[SupportsInt]) -> list[Fact]:
+    """Say how many samples of which channels were made gaps; nothing where there are none."""
+    of = {name: int(n) for name, n in zip(names, counts, strict=True) if int(n)}
+    if not of:
+        return []
+    total = sum(of.values())
+    what = f"{total} samples that cannot have been measured are gaps"
+    if total == 1:
+        what = "1 sample that cannot have been measured is a gap"
+    channels = ", ".join(f"{name} {count}" for name, count in of.items())
+    return [Fact("impossible_samples", channels, what)]
 
 
 @contextmanager
 def saying(said: Iterable[Note | Fact]) -> Iterator[None]:
-    """Add to a later error the facts found on reading, and such notes: it may be a consequence."""
+    """Add to a later error the facts found on reading: it may be a consequence."""
     try:
         yield
     except ValueError as error:
-        for fact in dict.fromkeys(s for s in said if isinstance(s, Fact) or s.code in FOLLOWED):
+        for fact in dict.fromkeys(each for each in said if isinstance(each, Fact)):
             if str(fact) not in str(error):
                 error.add_note(f"on reading, {fact}")
         raise
@@ -286,6 +296,8 @@ class Recording:
         What a person stated about the file when it was read.
     axes
         Lab directions of the file's x, y and z, as they were stated or inferred.
+    labels_absent
+        Labels to rename that the file does not have.
     forces_beside
         Of a format without plates: the file beside it that seems to hold them, if there is one.
     facts
@@ -313,6 +325,7 @@ class Recording:
     compensation: Compensation | None = None
     stated: Stated = field(default_factory=Stated)
     axes: tuple[str, ...] = ()
+    labels_absent: tuple[str, ...] = ()
     forces_beside: Path | None = None
     facts: tuple[Fact, ...] = ()
     notes: tuple[Note, ...] = ()

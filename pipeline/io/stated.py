@@ -1,10 +1,10 @@
 """What a person states about files; it is used instead of what a file says or leaves out."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Final, Literal, SupportsInt
+from typing import Final, Literal
 
 import numpy as np
 
@@ -99,10 +99,12 @@ class Stated:
     ----------
     axes
         Lab directions of the files' x, y and z axis, such as "left,back,up".
+    axes_by
+        Why these, in words; empty for axes that are tried and not to be noted.
     rename
-        Label in the files, without subject prefix -> label wanted. A label that a file does not
-        have is a note. "static.c3d:LASI" is a label of that file alone, and "L*" -> "R*" all
-        labels that begin with L where there is one that begins with R instead.
+        Label in the files, without subject prefix -> label wanted. A file may lack it
+        (`Recording.labels_absent`). "static.c3d:LASI" is a label of that file alone, and "L*" ->
+        "R*" all labels that begin with L where there is one that begins with R instead.
     mend_plates
         What is done to single plates, such as "2: turn 90" (`pipeline.io.mended_plates`).
     label_prefix
@@ -126,6 +128,7 @@ class Stated:
     """
 
     axes: str | None = None
+    axes_by: str = field(default="as given", kw_only=True)
     rename: Mapping[str, str] = field(default_factory=dict, hash=False)
     label_prefix: str | None = None
     units: str | None = None
@@ -199,12 +202,6 @@ def without_impossible(values: Array) -> Indices:
     impossible = np.abs(values) > MAX_VALUE
     values[impossible] = np.nan
     return np.asarray(impossible.sum(axis=tuple(range(1, values.ndim))))
-
-
-def impossible_samples(names: Sequence[str], counts: Iterable[SupportsInt]) -> list[Note]:
-    """Note how many samples of which channels were made gaps; no note where there are none."""
-    of = {name: int(n) for name, n in zip(names, counts, strict=True) if int(n)}
-    return [Note.of("impossible_samples", samples=sum(of.values()), of_channel=of)] if of else []
 
 
 def as_stated(stated: Stated | str | None) -> Stated:

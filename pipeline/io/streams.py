@@ -188,7 +188,7 @@ def marker_layout(
     labels, columns, unit = marker_channels(channels)
     bare, _ = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
     require_unique(bare.values(), "several markers have the same label")
-    markers, _ = rename_markers({label: k for k, label in bare.items()}, stated)
+    markers, *_ = rename_markers({label: k for k, label in bare.items()}, stated)
     wanted, metre = columns[[*markers.values()]], stated.metre(unit)
 
     def positions(values: Array) -> Array:

@@ -27,8 +27,8 @@ from pipeline.io.columns import (
     recording_of,
 )
 from pipeline.io.input_file import open_file
-from pipeline.io.recording import Analog, Fact, Recording
-from pipeline.io.stated import Stated, impossible_samples, without_impossible
+from pipeline.io.recording import Analog, Fact, Recording, impossible_samples
+from pipeline.io.stated import Stated, without_impossible
 from pipeline.io.streams import (
     Channel,
     Clock,
@@ -272,7 +272,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
             continue
         channels = other.described
         lost = without_impossible(other.values.T)
-        notes += impossible_samples([channel.label for channel in channels], lost)
+        facts += impossible_samples([channel.label for channel in channels], lost)
         time, samples = steady.time - clock.start_s, steady.on_most_frames(other.values)
         plates, absent = find_plates(other.info, channels)
         facts += [

@@ -27,8 +27,8 @@ from pipeline.plate_accuracy.accuracy import (
 from pipeline.plate_accuracy.response import PEAK, PlateResponse
 from pipeline.plate_accuracy.trials import LOADED_SHARE, SLOW_CUTOFF_HZ, THESIS_FILTER, WeightTrial
 from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
-from pipeline.report.blocks import Check, Table, drawing
-from pipeline.report.laboratory import Drawn, Part, frame_table
+from pipeline.report.blocks import Check, Drawn, Table, drawing
+from pipeline.report.laboratory import Part, frame_table
 from pipeline.run.job import file_digest
 
 CALIBRATION: Final = "plate_calibration.json"

@@ -1,18 +1,20 @@
 """What the page of a report is made of: texts, tables, pictures, and templates that place them."""
 
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from hbm.notes import provenance, warnings_of
+from hbm.notes import Note, provenance, warnings_of
 from pipeline.figures.style import DPI, in_style
+from pipeline.io.write import write_text
 from pipeline.statistics.verdict import join_names
 
 MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -47,6 +49,58 @@ class Table:
     legend: str = ""
     links: Mapping[str, str] = field(default_factory=dict)
     """Name of a row -> address that it links to."""
+
+
+def table_of(
+    caption: str,
+    columns: Mapping[str, Callable[[Any], str | Sequence[Check]]],
+    rows: Iterable[Any],
+    css_class: str = "numbers",
+    legend: str = "",
+) -> Table:
+    """Lay out a table, a row for each of some things: head -> what is written of a thing."""
+    cells = [[write(row) for write in columns.values()] for row in rows]
+    return Table(caption, [*columns], cells, css_class, legend)
+
+
+class Drawn(NamedTuple):
+    """A figure as a source inside the page, with its caption."""
+
+    caption: str
+    source: str
+
+
+Block = str | Text | Table | Drawn | Note
+"""A sentence, or markup; lines; a table; a figure; a warning."""
+
+
+class Section(NamedTuple):
+    """A part of a page: its name in the list of sections, its heading, and what is below.
+
+    Without a heading, the first block holds it.
+    """
+
+    name: str
+    title: str
+    blocks: Sequence[Block]
+
+
+def write_page(
+    path: Path, name: str, scope: str, sections: Iterable[Section], study: str = "", key: str = ""
+) -> Path:
+    """Write a page: name, scope, and each section that has something below its heading.
+
+    With a link to its study's page, where there is one; the key is a comment at the end.
+    """
+    shown = [section for section in sections if any(section.blocks)]
+    page = markup("page.html", name=name, scope=scope, sections=shown, study=study)
+    write_text(f"{page}\n{key}", path)
+    return path
+
+
+def markup(template: str, **values: Any) -> Markup:
+    """Fill the template of a page, or of a part of one."""
+    return Markup(TEMPLATES.get_template(template).render(values).strip())
 
 
 def picture(path: Path) -> str:

@@ -1,27 +1,18 @@
 """The tests of every residual on the page of a report: which effects are shown, and tables."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import isnan
 from typing import Any, Final
 
 import pandas as pd
 
-from pipeline.report.blocks import Table, Text
+from pipeline.report.blocks import Table, Text, table_of
 from pipeline.statistics.comparison import MIXED_ANOVA, MIXED_MODEL, RM_ANOVA
 from pipeline.statistics.design import ALPHA, Design
 from pipeline.statistics.table_3 import format_p, number
 from pipeline.trial.residuals import AXES, DIRECTIONS, rows_of
 
-ANOVA_HEADS: Final = (
-    *("Effect", "F", "df", "ε GG", "p", "p corrected", "partial η² [95 % CI]"),
-    *("power", "Mauchly's W", "its p"),
-)
-MIXED_HEADS: Final = ("Pair", "n", "mean difference [95 % CI]", "t", "df", "p")
-FRIEDMAN_HEADS: Final = ("Cells", "χ²", "df", "p", "Kendall's W")
-PAIR_HEADS: Final = (
-    *("Pair", "n", "mean difference [95 % CI]", "Cohen's dz [95 % CI]"),
-    *("p, t", "p, Wilcoxon exact", "p, Wilcoxon asymptotic", "rank-biserial"),
-)
+CSS: Final = "numbers tests"
 
 
 def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text, list[Table]]]:
@@ -48,7 +39,8 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text,
         if not own.empty:
             name = f"{axis} {'' if k < 3 else 'about '}{DIRECTIONS[k]}"
             mixed, others = own["test"] == MIXED_MODEL, own[own["test"] != MIXED_MODEL]
-            tables = [*_mixed_tables(own[mixed], design), *_anova_tables(others)]
+            tables = [*_mixed_tables(own[mixed], design)]
+            tables += [t for name in _anova_names(others) for t in _anova_table(others, name)]
             tables += [*_friedman_table(others), *_pair_table(others, design)]
             found.append((Text(name, tuple(_lines(own))), tables))
     reasons = {text.lines for text, _ in found}
@@ -78,32 +70,26 @@ def _mixed_tables(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
     computed = tests[tests["p_corrected"].notna()]
     pairs = rows_of(_of_correction(computed[computed["statistic_name"] == "t"], design))
     if pairs:
-        rows = [
-            (
-                row.effect.replace(" - ", " − "),
-                f"{row.n} ({row.note})",
-                _with_interval(row, "+z.1f"),
-                number(row.statistic, ".2f"),
-                f"{row.df1:.1f}",
-                format_p(row.p_corrected),
-            )
-            for row in pairs
-        ]
+        columns: dict[str, Callable[[Any], str]] = {
+            "Pair": lambda row: row.effect.replace(" - ", " − "),
+            "n": lambda row: f"{row.n} ({row.note})",
+            "mean difference [95 % CI]": lambda row: _with_interval(row, "+z.1f"),
+            "t": lambda row: number(row.statistic, ".2f"),
+            "df": lambda row: f"{row.df1:.1f}",
+            "p": lambda row: format_p(row.p_corrected),
+        }
         caption = f"All recordings, a mixed model per pair: planned pairs{_correction(design)}"
-        yield Table(caption, MIXED_HEADS, rows, "numbers tests")
+        yield table_of(caption, columns, pairs, CSS)
     factors = rows_of(computed[computed["statistic_name"] == "F"])
     if factors:
-        terms = [
-            (
-                row.effect.replace(":", " × "),
-                number(row.statistic, ".2f"),
-                f"{row.df1:g}, {row.df2:.1f}",
-                format_p(row.p_corrected),
-            )
-            for row in factors
-        ]
+        columns = {
+            "Effect": lambda row: row.effect.replace(":", " × "),
+            "F": lambda row: number(row.statistic, ".2f"),
+            "df": lambda row: f"{row.df1:g}, {row.df2:.1f}",
+            "p": lambda row: format_p(row.p_corrected),
+        }
         caption = f"All recordings, a mixed model of all cells: {factors[0].note}"
-        yield Table(caption, ("Effect", "F", "df", "p"), terms, "numbers tests")
+        yield table_of(caption, columns, factors, CSS)
 
 
 def _of_correction(tests: pd.DataFrame, design: Design) -> pd.DataFrame:
@@ -119,69 +105,63 @@ def _correction(design: Design) -> str:
     return how + "; each interval is of one pair alone" * (count > 1)
 
 
-def _anova_tables(tests: pd.DataFrame) -> Iterator[Table]:
-    """Show each analysis of variance with Mauchly's test."""
-    for test in _anova_names(tests):
-        mauchly = _by(tests[tests["test"] == f"Mauchly, {test}"], "effect")
-        effects = rows_of(_computed(tests, test))
-        rows = []
-        for row in effects:
-            own = mauchly.get(row.effect)
-            rows.append(
-                (
-                    row.effect.replace(":", " × "),
-                    number(row.statistic, ".2f"),
-                    f"{row.df1:g}, {row.df2:g}",
-                    number(row.epsilon, ".3f") if row.df1 > 1 and row.epsilon < 1 else "–",
-                    format_p(row.p_uncorrected),
-                    format_p(row.p_corrected) + " GG" * (row.correction != "none"),
-                    _with_interval(row, ".2f"),
-                    number(row.power, ".2f"),
-                    "–" if own is None else number(own.statistic, ".3f"),
-                    "–" if own is None else format_p(own.p_corrected),
-                )
-            )
-        if rows:
-            yield Table(f"{test}, n = {effects[0].n}", ANOVA_HEADS, rows, "numbers tests")
+def _anova_table(tests: pd.DataFrame, test: str) -> Iterator[Table]:
+    """Show an analysis of variance with Mauchly's test."""
+    mauchly = _by(tests[tests["test"] == f"Mauchly, {test}"], "effect")
+    effects = rows_of(_computed(tests, test))
+    columns: dict[str, Callable[[Any], str]] = {
+        "Effect": lambda row: row.effect.replace(":", " × "),
+        "F": lambda row: number(row.statistic, ".2f"),
+        "df": lambda row: f"{row.df1:g}, {row.df2:g}",
+        "ε GG": lambda row: number(row.epsilon, ".3f") if row.df1 > 1 and row.epsilon < 1 else "–",
+        "p": lambda row: format_p(row.p_uncorrected),
+        "p corrected": lambda row: format_p(row.p_corrected) + " GG" * (row.correction != "none"),
+        "partial η² [95 % CI]": lambda row: _with_interval(row, ".2f"),
+        "power": lambda row: number(row.power, ".2f"),
+        "Mauchly's W": lambda row: (
+            number(mauchly[row.effect].statistic, ".3f") if row.effect in mauchly else "–"
+        ),
+        "its p": lambda row: (
+            format_p(mauchly[row.effect].p_corrected) if row.effect in mauchly else "–"
+        ),
+    }
+    if effects:
+        yield table_of(f"{test}, n = {effects[0].n}", columns, effects, CSS)
 
 
 def _friedman_table(tests: pd.DataFrame) -> Iterator[Table]:
     """Show Friedman's test."""
-    rows = []
-    for row in rows_of(_computed(tests, "Friedman")):
-        p, w = format_p(row.p_corrected), number(row.effect_size, ".2f")
-        rows.append((row.effect, number(row.statistic, ".2f"), f"{row.df1:g}", p, w))
-    if rows:
-        yield Table("Friedman's test", FRIEDMAN_HEADS, rows, "numbers tests")
+    columns: dict[str, Callable[[Any], str]] = {
+        "Cells": lambda row: row.effect,
+        "χ²": lambda row: number(row.statistic, ".2f"),
+        "df": lambda row: f"{row.df1:g}",
+        "p": lambda row: format_p(row.p_corrected),
+        "Kendall's W": lambda row: number(row.effect_size, ".2f"),
+    }
+    if rows := rows_of(_computed(tests, "Friedman")):
+        yield table_of("Friedman's test", columns, rows, CSS)
 
 
 def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
     """Give planned pairs with effect sizes and both Wilcoxon p-values side by side."""
-    rows = []
-    corrected = _of_correction(tests, design)
+    corrected, of_pairs = _of_correction(tests, design), []
     for first, second in design.pairs:
         pair = f"{first} - {second}"
-        of_pair = _by(corrected[corrected["effect"] == pair], "test")
-        if not of_pair:
-            continue
-        own = tests[tests["effect"] == pair]
-        sizes = _by(own[own["test"] == "estimate"], "effect_size_name")
-        exact = of_pair["Wilcoxon exact"]
-        rows.append(
-            (
-                pair.replace(" - ", " − "),
-                str(exact.n),
-                _with_interval(sizes["mean difference"], "+z.1f"),
-                _with_interval(sizes["Cohen's dz"], "+z.2f"),
-                format_p(of_pair["paired t"].p_corrected),
-                format_p(exact.p_corrected),
-                format_p(of_pair["Wilcoxon asymptotic"].p_corrected),
-                number(exact.effect_size, "+z.2f"),
-            )
-        )
-    if rows:
-        caption = f"Planned pairs{_correction(design)}"
-        yield Table(caption, PAIR_HEADS, tuple(rows), "numbers tests")
+        if of_pair := _by(corrected[corrected["effect"] == pair], "test"):
+            sizes = tests[(tests["effect"] == pair) & (tests["test"] == "estimate")]
+            of_pairs.append(of_pair | _by(sizes, "effect_size_name"))
+    columns: dict[str, Callable[[Any], str]] = {
+        "Pair": lambda of: of["Wilcoxon exact"].effect.replace(" - ", " − "),
+        "n": lambda of: str(of["Wilcoxon exact"].n),
+        "mean difference [95 % CI]": lambda of: _with_interval(of["mean difference"], "+z.1f"),
+        "Cohen's dz [95 % CI]": lambda of: _with_interval(of["Cohen's dz"], "+z.2f"),
+        "p, t": lambda of: format_p(of["paired t"].p_corrected),
+        "p, Wilcoxon exact": lambda of: format_p(of["Wilcoxon exact"].p_corrected),
+        "p, Wilcoxon asymptotic": lambda of: format_p(of["Wilcoxon asymptotic"].p_corrected),
+        "rank-biserial": lambda of: number(of["Wilcoxon exact"].effect_size, "+z.2f"),
+    }
+    if of_pairs:
+        yield table_of(f"Planned pairs{_correction(design)}", columns, of_pairs, CSS)
 
 
 def _with_interval(row: Any, form: str) -> str:

@@ -1,6 +1,6 @@
 """What a recording of the empty treadmill shows beside its calibration: numbers and figures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,13 +13,13 @@ from scipy.signal import find_peaks, peak_prominences, welch
 
 from compensation import Calibration, PlatformPose, estimate_delay, specific_force
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
-from compensation.inertia.quality import UNITS
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
 from hbm.spelling import written
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.study import Study
+from pipeline.figures.residuals import component_figure, legend_below
 from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
@@ -403,7 +403,7 @@ def time_figure(
             panel.plot(time, values[shown, k], color=colour, lw=width, label=label)
         panel.set_xlabel("time (s)")
 
-    return _panels(components, draw)
+    return component_figure(components, draw)
 
 
 def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float | None) -> Figure:
@@ -430,22 +430,7 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
         panel.minorticks_off()
         panel.set_xlabel("frequency (Hz)")
 
-    return _panels(WRENCH_COMPONENTS, draw, "/√Hz")
-
-
-def _panels(components: Sequence[str], draw: Callable[[Axes, int], None], per: str = "") -> Figure:
-    """Lay out a panel per component; `draw` fills it."""
-    rows = 1 + (len(components) > 3)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 2.5 * rows + 0.3), layout="constrained")
-        panels = figure.subplots(rows, -(-len(components) // rows), squeeze=False).ravel()
-        for k, (panel, component) in enumerate(zip(panels, components, strict=True)):
-            draw(panel, k)
-            unit = UNITS[WRENCH_COMPONENTS.index(component)]
-            panel.set_title(component, loc="left")
-            panel.set_ylabel(f"{unit}{per}")
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
+    return component_figure(WRENCH_COMPONENTS, draw, "/√Hz")
 
 
 def plan_figure(empty: EmptyTreadmill) -> Figure:
@@ -511,5 +496,5 @@ def range_figure(calibration: Calibration, others: Mapping[str, tuple[Array, Arr
         panel.set_yticks(at, names)
         panel.invert_yaxis()
         panel.set_xlabel("acceleration about the calibration's mean (m/s²)")
-        figure.legend(loc="outside lower center", ncols=4)
+        legend_below(figure, panel)
     return figure

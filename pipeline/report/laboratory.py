@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -36,7 +36,7 @@ from pipeline.config.study import Study
 from pipeline.figures.style import STYLE, condition_style
 from pipeline.io.input_file import read_text
 from pipeline.io.write import read_csv, write_csv, write_text
-from pipeline.report.blocks import TEMPLATES, Check, Table, drawing
+from pipeline.report.blocks import Block, Check, Drawn, Section, Table, drawing, write_page
 from pipeline.report.empty_treadmill import (
     PITCH,
     SWAY,
@@ -49,6 +49,7 @@ from pipeline.report.empty_treadmill import (
 )
 from pipeline.run.job import file_digest
 from pipeline.trial.ground.calibrations import CalibrationCheck
+from pipeline.trial.result import StoredNote
 
 PAGE: Final = "laboratory.html"
 STATE: Final = "laboratory.json"
@@ -69,13 +70,6 @@ BEYOND: Final = "study_beyond_range"
 NEW_FIT: Final = "record the empty treadmill, hbm calibration fit"
 
 
-class Drawn(NamedTuple):
-    """A figure as a source inside the page, with its caption."""
-
-    caption: str
-    source: str
-
-
 @dataclass(frozen=True, slots=True)
 class Part:
     """What one command adds to the page.
@@ -91,7 +85,7 @@ class Part:
     of
         SHA-256 of the calibration that the part is about; empty where it is about none.
     warnings
-        Sentence, code and advice of each, at the top of the page.
+        At the top of the page.
     """
 
     name: PartName
@@ -99,13 +93,13 @@ class Part:
     tables: Sequence[Table] = ()
     figures: Sequence[Drawn] = ()
     of: str = ""
-    warnings: Sequence[tuple[str, str, str]] = ()
+    warnings: Sequence[StoredNote] = ()
 
 
 PARTS: Final = TypeAdapter(dict[PartName, Part])
 
 
-def write_page(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) -> Path:
+def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) -> Path:
     """Write parts into ``laboratory.json`` of a folder, and the page that shows it.
 
     Parameters
@@ -144,16 +138,18 @@ def write_page(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) -> Pat
     shown |= {part.name: part for part in parts}
     for part in verdicts:
         shown[part.name] = replace(shown.get(part.name, part), verdict=part.verdict)
-    in_order = [shown[name] for name in TITLES if name in shown]
     write_text(PARTS.dump_json(shown, indent=1).decode(), state)
-    template = TEMPLATES.get_template("laboratory.html")
-    write_text(template.render(parts=in_order, titles=TITLES), page)
-    return page
-
-
-def shown_warnings(notes: Iterable[Note]) -> list[tuple[str, str, str]]:
-    """Give sentence, code and advice of the warnings among notes."""
-    return [(note.text, note.code, note.advice) for note in warnings_of(notes)]
+    in_order = [shown[name] for name in TITLES if name in shown]
+    top: list[Block] = []
+    sections = [Section("verdict", "Verdict", top)]
+    for part in in_order:
+        top += [*part.verdict, *part.warnings]
+        folded = [table for table in part.tables if table.css_class == "folded"]
+        blocks: list[Block] = [table for table in part.tables if table not in folded]
+        blocks += [*part.figures, *folded]
+        sections.append(Section(part.name, TITLES[part.name], blocks))
+    scope = "Record of the treadmill and its force plates"
+    return write_page(page, "Laboratory", scope, sections)
 
 
 def page_of_study(study: Study, folder: Path) -> str | None:
@@ -209,13 +205,13 @@ def calibration_part(
     ranges = Drawn(text, drawing(range_figure(calibration, others)))
     drawn = [*_of_recording(calibration, empty), ranges]
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
-    return Part("calibration", [verdict], tables, drawn, of, shown_warnings(notes))
+    return Part("calibration", [verdict], tables, drawn, of, warnings_of(notes))
 
 
 def calibration_in_use(calibration: Calibration, file: Path) -> Part:
     """Give the part of a calibration without its recording: its verdict, by all checks."""
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
-    return Part("calibration", [verdict], of=of, warnings=shown_warnings(calibration.notes))
+    return Part("calibration", [verdict], of=of, warnings=warnings_of(calibration.notes))
 
 
 def _excess(calibration: Calibration, least: Array, most: Array) -> Array:
@@ -235,14 +231,13 @@ def calibration_verdict(calibration: Calibration, file: Path) -> Table:
     """Say for which trials a calibration is fit, for how long, and what to do next."""
     rows = [row for of_plate in calibration.verdict.values() for row in of_plate]
     beyond = [row for row in rows if not row.passed]
-    codes = {note.code for note in calibration.notes}
     checks = read_checks(file)
     checks = checks[checks["calibration_sha256"] == file_digest(file)]
     failed = len(checks) > 0 and not bool(checks["valid"].iloc[-1])
     if not rows:
         answer: Check = ("check", "not judged", "file of an earlier version")
         todo = f"{NEW_FIT} again"
-    elif "calibration_loaded" in codes:
+    elif calibration.loads_n:
         answer = ("fail", "not fit", "plates loaded or not zeroed")
         todo = f"empty and zero the plates, {NEW_FIT}"
     elif beyond:
@@ -452,7 +447,7 @@ def check_part(
         drawn.append(
             Drawn("Range of calibration and check.", drawing(range_figure(calibration, seen)))
         )
-    return Part("check", [verdict], tables, drawn, file_digest(file), shown_warnings(found.notes))
+    return Part("check", [verdict], tables, drawn, file_digest(file), warnings_of(found.notes))
 
 
 def check_table(found: CalibrationCheck, empty: EmptyTreadmill) -> Table:
@@ -547,25 +542,26 @@ def of_checks(checks: pd.DataFrame, what: str) -> dict[str, Array]:
 
 def history_table(checks: pd.DataFrame) -> Table:
     """Give day, recording and largest values by their limits, a row per check."""
-    columns = []
-    for what, limits in (("left", MAX_LEFT), ("zero change", MAX_ZERO_CHANGE)):
-        plates, cells = of_checks(checks, what), []
-        for n in range(len(checks)):
-            sizes = [
-                (abs(value) / limit, f"{plate} {name} {written(value, '.2f')} {unit}")
-                for plate, values in plates.items()
-                for value, limit, name, unit in zip(
-                    *(values[n], limits, WRENCH_COMPONENTS, UNITS), strict=True
-                )
-                if np.isfinite(value)
-            ]
-            cells.append(max(sizes, default=(0.0, "–"))[1])
-        columns.append(cells)
+    heads = ("Day", "Recording", "Calibration", "Largest RMS below 6 Hz", "Largest change of zero")
+    largest = _largest(checks, "left", MAX_LEFT), _largest(checks, "zero change", MAX_ZERO_CHANGE)
     valid, not_valid = [("pass", "valid", "")], [("fail", "not valid", "")]
     ratings = [valid if check else not_valid for check in checks["valid"]]
-    rows = [*zip(checks["day"], checks["recording"], ratings, *columns, strict=True)]
-    heads = ("Day", "Recording", "Calibration", "Largest RMS below 6 Hz", "Largest change of zero")
+    rows = [*zip(checks["day"], checks["recording"], ratings, *largest, strict=True)]
     return Table("Checks by day; largest: in relation to the limit", heads, rows)
+
+
+def _largest(checks: pd.DataFrame, what: str, limits: Array) -> list[str]:
+    """Write the component of each check that is largest by its limit; a dash where none is."""
+    plates = of_checks(checks, what)
+    values = np.hstack([np.empty((len(checks), 0)), *plates.values()])
+    names = [f"{plate} {component}" for plate in plates for component in WRENCH_COMPONENTS]
+    if not names:
+        return ["–"] * len(checks)
+    sizes = np.nan_to_num(np.abs(values) / np.tile(limits, len(plates)), nan=-1.0)
+    return [
+        f"{names[k]} {written(row[k], '.2f')} {UNITS[k % len(UNITS)]}" if size[k] >= 0 else "–"
+        for row, size, k in zip(values, sizes, sizes.argmax(axis=1), strict=True)
+    ]
 
 
 def history_figure(calibration: Path) -> Figure:
@@ -575,8 +571,8 @@ def history_figure(calibration: Path) -> Figure:
     remaining, by_new, zero = (
         of_checks(checks, what) for what in ("left", "by new fit", "zero change")
     )
-    current = (checks["calibration_sha256"] == digest).to_numpy()
-    valid = checks["valid"].to_numpy(bool)
+    faces = checks["calibration_sha256"] == digest  # hollow: of an earlier calibration
+    markers = checks["valid"].map({True: "o", False: "X"})
     shown = {
         "removed by a new fit / allowed": {
             plate: np.sqrt(np.maximum(values**2 - by_new[plate] ** 2, 0)) / (MAX_GAIN * MAX_LEFT)
@@ -594,10 +590,9 @@ def history_figure(calibration: Path) -> Figure:
                 colour, linestyle = condition_style(n)
                 worst = of_plate.max(axis=1)
                 panel.plot(days, worst, color=colour, ls=linestyle, lw=1, label=plate)
-                for marker, of_kind in (("o", valid), ("X", ~valid)):
-                    for drawn, face in ((current & of_kind, colour), (~current & of_kind, "none")):
-                        look = {"color": colour, "mfc": face, "ms": 7, "ls": "none"}
-                        panel.plot(days[drawn], worst[drawn], marker=marker, **look)
+                for day, size, marker, filled in zip(days, worst, markers, faces, strict=True):
+                    face = colour if filled else "none"
+                    panel.plot(day, size, color=colour, marker=marker, mfc=face, ms=7)
             panel.axhline(1, color="black", ls=":", lw=0.9)
             panel.set_ylim(bottom=0)
             panel.set_title(title, loc="left")

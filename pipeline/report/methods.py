@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
-from typing import Any, Final
+from typing import Final
 
 import pandas as pd
 
 from compensation.inertia.fit import LAGS_S
+from hbm.body import FEET
 from pipeline.config.comparison import VARIANT
 from pipeline.config.study import Study
 from pipeline.figures.residuals import mean_part
@@ -55,11 +56,6 @@ def methods(
         Paragraphs, to be copied and shortened.
     """
     trials = list(results.trials.values())
-
-    def noted(code: str) -> list[Mapping[str, Any]]:
-        """Give the values of all notes of a code."""
-        return [note.values for trial in trials for note in trial.notes if note.code == code]
-
     computed = statistics[statistics["p_corrected"].notna()]
 
     def pairs_by(test: str) -> list[tuple[str, str]]:
@@ -71,8 +67,8 @@ def methods(
     text = TEMPLATES.get_template("methods.txt").render(
         trials=trials,
         design=design,
-        noted=noted,
-        codes={note.code for trial in trials for note in trial.notes},
+        procedures=[trial.procedure for trial in trials],
+        without_shoes=all(map(_without_shoes, trials)),
         settings=[trial.settings for trial in trials],
         ways=_ways(study) if design.factor == VARIANT and study else {},
         sexes=sorted({trial.subject.sex for trial in trials}),
@@ -124,6 +120,11 @@ def bibtex(paragraphs: Sequence[str], software_version: str) -> str:
     ]
     entries = "\n\n".join(references()[key] for key in cited) + "\n"
     return entries.replace("{VERSION}", f"{{{software_version}}}")
+
+
+def _without_shoes(trial: TrialResult) -> bool:
+    """Whether nothing is known of shoes in a trial's body."""
+    return trial.subject.shoe_mass_kg is None and {*FEET}.isdisjoint(trial.overridden_segments)
 
 
 def _people(people: pd.DataFrame) -> list[str]:

@@ -1,14 +1,14 @@
 """The residuals as tables: Table III, means, groups, what they are of, and the plan of a study."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from math import isnan, nan
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 
 from pipeline.config.schema import NOUNS
-from pipeline.report.blocks import Table
+from pipeline.report.blocks import Table, table_of
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import (
     markdown_table,
@@ -157,25 +157,23 @@ def repeated_values(residuals: pd.DataFrame, joints: pd.DataFrame) -> pd.DataFra
 def reliability_tables(found: pd.DataFrame, design: Design) -> list[Table]:
     """Show how well the residuals repeat, a table per condition; joints are in the file."""
     best = found[(found["compensated"] == found["compensated"].any()) & found["name"].isin(AXES)]
+    columns: dict[str, Callable[[Any], str]] = {
+        "": lambda row: f"{row.what} ({row.unit})",
+        "mean": lambda row: number(row.mean, ".2f"),
+        "SD within subjects": lambda row: number(row.sd_within, ".2f"),
+        "ICC [95 % CI]": lambda row: (
+            "–" if isnan(row.icc) else f"{row.icc:.2f} [{row.icc_low:.2f}, {row.icc_high:.2f}]"
+        ),
+        "SEM": lambda row: number(row.sem, ".2f"),
+        "smallest detectable": lambda row: number(row.smallest_detectable_change, ".2f"),
+    }
     tables = []
     for condition in design.in_order(best["condition"].unique()):
-        own = best[best["condition"] == condition]
-        rows = [
-            (
-                f"{row.what} ({row.unit})",
-                number(row.mean, ".2f"),
-                number(row.sd_within, ".2f"),
-                "–" if isnan(row.icc) else f"{row.icc:.2f} [{row.icc_low:.2f}, {row.icc_high:.2f}]",
-                number(row.sem, ".2f"),
-                number(row.smallest_detectable_change, ".2f"),
-            )
-            for row in rows_of(own.rename(columns={"name": "what"}))
-        ]
-        first = own.iloc[0]
-        heads = ("", "mean", "SD within subjects", "ICC [95 % CI]", "SEM", "smallest detectable")
-        repeats = f"{first['n_repeats']} {first['repeated']}s of {first['n_subjects']} subjects"
+        rows = rows_of(best[best["condition"] == condition].rename(columns={"name": "what"}))
+        first = rows[0]
+        repeats = f"{first.n_repeats} {first.repeated}s of {first.n_subjects} subjects"
         title = f"Repeatability, {condition}: {repeats}; peaks of joints are in reliability.csv"
-        tables.append(Table(title, heads, rows, "numbers"))
+        tables.append(table_of(title, columns, rows))
     return tables
 
 

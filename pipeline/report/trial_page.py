@@ -1,6 +1,6 @@
 """The page of one trial: its residuals, warnings, joints, causes and provenance."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -8,21 +8,22 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 from joblib import delayed
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hbm.notes import Note, provenance, warnings_of
+from hbm.notes import provenance, warnings_of
+from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import written
 from pipeline.budgets.explanation import Explanation
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.figures.explained import bands_figure
 from pipeline.figures.joints import Curve, joint_figure
-from pipeline.figures.residuals import legend_below, residual_figure, six_panels
+from pipeline.figures.residuals import component_figure, legend_below, residual_figure
 from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Plate
-from pipeline.io.write import write_text
-from pipeline.report.blocks import TEMPLATES, Table, drawing
-from pipeline.report.trials import NOT_KNOWN, causes, trial_quality
+from pipeline.report.blocks import Block, Drawn, Section, Table, drawing, markup, write_page
+from pipeline.report.trials import MAX_MARKER_PEAK_MM, NOT_KNOWN, causes, trial_quality
 from pipeline.run.processes import in_processes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
@@ -31,7 +32,7 @@ from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
     HEALTHY_RMS,
-    UNITS,
+    marker_table,
     reference_of,
     residual_table,
     rows_of,
@@ -45,6 +46,12 @@ PROCESSES: Final = 2
 """That write pages of a study at the same time."""
 MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
+MAX_MARKERS: Final = 6
+"""In one figure."""
+JOINTS: Final = (
+    "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot strike. "
+    "Internal moments by body mass, positive in the direction in which the angle grows."
+)
 
 
 def write_trial_page(
@@ -66,7 +73,7 @@ def write_trial_page(
     path
         The page to write.
     plates
-        As recorded: the channels of plates that a warning is about are drawn.
+        As recorded: the channels of doubted ones are drawn.
     explanation
         Of the residuals; without it, the page names the command that finds their causes.
     study
@@ -97,31 +104,30 @@ def write_trial_page(
     'trial.html'
     """
     name = str(result.name) if result.key else result.source.stem
-    recorded = {plate.number: plate for plate in plates}
-    curves = _mean_curves(result)
     bands = explanation.budget.bands if explanation is not None else None
-    page = TEMPLATES.get_template("trial.html").render(
-        name=name,
-        scope=scope(result),
-        study=study,
-        verdict=[*verdict_lines(result)],
-        residuals=drawing(residual_figure(result)),
-        tables=[*result_tables(result)],
-        warnings=[
-            (note, drawing(figure, ".png") if figure else "")
-            for note in warnings_of(result.notes)
-            for figure in [_warning_figure(note, result, recorded)]
+    found: list[Block] = [] if explanation is None else [*causes(name, explanation)]
+    if bands is not None:
+        text = "Residuals with their 95 % intervals of measurement"
+        found.append(Drawn(text, drawing(bands_figure(bands, name))))
+    command = command or f"hbm explain {'RESULTS' if study else result.source.name}"
+    settings = [(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None]
+    blocks: dict[str, Sequence[Block]] = {
+        "Residuals": [
+            markup("headline.html", sentences=[*verdict_lines(result)]),
+            Drawn("Pelvis residuals, six axes", drawing(residual_figure(result))),
+            *result_tables(result),
         ],
-        joints=drawing(joint_figure(curves, "Joints of the legs, mean ± SD")) if curves else "",
-        causes=causes(name, explanation) if explanation is not None else None,
-        bands=drawing(bands_figure(bands, name)) if bands is not None else "",
-        command=command or f"hbm explain {'RESULTS' if study else result.source.name}",
-        provenance=provenance(result.notes),
-        settings=[(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None],
-        versions=[*result.versions.items()],
-    )
-    write_text(page + key, path)
-    return path
+        "Warnings": [*(warnings_of(result.notes) or ["No warnings."]), *_doubted(result, plates)],
+        "Joints": [*_joints(result)],
+        "Causes": found or [f"Not explained yet: {command} finds the causes."],
+        "Provenance": [
+            Table("How the result was made", ("Item", "Finding"), provenance(result.notes)),
+            Table("Settings", ("Setting", "Value"), settings),
+            Table("Processed with", ("Package", "Version"), [*result.versions.items()]),
+        ],
+    }
+    sections = (Section(title.lower(), title, shown) for title, shown in blocks.items())
+    return write_page(path, name, scope(result), sections, study, key)
 
 
 def write_trial_pages(
@@ -147,7 +153,7 @@ def _write_page(
     if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
         return name
     plates: Iterable[Plate] = ()
-    if study is not None and name in study.trials and any(map(_of_plates, result.notes)):
+    if study is not None and name in study.trials and result.doubted_plates:
         trial = study.trial(name)
         with suppress(ValueError, OSError):  # the recording may be gone since
             static = study.subject(name.subject).static
@@ -156,11 +162,6 @@ def _write_page(
         result, page, plates=plates, explanation=explanation, study="../report.html", key=key
     )
     return name
-
-
-def _of_plates(note: Note) -> bool:
-    """Say whether a warning is about the samples of a plate."""
-    return note.level == "warning" and note.code.startswith(("plate", "pressure"))
 
 
 def scope(result: TrialResult) -> str:
@@ -232,47 +233,41 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
     yield Table("Quality", ("Criterion", "Finding"), quality, "trials")
 
 
-def _mean_curves(result: TrialResult) -> list[Curve]:
-    """Give mean and SD of the joints over the gait cycles of both sides."""
-    return [
+def _joints(result: TrialResult) -> Iterator[Drawn]:
+    """Draw mean and SD of the joints over the gait cycles of both sides, where there are any."""
+    curves: list[Curve] = [
         (variant, COLOURS[variant], "-", *mean_and_sd(np.concatenate([*of_sides.values()])))
         for variant, of_sides in joint_curves(result).items()
         if of_sides
     ]
+    if curves:
+        yield Drawn(JOINTS, drawing(joint_figure(curves, "Joints of the legs, mean ± SD")))
 
 
-def _warning_figure(note: Note, result: TrialResult, plates: dict[int, Plate]) -> Figure | None:
-    """Draw the channels of a plate, or the errors of markers, that a warning is about."""
-    numbers = [note.values.get(key) for key in ("plate", "first", "second")]
-    named = [plates[n] for n in numbers if isinstance(n, int) and n in plates]
-    if named and _of_plates(note):
-        return _plate_figure(named, note)
-    values = [[value] if isinstance(value, str) else value for value in note.values.values()]
-    names = {name for value in values if isinstance(value, Iterable) for name in value}
-    markers = [name for name in result.motion.markers if name in names]
-    return _marker_figure(result, markers) if markers else None
+def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
+    """Draw the channels of doubted plates, and the errors of markers beyond the guideline."""
+    if doubted := [plate for plate in plates if plate.number in result.doubted_plates]:
+        names = join_names([f"plate {plate.number}" for plate in doubted])
+        figure = _plate_figure(doubted)
+        yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
+    errors_mm = marker_table(result)[:-1].sort_values("peak_mm", ascending=False)
+    far = [*errors_mm.loc[errors_mm["peak_mm"] > MAX_MARKER_PEAK_MM, "marker"][:MAX_MARKERS]]
+    if far:
+        text = f"Markers more than {MAX_MARKER_PEAK_MM:g} mm from the model: {join_names(far)}"
+        yield Drawn(text, drawing(_marker_figure(result, far), ".png"))
 
 
-def _plate_figure(plates: list[Plate], note: Note) -> Figure:
+def _plate_figure(plates: Sequence[Plate]) -> Figure:
     """Draw the six components of plates in their own axes, as recorded, over time."""
-    first = [
-        value for key in ("first_s", "at_s") if isinstance(value := note.values.get(key), float)
-    ]
-    with mpl.rc_context(STYLE):
-        figure, panels = six_panels()
-        for k, panel in enumerate(panels):
-            for plate, colour in zip(plates, PALETTE, strict=False):
-                time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
-                label = f"plate {plate.number}"
-                panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)
-            for instant in first:
-                panel.axvline(instant, color="black", lw=0.8, ls=":")
-            panel.set_title(f"{('Fx', 'Fy', 'Fz', 'Mx', 'My', 'Mz')[k]} of the plate", loc="left")
-            panel.set_ylabel(UNITS[k])
-        for panel in panels[3:]:
-            panel.set_xlabel("time (s)")
-        legend_below(figure, panels[0])
-    return figure
+
+    def draw(panel: Axes, k: int) -> None:
+        for plate, colour in zip(plates, PALETTE, strict=False):
+            time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
+            label = f"plate {plate.number}"
+            panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)
+        panel.set_xlabel("time (s)")
+
+    return component_figure(WRENCH_COMPONENTS, draw)
 
 
 def _extremes(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -288,7 +283,7 @@ def _marker_figure(result: TrialResult, markers: list[str]) -> Figure:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 2.6), layout="constrained")
         panel = figure.subplots()
-        for name in markers[:6]:
+        for name in markers:
             error_mm = 1000 * result.motion.marker_error[:, result.motion.markers.index(name)]
             panel.plot(result.motion.time, error_mm, lw=0.8, label=name)
         panel.set_xlabel("time (s)")

@@ -1,10 +1,19 @@
-"""The tables of a study for statistics programs: a row per subject, mean curves, a workbook."""
+"""The tables of a study for statistics programs: a row per subject, mean curves, a workbook.
 
-from collections.abc import Iterator
+With the data dictionary of a results folder: every column of every table, its unit and meaning.
+"""
+
+import csv
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
+import pyarrow.parquet as pq
 from openpyxl import Workbook
 from openpyxl.cell import WriteOnlyCell
 from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
@@ -12,10 +21,10 @@ from openpyxl.worksheet.worksheet import Worksheet
 
 from pipeline.config.schema import TrialName
 from pipeline.io.write import read_csv, read_parquet, uncomputed, whole_file, write_csv
-from pipeline.report.columns import FILE, write_columns
 from pipeline.report.joints import subject_values
 from pipeline.statistics.design import Design
 
+FILE: Final = "columns.csv"
 WORKBOOK: Final = "study.xlsx"
 CURVES: Final = {"cycles": ("axis",), "joint_cycles": ()}
 """Table of gait cycles -> what else its rows are of."""
@@ -120,3 +129,45 @@ def _mean_curves(results: Path) -> Iterator[tuple[str, pd.DataFrame]]:
         keys = [*TRIAL, *others, "percent"]
         mean = cycles.drop(columns="cycle").groupby(keys, sort=False, dropna=False).mean()
         yield f"{name}_mean.csv", mean.reset_index()
+
+
+def write_columns(folder: Path) -> None:
+    """Write ``columns.csv``: file, column, unit and meaning of the tables of a results folder.
+
+    Parameters
+    ----------
+    folder
+        Results folder with the tables that `columns.toml` describes.
+    """
+    rows = [
+        (name, column, *described(name, column))
+        for name in _dictionary()
+        if (folder / name).is_file()
+        for column in _columns(folder / name)
+    ]
+    write_csv(pd.DataFrame(rows, columns=["file", "column", "unit", "meaning"]), folder / FILE)
+
+
+def described(file: str, column: str) -> tuple[str, str]:
+    """Give unit and meaning of a column; a KeyError where the dictionary lacks it."""
+    known = {**_dictionary()["every table"], **_dictionary()[file]}
+    for pattern in sorted(known, key=".*".__eq__):  # what matches any column is last
+        if match := re.fullmatch(pattern, column):
+            unit, meaning = known[pattern]
+            words = {name: text.replace("_", " ") for name, text in match.groupdict().items()}
+            return unit, meaning.format(**words)
+    raise KeyError(f"{file}: {column}")
+
+
+def _columns(path: Path) -> Iterator[str]:
+    if path.suffix == ".parquet":
+        yield from pq.read_schema(path).names
+    else:
+        with path.open(encoding="utf-8", newline="") as content:
+            yield from next(csv.reader(content), [])
+
+
+@cache
+def _dictionary() -> Mapping[str, Mapping[str, Sequence[str]]]:
+    text = files("pipeline.report").joinpath("columns.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -14,8 +15,7 @@ from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.blocks import TEMPLATES, Check, picture
-from pipeline.report.columns import write_columns
+from pipeline.report.blocks import Check, Section, markup, picture, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import example_subject, study_figures
@@ -42,7 +42,7 @@ from pipeline.report.trials import (
 )
 from pipeline.report.variants import as_conditions, choices, variant_residuals, variant_results
 from pipeline.report.verdict import question, verdict_values
-from pipeline.report.workbook import write_wide_tables
+from pipeline.report.workbook import write_columns, write_wide_tables
 from pipeline.run.job import read_failures
 from pipeline.run.load import Results, collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
@@ -53,6 +53,12 @@ from pipeline.statistics.reliability import reliability
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 from pipeline.trial.result import TrialResult
+
+SECTIONS: Final = (
+    *("verdict", "residuals", "joints", "choices", "tests", "figures", "trials", "causes"),
+    *("methods", "sources"),
+)
+"""Of the page; each has a template, which begins with its heading."""
 
 
 def write_report(
@@ -117,9 +123,7 @@ def write_report(
     if study is not None and study.variants:
         announce("collecting the variants")
         of_variants |= variant_results(folder, study)
-    write_csv(results.residuals, folder / "residuals.csv")
-    write_csv(results.by_cycle, folder / "cycles.csv")
-    write_csv(results.joints, folder / "joints.csv")
+    tables = {"residuals": results.residuals, "cycles": results.by_cycle, "joints": results.joints}
     _write_parquet(results.joint_cycles, folder / "joint_cycles.parquet")
     described = results
     if study is not None and study_design(study.file).factor == VARIANT:
@@ -133,7 +137,7 @@ def write_report(
     compared = design.comparable(headline)
     sensitivity = None
     if len(of_variants) > 1:
-        write_csv(variant_residuals(of_variants, design), folder / "variants.csv")
+        tables["variants"] = variant_residuals(of_variants, design)
         if design.factor != VARIANT:
             sensitivity = choices(of_variants, design)
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
@@ -143,22 +147,21 @@ def write_report(
     write_wide_tables(folder, results.residuals, results.joints, people, design)
     repeated = reliability(repeated_values(compared, results.joints))
     if len(repeated):
-        write_csv(repeated, folder / "reliability.csv")
+        tables["reliability"] = repeated
     announce("comparing curves")
     curves = differing_curves(results.cycles, results.joint_cycles, design)
-    write_csv(curves, folder / "curves.csv")
     explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
     table = table_3(results.residuals, tests, design, measurement)
     windows = windows_sentence(results.residuals)
     windows = f"{windows} {recordings_sentence(results.residuals, design)}".strip()
-    write_csv(tests, folder / "statistics.csv")
-    write_csv(table, folder / "table_3.csv")
     below = "\n".join(filter(None, (windows, missing)))
     write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
     found = verdicts(results.residuals, design, measurement, compared)
-    write_csv(plan_table(found, design), folder / "plan.csv")
+    tables |= {"curves": curves, "statistics": tests, "table_3": table}
+    for file, shown in {**tables, "plan": plan_table(found, design)}.items():
+        write_csv(shown, folder / f"{file}.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
     _write_parquet(results.cycles, folder / "cycles.parquet")
     write_columns(folder)
@@ -182,9 +185,7 @@ def write_report(
     paragraphs = methods(described, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
-    page = TEMPLATES.get_template("page.html").render(
-        name=source.name or "Study report",
-        scope=_scope(results, design),
+    values = dict(
         question=question(design),
         design=design,
         windows=windows,
@@ -226,7 +227,9 @@ def write_report(
             for name, field in Settings.model_fields.items()
         },
     )
-    write_text(page, folder / "report.html")
+    sections = (Section(part, "", [markup(f"{part}.html", **values)]) for part in SECTIONS)
+    name = source.name or "Study report"
+    write_page(folder / "report.html", name, _scope(results, design), sections)
     if pages:
         for done in write_trial_pages(folder, explained, study, keys):
             announce(f"page of {done}")

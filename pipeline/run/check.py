@@ -41,11 +41,11 @@ from pipeline.trial.ground.uncertainty import uncertainty_limits
 from pipeline.trial.plate_units import require_units, reversed_plates
 from pipeline.trial.quality import Quality, flagged, settled_frames, settling_s
 from pipeline.trial.study_files import (
-    labels_in_none,
     read_body_files,
     read_study_file,
     read_study_laboratory,
     saying_what_was_read,
+    unused_renames,
 )
 from pipeline.trial.subject import (
     MassUnknownError,
@@ -92,8 +92,8 @@ class Findings:
     remarks: list[Finding] = field(default_factory=list)
     variant: str = ""
     """Which one is checked; empty for the study's main way. It adds only faults of its own."""
-    read: dict[str, tuple[str, tuple[Note, ...]]] = field(default_factory=dict)
-    """Name of a file -> digest of its markers' positions, notes on reading it."""
+    read: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
+    """Name of a file -> digest of its markers' positions, labels to rename that it lacks."""
 
     def remark(self, place: str, *said: Note | str, contents: bool = False) -> None:
         """Add what is to be known of a place, or what a file holds."""
@@ -147,7 +147,7 @@ class Way:
         def corrected(file: str) -> Recording:
             recording = read_study_file(self.study, file, trial, static)
             digest = sha256(recording.markers.position.tobytes()).hexdigest()
-            self.findings.read[file] = digest, recording.notes
+            self.findings.read[file] = digest, recording.labels_absent
             return with_corrected_plates(recording, self.laboratory.plates)
 
         return self.findings.attempt(file, lambda: corrected(file)) if file else None
@@ -185,8 +185,8 @@ def check_study(study: Study) -> Findings:
         if without := [name for name in study.file.conditions if name not in person.trials]:
             findings.remark(subject, f"no trial for {listed(without)}")
     _remark_repeated(study, findings)
-    if absent := labels_in_none(notes for _, notes in findings.read.values()):
-        findings.remark("study.toml", Note.of("rename_without_label", labels=absent))
+    renames = unused_renames(absent for _, absent in findings.read.values())
+    findings.remark("study.toml", *(fact.note for fact in renames))
     return findings
 
 

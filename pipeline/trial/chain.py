@@ -18,6 +18,7 @@ from hbm.engines.engine import kernels_engine
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
+from hbm.plausibility.motion import held_coordinates
 from hbm.plausibility.outliers import solve_motion
 from hbm.signals.filtering import Filtered, butterworth, low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
@@ -36,12 +37,13 @@ from pipeline.trial.gait.events import (
     foot_swings,
     other_events,
 )
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.corrected_plates import corrections_used, with_corrected_plates
 from pipeline.trial.ground.laboratory import BoundLaboratory, bind
 from pipeline.trial.ground.platform import in_lab, uncompensated_motion
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.quality import NO_SUPPORT, free_of, settling_s
+from pipeline.trial.result import EventOrigin, Procedure
 from pipeline.trial.stages import (
     Loads,
     PlateDelay,
@@ -111,9 +113,10 @@ class Solved(NamedTuple):
 
 
 class Gait(NamedTuple):
-    """Gait events, where the feet are from the pelvis, (T, 2, 3) [m], and what is doubtful."""
+    """Gait events, what shows them, where the feet are from the pelvis, (T, 2, 3) [m], doubts."""
 
     found: FoundEvents
+    origin: EventOrigin
     feet: Array
     doubts: tuple[Note, ...]
 
@@ -350,7 +353,10 @@ class Chain:
         carried = free_of(self.quality, NO_SUPPORT)
         reference = other_events(of_plates, swings.events, carried, method)
         doubts = (*doubts, found.note, *check_events(found.events, reference))
-        return Gait(found, swings.feet, doubts)
+        origin: EventOrigin = "motion" if {*found.events}.isdisjoint(of_plates) else "calibrated"
+        if method != "auto":
+            origin = method
+        return Gait(found, origin if found.events else "", swings.feet, doubts)
 
     @cached_property
     def window(self) -> Counted:
@@ -365,6 +371,20 @@ class Chain:
             self.settings.min_valid_share,
             self.gait.feet,
             self.gait.found.why_none,
+        )
+
+    @property
+    def procedure(self) -> Procedure:
+        """How it was processed where the settings leave that open."""
+        correction = self.inputs.laboratory.plates
+        corrections = corrections_used(self.trial.plates, correction)
+        return Procedure(
+            mass=self.mass.source,
+            events=self.gait.origin,
+            held=held_coordinates(self.body, self.pose.solved),
+            plate_calibration=correction.name if correction and corrections else "",
+            delays_corrected=any(one.delay_s for one in corrections),
+            dynamic=bool(self.lab.lags_s),
         )
 
     # The residual by one filtered sum of all plates, for chains that are changed many times

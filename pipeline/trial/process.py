@@ -132,6 +132,8 @@ def result_of(chain: Chain) -> TrialResult:
     require_possible(loads.dynamics[ground.best].residual[chain.counts], body)
     # gait and window: events, and the cycles that count
     events, window = chain.gait.events, chain.window
+    # faults of plates, and what corrects them
+    faults, calibration = find_faults(chain), inputs.laboratory.calibration
 
     return TrialResult(
         source=chain.trial.source,
@@ -157,7 +159,11 @@ def result_of(chain: Chain) -> TrialResult:
         uncertainty=chain.uncertainty,
         delay_s=chain.delay.seconds,
         delay_uncertainty_s=chain.delay.uncertainty_s,
-        notes=notes_of(chain, find_faults(chain)),
+        notes=notes_of(chain, faults),
+        of_calibration=() if calibration is None else calibration.notes,
+        shortage=window.shortage,
+        doubted_plates=tuple(sorted({number for fault in faults for number in fault.plates})),
+        procedure=chain.procedure,
     )
 
 

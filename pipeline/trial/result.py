@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import PlainSerializer, PlainValidator
 
-from compensation.inertia.quality import OF_CALIBRATION
 from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
@@ -31,6 +30,11 @@ def _note(stored: object) -> Note:
 StoredNote = Annotated[Note, PlainValidator(_note), PlainSerializer(Note.to_dict)]
 """A note that stands in JSON with its code, level, text and values."""
 PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
+
+
+EventOrigin = Literal["", "file", "zeni", "plates", "calibrated", "motion"]
+"""Of the file, of markers by Zeni, where plates say, of the feet's motion calibrated by plates, and
+of the motion alone."""
 
 
 @cache
@@ -68,6 +72,34 @@ class CyclePart:
             start, stop = np.reshape(cycles[side], (-1, 2)).T[..., None]
             found.append(100 * (np.reshape(spans, (-1, 2)) - start) / (stop - start))
         return np.concatenate(found)
+
+
+@dataclass(frozen=True, slots=True)
+class Procedure:
+    """How a trial was processed where its settings leave that open; its Methods section says it.
+
+    Attributes
+    ----------
+    mass
+        Where the body mass is from, as `pipeline.trial.subject.body_mass` says.
+    events
+        What shows the gait events; empty where there are none.
+    held
+        Coordinates that a prior held near neutral.
+    plate_calibration
+        File by which the plates were corrected; empty without one.
+    delays_corrected
+        Whether it brought them forward by their delays.
+    dynamic
+        Whether a dynamic model compensated the plates.
+    """
+
+    mass: str = ""
+    events: EventOrigin = ""
+    held: tuple[str, ...] = ()
+    plate_calibration: str = ""
+    delays_corrected: bool = False
+    dynamic: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +151,15 @@ class TrialResult:
     platform
         The platform's pose, (T,) frames; None for a treadmill that stands still.
     notes
-        What was inferred, locked, filled or refused.
+        What was inferred, locked, filled or refused, for people.
+    of_calibration
+        Those on the treadmill's calibration, to be shown wherever the trial is used.
+    shortage
+        Why there are no residuals; empty where there are.
+    doubted_plates
+        Numbers of the plates whose samples are doubted.
+    procedure
+        How it was processed where the settings leave that open.
     overridden_segments
         Segments whose inertia is not by the table alone.
     onsets
@@ -170,6 +210,10 @@ class TrialResult:
     delay_s: float
     delay_uncertainty_s: float
     notes: tuple[Note, ...]
+    of_calibration: tuple[Note, ...] = ()
+    shortage: str = ""
+    doubted_plates: tuple[int, ...] = ()
+    procedure: Procedure = Procedure()
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
     part: CyclePart | None = None
@@ -217,14 +261,3 @@ class TrialResult:
     def engine(self) -> str:
         """Name and version of the engine of the inverse dynamics, the same for all variants."""
         return next(iter(self.variants.values())).engine
-
-    @property
-    def shortage(self) -> str:
-        """Why there are no residuals; empty where there are."""
-        reasons = (note.values["reason"] for note in self.notes if note.code == "no_residuals")
-        return str(next(reasons, ""))
-
-    @property
-    def of_calibration(self) -> tuple[Note, ...]:
-        """What to know of the treadmill's calibration wherever the trial is used."""
-        return tuple(note for note in self.notes if note.code in OF_CALIBRATION)

@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from compensation import Calibration
-from hbm.notes import Note
 from hbm.segments import SegmentOverride
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import SubjectFile, Trial
@@ -97,35 +96,22 @@ def read_study_laboratory(study: Study) -> Laboratory:
 
 
 def with_unused_renames(recording: Recording, *others: Recording | None) -> Recording:
-    """Note which labels to rename neither a trial nor the other files about it have.
+    """Give a trial with a fact about labels to rename that no file about it has.
 
-    Parameters
-    ----------
-    recording
-        The trial.
-    others
-        Its calibration pose and further files; None where there is none.
-
-    Returns
-    -------
-    Recording
-        The trial with a note ``rename_without_label`` where there are such labels, and without
-        ``labels_not_renamed`` of those that another file has.
+    Others are its calibration pose and further files; None where there is none.
     """
-    kept = [note for note in recording.notes if note.code != "labels_not_renamed"]
     every = [recording, *(other for other in others if other is not None)]
-    if absent := labels_in_none(each.notes for each in every):
-        kept.append(Note.of("rename_without_label", labels=absent))
-    return replace(recording, notes=tuple(kept))
+    facts = unused_renames(each.labels_absent for each in every)
+    notes = (*recording.notes, *(fact.note for fact in facts))
+    return replace(recording, facts=(*recording.facts, *facts), notes=notes)
 
 
-def labels_in_none(notes_of_files: Iterable[Iterable[Note]]) -> tuple[str, ...]:
-    """Give the labels to rename that none of some files has, from the notes on reading each."""
-    absent = [
-        {label for note in notes if note.code == "labels_not_renamed" for label in _labels(note)}
-        for notes in notes_of_files
-    ]
-    return tuple(sorted(set.intersection(*absent))) if absent else ()
+def unused_renames(labels_absent: Iterable[Iterable[str]]) -> tuple[Fact, ...]:
+    """Say which labels to rename none of some files has, from those that each does not have."""
+    absent = [*map(set, labels_absent)]
+    if not absent or not (labels := ", ".join(sorted(set.intersection(*absent)))):
+        return ()
+    return (Fact("rename_without_label", "rename", f"no marker {labels} in any file"),)
 
 
 @contextmanager
@@ -136,16 +122,10 @@ def saying_what_was_read(recording: Recording, *others: Recording | None) -> Ite
     from them.
     """
 
-    def said() -> Iterator[Note | Fact]:
+    def said() -> Iterator[Fact]:
         for file in (file for file in (recording, *others) if file is not None):
             yield from file.facts
             yield from reversed_plates(file).values()
-            yield from file.notes
 
     with saying(said()):  # looked for only where there is an error
         yield
-
-
-def _labels(note: Note) -> tuple[str, ...]:
-    labels = note.values["labels"]
-    return labels if isinstance(labels, tuple) else ()

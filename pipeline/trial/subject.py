@@ -159,6 +159,11 @@ class BodyMass(NamedTuple):
         """Whether somebody stated it, so that the plates did not weigh it."""
         return STATED in self.known_kg
 
+    @property
+    def source(self) -> str:
+        """Where the one that is used comes from."""
+        return next(iter(self.known_kg))
+
     @classmethod
     def rough(cls, mass_kg: float) -> "BodyMass":
         """Give one with which steps can be found that weigh better."""

@@ -19,7 +19,7 @@ from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 from pipeline.run.store import write_trial
 from pipeline.trial.residuals import reported
-from pipeline.trial.result import TrialResult
+from pipeline.trial.result import Procedure, TrialResult
 from tests.synthetic import synthetic_body
 
 ENGINE = "Pinocchio 4.1.0"
@@ -149,6 +149,7 @@ def fake_trial(
             Note.of("events_uncalibrated", left=3, right=3),
             Note.of("legs_differ", difference_m=0.041, left_m=0.843, right_m=0.802),
         ),
+        procedure=Procedure(mass="standing on the plates", events="motion"),
     )
 
 

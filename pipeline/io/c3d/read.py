@@ -32,9 +32,10 @@ from pipeline.io.recording import (
     Plate,
     PlateFrame,
     Recording,
+    impossible_samples,
     saying,
 )
-from pipeline.io.stated import Stated, as_stated, impossible_samples
+from pipeline.io.stated import Stated, as_stated
 
 KINDS: Final = {
     **dict.fromkeys(

@@ -86,14 +86,11 @@ def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
     except ValueError as first:
         for axes in AXES_BY_VERTICAL if stated.axes is None else ():
             try:
-                recording = read_recording(path, replace(stated, axes=axes))
+                recording = read_recording(path, replace(stated, axes=axes, axes_by=""))
             except ValueError:
                 continue
             if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
-                notes = tuple(note for note in recording.notes if note.code != "axes")
-                return replace(
-                    recording, stated=stated, axes=(), notes=notes
-                )  # nobody stated these axes
+                return replace(recording, stated=stated, axes=())  # nobody stated these axes
         raise first
 
 

@@ -10,9 +10,15 @@ from typing import Final, TypeVar, cast
 
 import numpy as np
 
-from compensation import BeltModel, Calibration, check_trial, fit_belt, from_json, to_json
-from compensation.inertia.quality import OF_CALIBRATION, DayCheck, check_another_day
-from compensation.inertia.sensors import FAULTS
+from compensation import (
+    BeltModel,
+    Calibration,
+    fit_belt,
+    from_json,
+    to_json,
+)
+from compensation.inertia.quality import DayCheck, check_another_day
+from compensation.inertia.sensors import faulty_sensors
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate
@@ -32,11 +38,12 @@ from pipeline.trial.ground.calibration_recording import (
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import (
     Laboratory,
+    bind,
     channels_of,
     plate_models,
     require_same_plates,
 )
-from pipeline.trial.ground.wrenches import plate_artefacts
+from pipeline.trial.ground.wrenches import plate_artefacts, sensor_notes
 
 FILTER_EDGE_S: Final = 0.5
 """Left out at both ends of the calibration, where the low-pass has no neighbours."""
@@ -207,10 +214,11 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
         return recording, (missing,)
     file = recording.source.name
     with naming(recording.source):
-        artefacts, found = plate_artefacts(recording, replace(laboratory, belts=()))
-    if faults := [note.text for note in found if note.code in FAULTS]:
-        raise ValueError(f"{file}: the belts' calibration needs its accelerometers: {faults[0]}")
-    doubts = tuple(note.text for note in found if note.code not in OF_CALIBRATION)
+        platform = bind(recording, replace(laboratory, belts=()))
+        if faults := sensor_notes(platform, faulty_sensors):
+            raise ValueError(f"the belts' calibration needs its accelerometers: {faults[0]}")
+        artefacts, _ = plate_artefacts(recording, platform.laboratory)
+    doubts = tuple(map(str, sensor_notes(platform)))
     plates = tuple(
         replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
         for plate, artefact in zip(recording.plates, artefacts, strict=True)
@@ -292,8 +300,7 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> Calibration
     assert calibration is not None
     _, readings = accelerations(recording, treadmill)
     seen = readings[np.isfinite(readings).all(axis=1)]
-    found = check_trial(models[0], seen, treadmill.accelerometer_range_g)
-    if faults := tuple(note for note in found if note.code in FAULTS):
+    if faults := faulty_sensors(models[0], seen, treadmill.accelerometer_range_g):
         return CalibrationCheck(False, faults)
     belts_mps, checked = mean_belt_speed(fastest_belt(recording, treadmill)), {}
     samples = plate_samples(recording, treadmill, calibration.sensors, laboratory.plates)

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from compensation import PlateCalibration
 from hbm.notes import Note
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.io.recording import Plate, Recording
@@ -77,10 +78,19 @@ def relative_delays_s(plates: Sequence[Plate], correction: PlateCorrection | Non
     return [0.0, *(delay - first for delay in others)]
 
 
+def corrections_used(
+    plates: Sequence[Plate], correction: PlateCorrection | None
+) -> list[PlateCalibration]:
+    """Give the calibrations of those plates that have one."""
+    if correction is None:
+        return []
+    known = (correction.calibrations.of(plate.number) for plate in plates)
+    return [one for one in known if one is not None]
+
+
 def _notes(plates: Sequence[Plate], correction: PlateCorrection) -> list[Note]:
-    known = {plate.number: correction.calibrations.of(plate.number) for plate in plates}
-    found, notes = [one for one in known.values() if one is not None], []
-    if found:
+    notes = []
+    if found := corrections_used(plates, correction):
         unexamined = [f"{c} of plate {one.plate}" for one in found for c in one.unexamined]
         note = Note.of(
             "plates_corrected",
@@ -90,6 +100,7 @@ def _notes(plates: Sequence[Plate], correction: PlateCorrection) -> list[Note]:
             unexamined=unexamined or ["nothing"],
         )
         notes.append(note)
-    if missing := [str(number) for number, one in known.items() if one is None]:
+    numbers = {one.plate for one in found}
+    if missing := [str(plate.number) for plate in plates if plate.number not in numbers]:
         notes.append(Note.of("plates_not_corrected", plates=missing, calibration=correction.name))
     return notes

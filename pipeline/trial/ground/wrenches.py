@@ -1,6 +1,6 @@
 """Ground: samples of plates, accelerometers, belts and platform to wrenches of every plate."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -58,7 +58,7 @@ def plate_artefacts(
         felt = _felt_unfiltered(lab, [t - late_s for t, late_s in zip(times, late, strict=True)])
         predicted = [_predicted(model, one) for model, one in zip(lab.models, felt, strict=True)]
         added.append((predicted, "the acceleration"))
-        notes = calibration_doubts(lab)
+        notes = [*laboratory.calibration.notes, *sensor_notes(lab)]
     if laboratory.belts and treadmill.belt is not None:
         of_belts = belt_wrenches(recording, laboratory.belts, treadmill.belt, times)
         added.append((of_belts, "the belts' acceleration"))
@@ -70,14 +70,15 @@ def plate_artefacts(
     return artefacts, tuple(notes)
 
 
-def calibration_doubts(lab: BoundLaboratory) -> list[Note]:
-    """Find what is doubtful about a calibration and about a trial's accelerations."""
+def sensor_notes(
+    lab: BoundLaboratory,
+    check: Callable[[InertiaModel, Array, float], tuple[Note, ...]] = check_trial,
+) -> tuple[Note, ...]:
+    """Say what is doubtful about a trial's accelerations, or what another check finds in them."""
     assert lab.readings is not None
-    assert lab.laboratory.calibration is not None
-    readings, treadmill = lab.readings[1], lab.laboratory.treadmill
-    known = samples_of(readings, np.isfinite(readings).all(axis=1))
-    doubts = check_trial(lab.models[0], known, treadmill.accelerometer_range_g)
-    return [*lab.laboratory.calibration.notes, *doubts]
+    readings = lab.readings[1]
+    seen = samples_of(readings, np.isfinite(readings).all(axis=1))
+    return check(lab.models[0], seen, lab.laboratory.treadmill.accelerometer_range_g)
 
 
 def _felt_unfiltered(lab: BoundLaboratory, times: Sequence[Array]) -> list[Array]:
@@ -275,7 +276,7 @@ def _compensation_notes(lab: BoundLaboratory, method: Method) -> list[Note]:
         delay_s={sensor.name: sensor.correction_s for sensor in lab.sensors},
     )
     limits = uncertainty_limits(mean_belt_speed(lab.belts), calibration)
-    return [*calibration_doubts(lab), how, *limits, *lab.laboratory.notes]
+    return [*calibration.notes, *sensor_notes(lab), how, *limits, *lab.laboratory.notes]
 
 
 def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:

@@ -8,7 +8,7 @@ from hbm.markers import MarkerSet, marker_sets
 from hbm.notes import Note
 from pipeline.io.input_file import describe_error, naming
 from pipeline.io.read import file_format, read_recording
-from pipeline.io.recording import Fact, saying
+from pipeline.io.recording import Fact, impossible_samples, saying
 from pipeline.io.stated import Stated
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline.other_formats import (
@@ -285,7 +285,7 @@ def test_one_flipped_bit_does_not_turn_the_axes_of_a_recording(shared_data, name
 
 def test_what_was_found_on_reading_is_printed_with_a_later_error():
     plate = Fact("left_out", "plate 2", "FORCE_PLATFORM:TYPE does not name its type")
-    gaps = Note.of("impossible_samples", samples=2, of_channel={"LASIS": 2})
+    (gaps,) = impossible_samples(["LASIS", "RASIS"], [2, 0])
     axes = Note.of("axes", axes=("forward", "left", "up"), evidence="as given")
     with (
         pytest.raises(ValueError, match="mass missing") as error,

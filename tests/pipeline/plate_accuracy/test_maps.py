@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.plate_accuracy.report import errors_table, place_errors, write_report
 from pipeline.plate_accuracy.verdict import TOTAL, judge
-from pipeline.report.laboratory import write_page
+from pipeline.report.laboratory import write_laboratory
 from tests.pipeline.plate_accuracy.conftest import spoiled
 
 PLACES = np.array([-0.6, 0.0, 0.5]), np.array([0.1, -0.1, 0.05])
@@ -44,7 +44,7 @@ def test_the_page_has_the_errors_before_and_after_correction_and_where_extrapola
     strong, tmp_path
 ):
     part = write_report(strong, tmp_path)
-    page = write_page(tmp_path, part).read_text(encoding="utf-8")
+    page = write_laboratory(tmp_path, part).read_text(encoding="utf-8")
     (verdict,) = judge(strong)
     totals = [one for one in verdict.judged if one.name.startswith(TOTAL)]
     rows = errors_table([verdict]).rows

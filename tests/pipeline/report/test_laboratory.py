@@ -32,7 +32,7 @@ from pipeline.report.laboratory import (
     history_figure,
     page_of_study,
     read_checks,
-    write_page,
+    write_laboratory,
 )
 from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
 from pipeline.trial.ground.laboratory import Laboratory
@@ -216,9 +216,9 @@ def test_a_check_leaves_tables_and_figures_of_the_fit_and_a_new_fit_drops_the_ch
 
     assert details(page_of(checked)) == details(page_of(fitted))
     folder = shutil.copytree(checked, tmp_path / "lab")
-    write_page(
-        folder, Part("plates", [Table("Left <plate>", ("Question", "Answer"), [("A", "B")])])
-    )
+    verdict = Table("Left <plate>", ("Question", "Answer"), [("A", "B")])
+    errors = Table("Errors", ("Plate", "Error"), [("left", "1 N")])
+    write_laboratory(folder, Part("plates", [verdict], [errors]))
     assert {"calibration", "check", "plates"} <= set(
         re.findall(r'<section id="(\w+)"', page_of(folder))
     )
@@ -233,7 +233,7 @@ def test_the_page_is_made_of_the_file_beside_it_and_holds_no_state(checked, tmp_
     folder = shutil.copytree(checked, tmp_path / "lab")
     assert "<!--" not in page_of(folder)
     (folder / PAGE).unlink()
-    write_page(folder)
+    write_laboratory(folder)
     assert page_of(folder) == page_of(checked)
 
 
@@ -242,12 +242,14 @@ def test_a_damaged_file_beside_the_page_is_named(checked, tmp_path):
     for text in ("{", "[]", '{"calibration": {"name": "x"}}'):
         (folder / STATE).write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=r"laboratory.json: damaged.*move it away"):
-            write_page(folder)
+            write_laboratory(folder)
 
 
 def test_a_page_of_an_earlier_version_is_kept_beside_the_new_one(tmp_path):
     (tmp_path / PAGE).write_text("earlier", encoding="utf-8")
-    write_page(tmp_path, Part("plates", [Table("Left", ("Question", "Answer"), [("A", "B")])]))
+    write_laboratory(
+        tmp_path, Part("plates", [Table("Left", ("Question", "Answer"), [("A", "B")])])
+    )
     assert (tmp_path / "laboratory_old.html").read_text(encoding="utf-8") == "earlier"
     assert "Left" in page_of(tmp_path)
 

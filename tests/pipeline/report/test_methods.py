@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-from hbm.notes import Note
 from pipeline.config.schema import Settings
 from pipeline.config.study import read_study
 from pipeline.report.methods import bibtex, methods
@@ -59,16 +58,21 @@ def with_engine(trial):
     return replace(trial, variants=variants)
 
 
-def with_events(trial):
-    return replace(trial, notes=(Note.of("events_of_plates", left=3, right=3),))
+def with_procedure(**known):
+    return lambda trial: replace(trial, procedure=replace(trial.procedure, **known))
+
+
+def with_landmarks(trial):
+    rules = ("LPSIS (by the other side)",)
+    return replace(trial, body=replace(trial.body, landmark_rules=rules))
 
 
 def with_shoes(trial):
     return replace(trial, subject=trial.subject.model_copy(update={"shoe_mass_kg": 0.3}))
 
 
-def without_shoes(trial):
-    return replace(trial, notes=(*trial.notes, Note.of("no_shoes")))
+def as_it_is(trial):
+    return trial
 
 
 def with_braced_feet(trial):
@@ -92,9 +96,18 @@ def with_braced_feet(trial):
         ),
         (with_settings(hip="bell"), r"Bell et al\. \(1990\)", "Harrington", "harrington2007"),
         (with_settings(plate_delay_s=0.004), "a delay of 4 ms", "backward and forward", None),
-        (with_events, "one foot alone passes 20 N", "Zeni", "zeni2008"),
+        (with_procedure(events="plates"), "one foot alone passes 20 N", "Zeni", "zeni2008"),
         (with_shoes, "Shoes of 0.3 kg each were added to the feet\\.", "had no shoes", None),
-        (without_shoes, "The body models had no shoes", "Shoes of", None),
+        (as_it_is, "The body models had no shoes", "Shoes of", None),
+        (with_procedure(held=("neck",)), r"about neutral \(neck\)", "one foot alone", None),
+        (
+            with_procedure(plate_calibration="plates.json", delays_corrected=True),
+            r"\(plates\.json\) and brought forward",
+            "about neutral",
+            None,
+        ),
+        (with_procedure(dynamic=True), "second differences over", "brought forward", None),
+        (with_landmarks, r"replaced: LPSIS \(by the other side\)\.", "second differences", None),
         (with_braced_feet, "stated values .*right_foot", "had no shoes", None),
     ],
 )

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hbm.notes import Note
 from pipeline.config.schema import Settings
 from pipeline.report import write as report
 from pipeline.report.write import write_report
@@ -276,7 +275,7 @@ def test_what_is_unlike_the_other_trials_is_named_and_in_no_test(tmp_path, quick
     write_standing(tmp_path, 3, "sway")
     lost = replace(
         standing(fake_trial(2, "baseline", cycles=2, settings=Settings(cutoff_hz=12))),
-        notes=(Note.of("no_residuals", reason="the plates carry the subject in no frame"),),
+        shortage="the plates carry the subject in no frame",
         condition="baseline",
         key="key",
     )

@@ -10,8 +10,7 @@ from openpyxl import load_workbook
 from pipeline.cli.app import main
 from pipeline.io.write import read_csv
 from pipeline.report import write as report
-from pipeline.report.columns import described
-from pipeline.report.workbook import write_workbook
+from pipeline.report.workbook import described, write_workbook
 from pipeline.report.write import write_report
 from pipeline.run.store import write_trial
 from tests.pipeline.fake_results import fake_trial, write_fake_results

@@ -1,6 +1,7 @@
 """Long, broken and unusual C3D files give a Recording or one line of error."""
 
 import struct
+from itertools import chain
 
 import numpy as np
 import pytest
@@ -52,8 +53,8 @@ def test_positions_and_samples_that_no_laboratory_has_are_gaps_with_a_note(tmp_p
     read = read_recording(path, "left,back,up" if suffix == ".c3d" else AXES)
     assert not np.isfinite(read.markers.position[20:25, 3]).any()
     assert np.isfinite(np.delete(read.markers.position, 3, axis=1)).all()
-    noted = [n.values["of_channel"] for n in read.notes if n.code == "impossible_samples"]
-    assert {name: count for of_channel in noted for name, count in of_channel.items()} == counts
+    noted = [fact.of.split(", ") for fact in read.facts if fact.kind == "impossible_samples"]
+    assert {*chain(*noted)} == {f"{name} {count}" for name, count in counts.items()}
     if suffix == ".c3d":
         assert np.isnan(read.analog.values[:7]).all()
         assert compare_readers(path).disagreements == ()
