@@ -136,13 +136,6 @@ SHOW_NOTES = {
     "pipeline/report/blocks.py",
 }
 """They write notes for people."""
-READ_NOTES = {
-    *(f"pipeline/trial/{name}.py" for name in ("checks", "plate_faults", "process")),
-    *(f"pipeline/trial/{name}.py" for name in ("subject", "window")),
-    *("pipeline/live/light.py", "pipeline/live/monitor.py", "pipeline/run/check.py"),
-}
-"""They still decide by notes; to become empty."""
-
 
 def reads_of_notes(text):
     """Lines that read a note's code, or its values by name; examples in docstrings are none."""
@@ -169,7 +162,7 @@ def test_notes_are_written_for_people_and_no_code_decides_by_them():
         for path in sorted((ROOT / package).rglob("*.py"))
         if (lines := [*reads_of_notes(path.read_text(encoding="utf-8"))])
     }
-    assert {n: lines for n, lines in found.items() if n not in SHOW_NOTES | READ_NOTES} == {}
+    assert {n: lines for n, lines in found.items() if n not in SHOW_NOTES} == {}
 
 
 def test_type_checkers_find_the_packages_where_they_are_installed(tmp_path):

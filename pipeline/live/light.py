@@ -22,7 +22,7 @@ class Kind(Enum):
 
     Attributes
     ----------
-    code
+    note_code
         In the catalogue.
     subject
         What in its sentences names the subject; empty where there is one at most.
@@ -65,12 +65,12 @@ class Kind(Enum):
     CONNECTION_LOST = "live_connection_lost"
 
     def __init__(self, code: str, subject: str = "", stops: bool = False, frames: int = 0) -> None:
-        self.code, self.subject, self.stops, self.frames = code, subject, stops, Quality(frames)
+        self.note_code, self.subject, self.stops, self.frames = code, subject, stops, Quality(frames)
 
 
 OF_FRAMES: Final = {k.frames: k for k in Kind if k.frames and k.name in Quality.__members__}
 """Why frames are not used -> what says so where nothing else does."""
-OF_SENSORS: Final = {SensorFault(k.code): k for k in Kind if k.code in set(SensorFault)}
+OF_SENSORS: Final = {SensorFault(k.note_code): k for k in Kind if k.note_code in set(SensorFault)}
 
 
 Key = tuple[Kind, tuple[str, ...]]
@@ -109,7 +109,12 @@ class Finding:
     def note(self) -> Note:
         """Give it in words."""
         subject = {self.kind.subject: self.subject} if self.kind.subject else {}
-        return Note.of(self.kind.code, **subject, **self.values)
+        return Note.of(self.kind.note_code, **subject, **self.values)
+
+    @property
+    def camera(self) -> object:
+        """Which camera does not see a hidden marker."""
+        return dict(self.values)["camera"]
 
 
 def light(
@@ -172,7 +177,7 @@ def _together(findings: Sequence[Finding]) -> Finding:
     first = findings[0]
     if first.kind is not Kind.MARKER_GONE:
         return first
-    cameras = {finding.values["camera"] for finding in findings}
+    cameras = {finding.camera for finding in findings}
     camera = cameras.pop() if len(cameras) == 1 else "camera"
     markers = tuple(name for finding in findings for name in finding.subject)
     return Finding(first.kind, markers, {**first.values, "camera": camera})

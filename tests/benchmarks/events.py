@@ -185,7 +185,7 @@ def event_sources(
         body, without_frozen_frames(recording.markers, body.markers), 1
     )
     lab = bind(recording, laboratory, rules.plate_delay_s)
-    ground = ground_wrenches(lab, motion.time, [])
+    ground = ground_wrenches(lab, motion.time)
     contacts = share_between_feet(
         motion.time,
         ground.variants[ground.best],

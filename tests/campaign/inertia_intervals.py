@@ -156,7 +156,7 @@ def with_belts(signal: Signal, name: str, speed: float) -> Signal:
 def judged(known: Laboratory, recording: Recording, cutoff_hz: float) -> pd.DataFrame:
     """Compare what is left of the empty plate with its stated uncertainty, about its centre."""
     time, center = recording.markers.time, recording.plates[0].center
-    ground = ground_wrenches(bind(recording, known, 0.0), time, [], cutoff_hz)
+    ground = ground_wrenches(bind(recording, known, 0.0), time, cutoff_hz)
     left = shift_wrench(ground.variants["compensated"][0], center)
     if cutoff_hz < max(CUTOFFS_HZ):
         left = low_pass(left, time, cutoff_hz, "zero_phase")

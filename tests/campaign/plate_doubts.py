@@ -31,7 +31,8 @@ from tests.recordings import recorded
 
 CODES = {
     *("plate_wraps", "plate_jumps", "plates_exchanged", "plate_turned", "plate_reversed"),
-    *("plate_elsewhere", "plate_askew", "plate_gain", "mass_differs", "pressure_far_from_feet"),
+    *("plate_elsewhere", "plate_askew", "plate_gain", "plate_late", "plates_unclear"),
+    *("mass_differs", "pressure_far_from_feet"),
 }
 UP = np.array([0.0, 0.0, 1.0])
 SPEEDS_MPS = (1.0, 1.2, 1.4, 1.6)

@@ -153,9 +153,8 @@ def test_where_steps_are_asked_for_what_is_missing_are_steps(walker):
     strikes = [Event(time, "foot_strike", side) for time, side in ((2.0, "left"), (2.6, "right"))]
     texts = []
     for events in (strikes[:1], strikes):
-        notes = []
-        what_counts(walker, events, flags, Condition(window="step"), (0, 0), None, notes, 0.5)
-        texts += [note.text for note in notes]
+        counted = what_counts(walker, events, flags, Condition(window="step"), (0, 0), None, 0.5)
+        texts += [note.text for note in counted.notes]
     needs, excluded, all_excluded = texts
     assert "a step needs foot strikes of both sides" in needs
     assert excluded == "1 step excluded: 1 for plates that do not carry the subject"
@@ -166,9 +165,9 @@ def test_steps_that_stand_in_for_gait_cycles_say_why_these_are_excluded(walker):
     strikes = [(2.0, "left"), (2.6, "right"), (4.2, "left"), (4.8, "right"), (6.4, "left")]
     events = [Event(time, "foot_strike", side) for time, side in strikes]
     events += [Event(1.1 * k + 1.4, "foot_off", side) for k in range(6) for side in SIDES]
-    notes, sound = [], np.zeros(len(walker.markers.time), int)
-    what_counts(walker, events, sound, Condition(), (0, 0), None, notes, 0.5)
-    (note,) = (note for note in notes if note.code == "steps_for_cycles")
+    sound = np.zeros(len(walker.markers.time), int)
+    counted = what_counts(walker, events, sound, Condition(), (0, 0), None, 0.5)
+    (note,) = (note for note in counted.notes if note.code == "steps_for_cycles")
     assert "all gait cycles were excluded, 3 for events that do not alternate" in note.text
 
 

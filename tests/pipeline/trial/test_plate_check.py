@@ -34,7 +34,8 @@ def walking(duration_s=10.0, *, rest_n=(0.0, 0.0), noise_n=3.0):
 def all_notes(recording):
     time = recording.markers.time
     wrenches = [resample(plate.time, plate.wrench, time) for plate in recording.plates]
-    return check_plates(recording, wrenches, MASS_KG)
+    zeros, notes = check_plates(recording, wrenches, MASS_KG)
+    return notes if zeros is None else (zeros.note(" ".join(zeros.mendings), MASS_KG), *notes)
 
 
 def check(recording):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pipeline.trial.plate_faults import Witnesses, weight_of_steps
+from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.schema import Settings, Subject
@@ -30,7 +30,6 @@ from tests.overground_walk import simulate_overground
 
 RATE_HZ = 1000.0
 TIME = np.arange(2000) / RATE_HZ
-ALL_SEEN = np.zeros((6, 6))
 STANCE = np.where((TIME > 0.5) & (TIME < 1.2), np.sin(np.pi * (TIME - 0.5) / 0.7), 0.0)
 
 
@@ -75,20 +74,35 @@ def test_steps_weigh_a_body_that_gains_speed(mass_kg, rise_mps, start):
     carried = (np.arange(150) >= start) & (np.arange(150) < start + 50)
     force = mass_kg * (GRAVITY_MPS2 + rise_mps / 0.5)
     stated_kg = 70.0
-    wrench, need = np.zeros((1, 150, 6)), np.zeros((150, 6))
+    wrench, needed = np.zeros((1, 150, 6)), np.zeros((150, 6))
     wrench[0, carried, 2] = force
-    need[carried, 2] = force * stated_kg / mass_kg
-    feet = np.zeros((150, 2, 3))
-    known = (carried, feet, feet, np.full(2, 0.25), stated_kg * GRAVITY_MPS2, feet[:, 0], ALL_SEEN)
-    found = weight_of_steps(Witnesses(time, wrench, wrench, need, *known))
-    assert found == pytest.approx(mass_kg, rel=1e-9)
+    needed[carried, 2] = force * stated_kg / mass_kg
+    seen = evidence(time, wrench, needed, carried, stated_kg * GRAVITY_MPS2)
+    assert weight_of_steps(seen) == pytest.approx(mass_kg, rel=1e-9)
 
 
 def test_steps_do_not_weigh_what_the_plates_carry_too_briefly():
-    time, empty = np.arange(150) / 100, np.zeros((150, 6))
-    feet = np.zeros((150, 2, 3))
-    known = (np.arange(150) < 20, feet, feet, np.full(2, 0.25), 700.0, feet[:, 0], ALL_SEEN)
-    assert weight_of_steps(Witnesses(time, empty[None] + 700, empty[None], empty, *known)) is None
+    time, load = np.arange(150) / 100, np.full((1, 150, 6), 700.0)
+    assert weight_of_steps(evidence(time, load, load[0], time < 0.2, 700.0)) is None
+
+
+def evidence(time, wrenches, needed, carried, weight_n):
+    """Evidence of what plates carry, without feet."""
+    feet = np.zeros((len(time), 2, 3))
+    return Evidence(
+        plates=(),
+        time=time,
+        wrenches=wrenches,
+        load=wrenches[..., 2],
+        needed=needed,
+        pelvis=feet[:, 0],
+        carried=carried,
+        ankle=feet,
+        ball=feet,
+        foot_m=np.full(2, 0.25),
+        weight_n=weight_n,
+        covariance=np.eye(6),
+    )
 
 
 @pytest.fixture(scope="module")

@@ -9,15 +9,12 @@ ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
 TREADMILL = Treadmill(accelerometers=lab.CHANNELS, platform=ON_MARKERS)
 
 
-def ground_of(recording, laboratory, time=None, plate_delay_s=0.0, *, notes=None, **low_pass):
-    """The wrenches of the plates at the markers' times, or at others; ``notes`` takes the notes."""
+def ground_of(recording, laboratory, time=None, plate_delay_s=0.0, **low_pass):
+    """The wrenches of the plates at the markers' times, or at others."""
     time = recording.markers.time if time is None else time
-    lab = bind(recording, laboratory, plate_delay_s)
-    return ground_wrenches(lab, time, [] if notes is None else notes, **low_pass)
+    return ground_wrenches(bind(recording, laboratory, plate_delay_s), time, **low_pass)
 
 
 def notes_on(recording, laboratory, time=None, plate_delay_s=0.0):
     """The notes on the wrenches of the plates."""
-    notes = []
-    ground_of(recording, laboratory, time, plate_delay_s, notes=notes)
-    return notes
+    return ground_of(recording, laboratory, time, plate_delay_s).notes

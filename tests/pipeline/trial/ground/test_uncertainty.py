@@ -101,14 +101,13 @@ def test_the_sum_of_all_plates_is_as_uncertain_as_stated():
         trial = noisy(seed)
         for joint in squares:
             known = Laboratory(TREADMILL, calibration if joint else independent)
-            notes = []
-            ground = ground_of(trial, known, notes=notes)
+            ground = ground_of(trial, known)
             total, stated = (
                 np.sum(ground.variants["compensated"], axis=0),
                 ground.uncertainty(ORIGIN),
             )
             squares[joint].append(rms_by_stated(trial, total, stated) ** 2)
-            assert ("go together" in " ".join(note.text for note in notes)) is not joint
+            assert ("go together" in " ".join(note.text for note in ground.notes)) is not joint
     np.testing.assert_allclose(np.sqrt(np.mean(squares[True], axis=0)), 1, atol=0.12)
     assert np.sqrt(np.mean(squares[False], axis=0))[:3].min() > 1.2
 

@@ -28,13 +28,13 @@ def motions():
 
 def filtered_total(recording, laboratory, *, plate_delay_s=0.0):
     """Sum of the plates per variant after the filter, the ground itself, and the notes on it."""
-    time, notes = recording.markers.time, []
-    ground = ground_of(recording, laboratory, time, plate_delay_s, notes=notes)
+    time = recording.markers.time
+    ground = ground_of(recording, laboratory, time, plate_delay_s)
     total = {
         name: butterworth(np.sum(wrenches, axis=0), time, 6.0, "zero_phase").value
         for name, wrenches in ground.variants.items()
     }
-    return total, ground, notes
+    return total, ground, ground.notes
 
 
 def truth(walker):
