@@ -1,7 +1,7 @@
 """Faults of single plates: what no foot can do, and what the motion and the feet contradict.
 
-Every plate is judged in its own axes by three witnesses. Its raw samples: a foot cannot change a
-load from one sample to the next. The motion: the total wrench that the body's momentum needs, from
+Every plate is judged in its own axes by three witnesses. Its raw samples
+(`pipeline.trial.findings.raw`). The motion: the total wrench that the body's momentum needs, from
 the markers alone. The feet: pressure lies under the foot that stands on the plate, and moves from
 its heel to its ball.
 
@@ -35,16 +35,14 @@ from hbm.spatial import (
     shift_wrench,
 )
 from pipeline.config.schema import Settings
-from pipeline.io.mended_plates import find_jumps, of_channels, reversing, turning
+from pipeline.io.mended_plates import of_channels, reversing, turning
 from pipeline.io.recording import Plate
 from pipeline.io.stated import correction
 from pipeline.trial.checks import rest_level
+from pipeline.trial.findings.raw import RawFault
 from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import FEET
 from pipeline.trial.subject import differing_masses
-
-MIN_JUMP: Final = np.array([0.08, 0.08, 0.15, 0.012, 0.012, 0.012])
-"""Of body weight, of body weight × 1 m for moments: smaller ones hardly change a residual."""
 
 MIN_STANCE_S: Final = 0.25
 MAX_STANCE_S: Final = 1.5
@@ -610,7 +608,9 @@ AXES: Final = ("forward", "sideways", "vertical")
 DIRECTIONS: Final = ("ahead", "left")
 
 
-def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, by_motion: bool) -> list[Note]:
+def plate_faults(
+    plates: Sequence[Plate], witnesses: Witnesses, raw: Sequence[RawFault], *, by_motion: bool
+) -> list[Note]:
     """Name what is wrong with single plates.
 
     Parameters
@@ -619,20 +619,22 @@ def plate_faults(plates: Sequence[Plate], witnesses: Witnesses, *, by_motion: bo
         As recorded.
     witnesses
         What motion and feet say of them.
+    raw
+        What their raw samples show (`pipeline.trial.findings.raw`).
     by_motion
         Whether the ground stands still and labels are right; else raw samples alone are judged.
 
     Returns
     -------
     list of Note
-        ``plate_wraps``, ``plate_jumps``, ``plates_exchanged``, ``plate_turned``, ``plate_late``,
-        ``plate_reversed``, ``plate_elsewhere``, ``plate_askew`` and ``plate_gain``. A plate that
-        one of them explains is not judged by those after it.
+        ``plate_dead``, ``plate_wraps``, ``plate_clipped``, ``plate_jumps``, ``plates_exchanged``,
+        ``plate_turned``, ``plate_late``, ``plate_reversed``, ``plate_elsewhere``, ``plate_askew``
+        and ``plate_gain``. A plate that one of them explains is not judged by those after it.
     """
     notes, explained = list[Note](), set[int]()
     for k, plate in enumerate(plates):
-        if own := _jump_notes(plate, witnesses.weight_n):
-            notes += own
+        if faults := [fault for fault in raw if fault.plate == plate.number]:
+            notes += _raw_notes(plate.number, faults, witnesses.time)
             explained.add(k)
     if not by_motion:
         return notes
@@ -705,11 +707,14 @@ def _elsewhere(plate: Plate, off: Sequence[Place], directions: Array) -> Note:
 
 EXPLAINED: Final = {"pressure_far_from_feet", "carried_in_part"}
 """Notes that say less than those of single plates."""
-TIME_WRONG: Final = {"plates_exchanged", "plate_turned", "plate_reversed", "plate_late"}
+TIME_WRONG: Final = {
+    *("plate_dead", "plate_wraps", "plate_clipped"),
+    *("plates_exchanged", "plate_turned", "plate_reversed", "plate_late"),
+}
 """Faults of single plates with which all plates together seem to be late."""
 LABELS_WRONG: Final = {"sides_exchanged", "labels_exchanged"}
 """Faults of markers with which the motion is no witness."""
-RAW: Final = {"plate_wraps", "plate_jumps", "plate_reversed"}
+RAW: Final = {"plate_dead", "plate_wraps", "plate_clipped", "plate_jumps", "plate_reversed"}
 
 
 def without_explained(
@@ -736,23 +741,24 @@ def misweigh(faults: Sequence[Note]) -> bool:
     return any(note.code in RAW or note.values.get("component") == "Fz" for note in faults)
 
 
-def _jump_notes(plate: Plate, weight_n: float) -> list[Note]:
-    """Name the channels of a plate that wrap, and those that jump."""
-    found = {
-        name: find_jumps(channel, float(least))
-        for name, channel, least in zip(
-            WRENCH_COMPONENTS, plate.wrench_in_plate.T, MIN_JUMP * weight_n, strict=True
-        )
-    }
-    notes = []
-    for code, wraps in (("plate_wraps", True), ("plate_jumps", False)):
-        these = {name: each for name, each in found.items() if len(each.at) and each.wraps == wraps}
-        if these:
-            sizes = {name: float(np.abs(each.size).max()) for name, each in these.items()}
-            first = min(int(each.at[0]) for each in these.values())
-            count = sum(len(each.at) for each in these.values())
-            values = {"sizes": sizes, "first_s": plate.time[first], "jumps": count}
-            if wraps:
-                values["remedy"] = correction(*(f"{plate.number}: unwrap {n}" for n in these))
-            notes.append(Note.of(code, plate=plate.number, **values))
-    return notes
+def _raw_notes(plate: int, faults: Sequence[RawFault], time: Array) -> Iterator[Note]:
+    """Name the channels of a plate by what their raw samples show."""
+    for kind in dict.fromkeys(fault.kind for fault in faults):
+        same = [fault for fault in faults if fault.kind == kind]
+        sizes = {fault.channel: abs(fault.size) for fault in same}
+        first_s, count = min(f.first_s for f in same), sum(f.count for f in same)
+        if kind == "dead":
+            yield Note.of("plate_dead", plate=plate, channels=[*sizes])
+        elif kind == "clipped":
+            spans = np.array([span for fault in same for span in fault.spans_s])
+            inside = (spans[:, :1] <= time) & (time <= spans[:, 1:])
+            frames = int(np.count_nonzero(inside.any(axis=0)))
+            at = {"frames": frames, "first_s": first_s}
+            yield Note.of("plate_clipped", plate=plate, limits=sizes, **at)
+        elif kind == "wraps":
+            remedy = correction(*(f"{plate}: unwrap {name}" for name in sizes))
+            at = {"jumps": count, "first_s": first_s}
+            yield Note.of("plate_wraps", plate=plate, sizes=sizes, **at, remedy=remedy)
+        else:
+            at = {"jumps": count, "first_s": first_s}
+            yield Note.of("plate_jumps", plate=plate, sizes=sizes, **at)

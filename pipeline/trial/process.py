@@ -22,6 +22,7 @@ from pipeline.config.schema import (
 from pipeline.config.study import Study
 from pipeline.io.recording import Event, Recording
 from pipeline.trial.checks import check_markers, check_motion, check_plates, other_person
+from pipeline.trial.findings.raw import raw_faults
 from pipeline.trial.gait.contact import contact_notes
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
 from pipeline.trial.gait.events import check_events, choose_method, foot_swings, other_events
@@ -138,6 +139,7 @@ def process_recording(
     """
     laboratory, notes = laboratory or Laboratory(Treadmill()), list[Note]()
     choose_engine(settings.engine)
+    raw = raw_faults(recording.plates)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
     notes += (*recording.notes, *(fact.note for fact in reversed_plates(recording)))
@@ -212,7 +214,7 @@ def process_recording(
     witnesses = Witnesses.of(body, motion, pose.solved, *loaded, settings)
     right_labels = LABELS_WRONG.isdisjoint(note.code for note in notes)
     delay_s, delay_uncertainty_s = plate_delay(loads, ground.best, counts, settings, notes, still)
-    faults = plate_faults(recording.plates, witnesses, by_motion=still and right_labels)
+    faults = plate_faults(recording.plates, witnesses, raw, by_motion=still and right_labels)
     notes, faults = without_explained(notes, faults, mass.known_kg)
     notes += faults
     carried_kg = None if misweigh(faults) else weight_of_steps(witnesses)

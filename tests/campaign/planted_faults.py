@@ -10,7 +10,7 @@ is more than a quarter larger than in the healthy trial, "unseen" where it is no
 
 Every correction that is printed is stated as printed, and the trial processed again. It "mends"
 where the residual of an axis falls by more than 5 %, is "worse" where one grows by as much and
-beyond that of the healthy trial, and does "nothing" else. Prints one table per kind of fault and the
+beyond that of the healthy trial, and does "nothing" else. Prints one table per kind and the
 totals, as Markdown; ends with 1 where a healthy trial is accused or a correction makes it worse.
 """
 
@@ -325,6 +325,12 @@ class Judged:
     printed: list[str]
     effects: list[str]
 
+    def __str__(self) -> str:
+        fault = self.fault
+        plates = " and ".join(map(str, sorted(fault.plates)))
+        printed = "; ".join(self.printed) or "nothing printed"
+        return f"{self.walk}, {fault.kind} {plates}, {fault.size}: {self.verdict}: {printed}"
+
 
 def judged(base: Base, others: list[Base], plates: int, kinds: list[str]) -> Iterator[Judged]:
     """Plant all faults into one walk, and print what is wrong of it without any."""
@@ -355,7 +361,7 @@ def _sizes(rms: Array) -> str:
     return " ".join(f"{size:.0f}" if axis < 3 else f"{size:.1f}" for axis, size in enumerate(rms))
 
 
-def tables(rows: list[Judged], *, details: bool) -> Iterator[str]:
+def tables(rows: list[Judged]) -> Iterator[str]:
     """Lay out one table per kind, and the totals."""
     for kind in NAMES:
         of_kind = [row for row in rows if row.fault.kind == kind]
@@ -364,11 +370,6 @@ def tables(rows: list[Judged], *, details: bool) -> Iterator[str]:
         for size in dict.fromkeys(row.fault.size for row in of_kind):
             yield _line(size, [row for row in of_kind if row.fault.size == size])
         yield _line("**all**", of_kind)
-        for row in of_kind if details else ():
-            if row.verdict != "right" or {"nothing", "worse"} & {*row.effects}:
-                plates = "+".join(map(str, sorted(row.fault.plates)))
-                where = f"{row.walk} {plates} {row.fault.size}"
-                yield f"- {where}: {row.verdict}: {'; '.join(row.printed) or 'nothing printed'}"
     yield f"\n### totals\n\n| kind | {' | '.join((*VERDICTS, *EFFECTS))} |"
     yield "|---" * (1 + len(VERDICTS) + len(EFFECTS)) + "|"
     for kind in NAMES:
@@ -389,8 +390,9 @@ def main() -> int:
     parser.add_argument("--virtual", type=int, default=2, help="virtual walks")
     parser.add_argument("--plates", type=int, default=2, help="plates with faults in every walk")
     parser.add_argument("--short", action="store_true", help="one plate of one virtual walk")
-    parser.add_argument("--details", action="store_true", help="what is printed where not right")
+    parser.add_argument("--details", action="store_true", help="what is printed of every fault")
     parser.add_argument("--only", nargs="+", choices=NAMES, help="kinds of faults")
+    parser.add_argument("--walks", nargs="+", help="names of walks; by default all")
     chosen = parser.parse_args()
     if chosen.short:
         chosen.virtual, chosen.plates = 1, 1
@@ -402,13 +404,17 @@ def main() -> int:
         bases += walks[chosen.virtual :]
     rows = []
     for base in walks:
+        if chosen.walks and base.name not in chosen.walks:
+            continue
         others = [
             other for other in bases if other.name[:5] != base.name[:5] or "virt" in base.name
         ]
         others = [other for other in others if other is not base]
-        rows += judged(base, others, chosen.plates, chosen.only or [*NAMES])
-        print(f"- {base.name}: done", file=sys.stderr, flush=True)
-    print("\n".join(tables(rows, details=chosen.details)))
+        for row in judged(base, others, chosen.plates, chosen.only or [*NAMES]):
+            rows.append(row)
+            if chosen.details:
+                print(f"- {row}", flush=True)
+    print("\n".join(tables(rows)))
     return int(any("worse" in row.effects for row in rows))
 
 

@@ -1,0 +1,1 @@
+"""What is found on the way through a trial, as data."""
