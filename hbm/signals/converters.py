@@ -82,19 +82,35 @@ def find_wraps(channel: Array, least: float) -> Wraps | None:
         return None
     if not (channel[at] * channel[at + 1]).all():  # lost samples are exactly zero
         return None
-    # the load changes in the sample of a jump as it does around it
-    smooth = change.copy()
-    smooth[at] = np.nan
-    around = np.pad(smooth, 1, constant_values=np.nan)
-    load = np.nanmean([around[at], around[at + 2], np.zeros(len(at))], axis=0)
-    period = float(np.median(np.abs(change[at] - load)))
+    # the load changes in the sample of a jump as in the two beside it that do not jump
+    smooth = np.pad(np.ma.masked_outside(change, -full / 2, full / 2).filled(0.0), 1)
+    quiet = np.pad(np.abs(change) <= full / 2, 1)
+    load = (smooth[at] + smooth[at + 2]) / np.maximum(1, quiet[at].astype(int) + quiet[at + 2])
+    # no sample is outside the range of the converter
+    period = max(full, float(np.median(np.abs(change[at] - load))))
     undone = np.unwrap(channel, period=period)
-    # most samples are within the range, not the first one in every recording
-    undone += period * np.round(np.median(channel - undone) / period)
+    undone -= period * np.round(_rest(undone, period) / period)
     leaves = max(channel.min() - undone.min(), undone.max() - channel.max())
     if full > FULL_RANGE * period or leaves < BEYOND * full or len(find_jumps(undone, least).at):
         return None
     return Wraps(at, period, undone)
+
+
+REST_SAMPLES: Final = 50
+REST: Final = 0.02
+"""Half band around the value of a channel without load, by the period of its overflows."""
+
+
+def _rest(channel: Array, period: float) -> float:
+    """Give the value of a channel without load: the first one, or the usual one if it is stiller.
+
+    A recording may begin during a step, or be of somebody who stands most of the time.
+    """
+    ordered, width = np.sort(channel), 2 * REST * period
+    first = int(np.argmax(np.searchsorted(ordered, ordered + width) - np.arange(len(ordered))))
+    usual = ordered[first : np.searchsorted(ordered, ordered[first] + width)]
+    start = channel[:REST_SAMPLES]
+    return float(np.median(start if start.std() < usual.std() else usual))
 
 
 MIN_RANGE: Final = 0.15
@@ -160,14 +176,14 @@ def _exact_limit(side: Array, step_s: float) -> Mask | None:
     runs = [run for run in stretches(at) if run[1] - run[0] >= FLAT_SAMPLES[coarse] * held]
     if not runs:
         return None
-    if coarse:  # who stands still may stay between two steps
+    if coarse:
         for start, stop in stretches(side > top / 2):
             at[start:stop] &= (stop - start) * step_s < STANDS_S
     return at if at.any() else None
 
 
-STANDS_S: Final = 3.0
-"""Longest contact of a foot that walks."""
+STANDS_S: Final = 1.5
+"""Longest contact of a foot that walks or runs; who stands may stay at one value."""
 ROUNDED: Final = 0.002
 """Half band around a limit whose corners a filter has rounded, by the excursion."""
 NOISY: Final = (0.005, 0.01)

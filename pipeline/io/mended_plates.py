@@ -52,9 +52,11 @@ def with_mended_plates(recording: Recording) -> Recording:
         return recording
     plates, done = recording.plates, list[str]()
     for text in stated:
-        before, plates = plates, mended_plates(plates, (text,))
-        idle = parse_mending(text)[1] == "unwrap" and plates == before
-        done.append(" ".join(text.split()) + " (does not wrap here)" * idle)
+        number, deed, what = parse_mending(text)
+        wraps = {p.number: find_overflows(p)[1] for p in plates if deed == "unwrap"}
+        idle = wraps and WRENCH_COMPONENTS.index(what) not in wraps.get(number, {})
+        done.append(" ".join(text.split()) + (" (does not wrap here)" if idle else ""))
+        plates = mended_plates(plates, (text,))
     note = Note.of("plates_mended", done=done)
     return replace(recording, plates=plates, notes=(*recording.notes, note))
 
@@ -81,8 +83,8 @@ def mended_plates(given: Sequence[Plate], stated: Sequence[str]) -> tuple[Plate,
             axis, metres = what.split()
             way = float(metres) * plate.rotation[:, "xyz".index(axis)]
             plates[number] = replace(plate, center=plate.center + way, corners=plate.corners + way)
-        elif (wrench := _mended(plate, deed, what)) is not plate.wrench_in_plate:
-            plates[number] = replace(plate, wrench_in_plate=wrench)
+        else:
+            plates[number] = replace(plate, wrench_in_plate=_mended(plate, deed, what))
     return tuple(plates.values())
 
 

@@ -142,7 +142,9 @@ def process_recording(
     raw = raw_faults(recording.plates)
     recording = with_corrected_plates(recording, laboratory.plates)
     standing = with_corrected_plates(static, laboratory.plates) if static else recording
-    notes += (*recording.notes, *(fact.note for fact in reversed_plates(recording)))
+    sound = [p for p in recording.plates if p.number not in {fault.plate for fault in raw}]
+    doubted = reversed_plates(replace(recording, plates=tuple(sound)))
+    notes += (*recording.notes, *(fact.note for fact in doubted))
 
     # units: what no body does is no geometry
     for each in (recording, standing)[: 2 - (standing is recording)]:
