@@ -143,7 +143,8 @@ def find_limits(channel: Array, step_s: float) -> Iterator[Limit]:
     """Find where a raw channel, (N,), is clipped, on each side of zero, by its flat tops.
 
     A load has round peaks of different heights. A channel that is clipped stays at one value, and
-    reaches and leaves it steeply.
+    reaches and leaves it steeply. A window of some steps is enough; one with unknown samples has no
+    limits.
     """
     largest = float(np.abs(channel).max())
     for side in (channel, -channel):

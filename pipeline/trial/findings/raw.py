@@ -57,8 +57,8 @@ LEAST_JUMP: Final = np.array([0.065, 0.065, 0.12, 0.01, 0.01, 0.01])
 FAST_S: Final = 0.002
 STRIKES: Final = 2000.0
 """Between samples farther apart, heels strike: a jump is larger by as much, in a second."""
-LEAST_LOAD_N: Final = 300.0
-"""Of a child: jumps are no smaller than these of its weight."""
+LEAST_LOAD_N: Final = 200.0
+"""On a plate that somebody is on, of a small child; where nobody is, jumps change no residual."""
 MERGED_S: Final = 0.02
 """Between spans that are given as one."""
 
@@ -83,7 +83,7 @@ def raw_faults(plates: Sequence[Plate]) -> tuple[RawFault, ...]:
     stay at a limit where one of these does, and nothing is found.
     """
     loads = [np.abs(p.wrench_in_plate[:, 2]).max() for p in plates if len(p.time)]
-    largest_n = max([LEAST_LOAD_N, *loads])
+    largest_n = max(loads, default=0.0)
     return tuple(fault for plate in plates for fault in _of_plate(plate, largest_n))
 
 
@@ -108,7 +108,7 @@ def _of_plate(plate: Plate, largest_n: float) -> Iterator[RawFault]:
             known = stretches(without_short_gaps(at, time, MERGED_S))
             spans = tuple((float(time[a]), float(time[b - 1])) for a, b in known)
             yield RawFault(*of, "clipped", level, int(np.count_nonzero(at)), spans)
-        elif len((jumps := find_jumps(channel, least)).at):
+        elif largest_n > LEAST_LOAD_N and len((jumps := find_jumps(channel, least)).at):
             size = float(np.abs(jumps.size).max())
             yield RawFault(*of, "jumps", size, len(jumps.at), _at(time, jumps.at))
 

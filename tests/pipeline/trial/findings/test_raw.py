@@ -69,6 +69,14 @@ def test_a_clipped_plate_is_named_alone_without_a_correction_and_steps_do_not_we
     assert not weighed
 
 
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_a_plate_whose_vertical_force_wraps_is_not_said_to_be_reversed(laboratory, index):
+    warnings, _ = doubts(laboratory, raw(laboratory.walk, index, 2, overflowing(0.6)))
+    codes = {note.code for note in warnings}
+    assert "plate_wraps" in codes
+    assert not codes & {"in_doubt", "plate_reversed", "plate_gain", "plates_late"}
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 @pytest.mark.parametrize(("axis", "name"), CHANNELS)
 def test_what_is_said_to_wrap_is_unwrapped(laboratory, axis, name, noise):
