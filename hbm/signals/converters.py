@@ -48,6 +48,8 @@ FULL_RANGE: Final = 1.06
 changes too."""
 MOST: Final = 0.8
 """Of the range: in a channel that overflows, changes beyond half of it are as large as this."""
+LEFT: Final = 0.1
+"""Of the range: the channel without overflows has no jump as large."""
 BEYOND: Final = 0.002
 """Of the range, by which the channel without overflows leaves it."""
 
@@ -91,7 +93,11 @@ def find_wraps(channel: Array, least: float) -> Wraps | None:
     undone = np.unwrap(channel, period=period)
     undone -= period * np.round(_rest(undone, period) / period)
     leaves = max(channel.min() - undone.min(), undone.max() - channel.max())
-    if full > FULL_RANGE * period or leaves < BEYOND * full or len(find_jumps(undone, least).at):
+    if (
+        full > FULL_RANGE * period
+        or leaves < BEYOND * full
+        or len(find_jumps(undone, LEFT * full).at)
+    ):
         return None
     return Wraps(at, period, undone)
 
