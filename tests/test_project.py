@@ -137,6 +137,7 @@ SHOW_NOTES = {
 }
 """They write notes for people."""
 
+
 def reads_of_notes(text):
     """Lines that read a note's code, or its values by name; examples in docstrings are none."""
     for node in ast.walk(ast.parse(text)):

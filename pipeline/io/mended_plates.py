@@ -1,87 +1,46 @@
 """Plates mended as a person states it: channels reversed, turned, scaled; plates moved."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from scipy.ndimage import percentile_filter
 
 from hbm.notes import Note
-from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, shift_wrench
+from hbm.signals.converters import Wraps, find_wraps
+from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import parse_mending
 
-NEAR_SAMPLES: Final = 8
-"""Samples on both sides of a jump that show how fast the load changes without it."""
-JUMP: Final = 12.0
-"""By the upper quartile of the changes near it. The onset of a load is up to 6 times as steep, as
-the low-pass before the converter spreads it over some samples."""
-ISOLATED: Final = 4.0
-"""By the change in the same direction in the sample before or after it: an impact lasts longer."""
-FULL_RANGE: Final = 1.06
-"""Largest range of a channel by its jumps, where these are wraps: between two samples the load
-itself changes too."""
-
-MOST: Final = 0.8
-"""Of a jump: other changes as large are jumps too, also where noise crosses the limit often."""
+LEAST_WRAP: Final = (10.0, 10.0, 10.0, 1.0, 1.0, 1.0)
+"""Of the period of a channel that overflows [N, N·m]."""
 
 
-class Jumps(NamedTuple):
-    """Samples of one channel between which no foot can change its load.
+def channels_about(plate: Plate) -> Iterator[tuple[Array, Array]]:
+    """Give what a plate's channels may be: about where, (3,), and they, (N, 6).
 
-    Attributes
-    ----------
-    at
-        Sample before each jump, (J,).
-    size
-        Of each, signed, (J,) [N or N·m].
-    wraps
-        Whether a converter or a counter overflows: unwrapping removes the jumps.
+    Moments are about the transducer, or, where an amplifier shifts them, the middle of the surface.
     """
-
-    at: Indices
-    size: Array
-    wraps: bool
+    for about in (plate.transducer, np.zeros(3))[: 1 + plate.transducer.any()]:
+        yield about, shift_wrench(plate.wrench_in_plate, about)
 
 
-def find_jumps(channel: Array, least: float = 0.0) -> Jumps:
-    """Find the jumps of a raw channel, (N,), of at least a size [N or N·m].
-
-    Samples that are exactly zero are lost or gated, and no jump begins or ends there.
-    """
-    change = np.diff(channel)
-    if not (np.abs(change) > least).any():
-        return Jumps(np.zeros(0, int), np.zeros(0), False)
-    span = 2 * NEAR_SAMPLES + 1
-    usual = percentile_filter(np.abs(change), 75, size=span, mode="nearest")
-    known = (channel[1:] != 0) & (channel[:-1] != 0)
-    at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
-    if len(at) and _wraps(channel, change[at], least):
-        return Jumps(at, change[at], True)
-    sign, around = np.sign(change), np.pad(change, 1)
-    same_way = np.maximum(sign * around[:-2], sign * around[2:])
-    at = at[np.abs(change[at]) > ISOLATED * same_way[at]]
-    return Jumps(at, change[at], False)
-
-
-def _wraps(channel: Array, jumps: Array, least: float) -> bool:
-    """Tell whether a channel overflows: it jumps by its full range, and not once unwrapped."""
-    period = float(np.median(np.abs(jumps)))
-    back_and_forth = np.count_nonzero(np.abs(np.diff(channel)) > MOST * period) > 1
-    if not back_and_forth or np.ptp(channel) > FULL_RANGE * period:
-        return False
-    undone = np.unwrap(channel, period=period)
-    return not len(find_jumps(undone, least).at)
+def find_overflows(plate: Plate) -> tuple[Array, dict[int, Wraps]]:
+    """Find the channels of a plate that overflow: about where, (3,), and number -> overflows."""
+    for about, channels in channels_about(plate):
+        found = map(find_wraps, channels.T, LEAST_WRAP)
+        if overflows := {axis: wraps for axis, wraps in enumerate(found) if wraps is not None}:
+            return about, overflows
+    return plate.transducer, {}
 
 
 def with_mended_plates(recording: Recording) -> Recording:
-    """Mend the plates of a recording as is stated of it; a note says what was done.
+    """Mend the plates of a recording as is stated of it; a note says what was done, and what not.
 
-    Channels are those of the plate's own axes, the action on the subject; they are reversed, turned
-    and amplified about its transducer, the rest is about the centre of its surface. One that does
-    not wrap in this recording stays as it is. Exchanged plates keep their places and exchange what
-    they measured. A recording without plates stays as it is.
+    Channels are those of the plate's own axes, the action on the subject; they are reversed,
+    turned, amplified and unwrapped about its transducer, the rest is about the centre of its
+    surface. One that does not wrap in this recording stays as it is. Exchanged plates keep their
+    places and exchange what they measured. A recording without plates stays as it is.
 
     Raises
     ------
@@ -91,8 +50,14 @@ def with_mended_plates(recording: Recording) -> Recording:
     stated = recording.stated.mend_plates
     if not stated or not recording.plates:
         return recording
-    note = Note.of("plates_mended", done=[" ".join(text.split()) for text in stated])
-    plates = mended_plates(recording.plates, stated)
+    plates, done = recording.plates, list[str]()
+    for text in stated:
+        number, deed, what = parse_mending(text)
+        wraps = {p.number: find_overflows(p)[1] for p in plates if deed == "unwrap"}
+        idle = wraps and WRENCH_COMPONENTS.index(what) not in wraps.get(number, {})
+        done.append(" ".join(text.split()) + (" (does not wrap here)" if idle else ""))
+        plates = mended_plates(plates, (text,))
+    note = Note.of("plates_mended", done=done)
     return replace(recording, plates=plates, notes=(*recording.notes, note))
 
 
@@ -128,13 +93,16 @@ def _mended(plate: Plate, deed: str, what: str) -> Array:
     if deed in CHANGES:
         return of_channels(plate, CHANGES[deed](what), plate.wrench_in_plate)
     component, *zero = what.split()
-    wrench = np.array(plate.wrench_in_plate)
-    channel = wrench[:, WRENCH_COMPONENTS.index(component)]
+    axis, wrench = WRENCH_COMPONENTS.index(component), np.array(plate.wrench_in_plate)
     if deed == "zero":
-        channel -= float(zero[0])
-    elif (jumps := find_jumps(channel)).wraps:
-        channel[:] = np.unwrap(channel, period=float(np.median(np.abs(jumps.size))))
-    return wrench
+        wrench[:, axis] -= float(zero[0])
+        return wrench
+    about, overflows = find_overflows(plate)
+    if axis not in overflows:
+        return plate.wrench_in_plate
+    channels = shift_wrench(wrench, about)
+    channels[:, axis] = overflows[axis].undone
+    return shift_wrench(channels, -about)
 
 
 def of_channels(plate: Plate, change: Array, wrench: Array) -> Array:

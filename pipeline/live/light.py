@@ -65,7 +65,12 @@ class Kind(Enum):
     CONNECTION_LOST = "live_connection_lost"
 
     def __init__(self, code: str, subject: str = "", stops: bool = False, frames: int = 0) -> None:
-        self.note_code, self.subject, self.stops, self.frames = code, subject, stops, Quality(frames)
+        self.note_code, self.subject, self.stops, self.frames = (
+            code,
+            subject,
+            stops,
+            Quality(frames),
+        )
 
 
 OF_FRAMES: Final = {k.frames: k for k in Kind if k.frames and k.name in Quality.__members__}
@@ -114,7 +119,7 @@ class Finding:
     @property
     def camera(self) -> object:
         """Which camera does not see a hidden marker."""
-        return dict(self.values)["camera"]
+        return {**self.values}["camera"]
 
 
 def light(

@@ -5,6 +5,7 @@ them: variants of a study, the mass by steps, corrections that are tried, and ex
 chains that were changed.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
@@ -28,6 +29,7 @@ from pipeline.io.recording import Event, Plate, Recording
 from pipeline.trial.checks import MarkerChecks, check_markers
 from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 from pipeline.trial.findings.judge import Fitted, judge_plates
+from pipeline.trial.findings.raw import RawFault, raw_faults
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
 from pipeline.trial.gait.events import (
     FoundEvents,
@@ -86,7 +88,8 @@ DEPENDS_ON: Final[Mapping[str, str]] = {
     "labels": "body trial static.markers",
     "delay": f"loads ground quality {FILTER}",
     "evidence": f"body pose ground loads quality {FILTER}",
-    "judged": "mass evidence ground moves labels",
+    "raw_faults": "recording.plates",
+    "judged": "mass evidence ground moves labels raw_faults",
     "carried_kg": "judged evidence",
     "gait": "trial lab body pose ground loads quality settings.events",
     "window": "trial gait quality condition settling ground settings.min_valid_share",
@@ -323,18 +326,28 @@ class Chain:
         return Evidence.of(self.body, pose.motion, pose.solved, *loaded, self.settings)
 
     @cached_property
+    def raw_faults(self) -> tuple[RawFault, ...]:
+        """What raw samples of the plates show, before a calibration mixes channels."""
+        return raw_faults(self.inputs.recording.plates)
+
+    @property
+    def lost_load(self) -> bool:
+        """Whether plates that carry somebody lost a part of the load; not those without signal."""
+        channels = Counter(f.plate for f in self.raw_faults if f.kind == "dead")
+        return any(f.kind != "dead" or channels[f.plate] < 6 for f in self.raw_faults)
+
+    @cached_property
     def judged(self) -> tuple[tuple[Fitted, ...], ...]:
         """What motion and feet say is wrong with the plates; nothing where they cannot judge."""
-        if not self.stands_still or self.labels.wrong:
+        if not self.stands_still or self.labels.wrong or self.lost_load:
             return ()
         return judge_plates(self.evidence, mass_is_stated=self.mass.is_stated)
 
     @cached_property
     def carried_kg(self) -> float | None:
         """Body mass by steps; None where plates carry none, or do not measure it."""
-        if any(fault.hypothesis.misweighs for faults in self.judged for fault in faults):
-            return None
-        return weight_of_steps(self.evidence)
+        misweigh = any(each.hypothesis.misweighs for faults in self.judged for each in faults)
+        return None if misweigh or self.lost_load else weight_of_steps(self.evidence)
 
     # Which part of it counts
 

@@ -11,8 +11,9 @@ from pipeline.io.recording import Plate
 from pipeline.io.stated import correction
 from pipeline.trial.chain import Chain
 from pipeline.trial.checks import check_motion, check_plates, other_person
-from pipeline.trial.findings.correct import try_mendings
+from pipeline.trial.corrections import try_mendings
 from pipeline.trial.findings.finding import Correction, Finding
+from pipeline.trial.findings.raw import RawFault
 from pipeline.trial.gait.contact import ambiguous_contacts, far_from_feet
 from pipeline.trial.ground.uncertainty import uncertainty_notes
 from pipeline.trial.plate_units import reversed_plates
@@ -38,6 +39,7 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
     support = carried_notes(chain.quality, time, loads.need, loads.measured)
     yield from trial.notes
     named = {number for finding in faults for number in finding.plates}
+    named |= {fault.plate for fault in chain.raw_faults}
     yield from (fact.note for k, fact in reversed_plates(trial).items() if k not in named)
     yield mass.note
     yield from implausible(body)
@@ -58,9 +60,11 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
         yield from uncertainty_notes(chain.uncertainty[chain.counts])
     yield from support.notes
     yield from ambiguous_contacts(loads.shared, time)
-    if not faults:
+    if not (faults or chain.raw_faults):
         yield from (*far_from_feet(loads.shared), *support.doubtful)
     yield from _of_delay(chain)
+    for number in dict.fromkeys(fault.plate for fault in chain.raw_faults):
+        yield from _of_raw(chain, [f for f in chain.raw_faults if f.plate == number])
     yield from _of_faults(faults, ground.plates)
     if chain.carried_kg is not None:
         yield Note.of("mass_carried", mass_kg=chain.carried_kg)
@@ -82,6 +86,31 @@ def _of_delay(chain: Chain) -> Iterator[Note]:
 AXES: Final = ("forward", "sideways", "vertical")
 CHANNELS_OF: Final = "force", "moment"
 NO_CORRECTION: Final = "No correction that can be typed makes the residual smaller."
+
+
+def _of_raw(chain: Chain, faults: Sequence[RawFault]) -> Iterator[Note]:
+    """Name the channels of a plate by what their raw samples show."""
+    plate = faults[0].plate
+    for kind in dict.fromkeys(fault.kind for fault in faults):
+        same = [fault for fault in faults if fault.kind == kind]
+        sizes = {fault.channel: abs(fault.size) for fault in same}
+        first_s, count = min(f.first_s for f in same), sum(f.count for f in same)
+        match kind:
+            case "dead":
+                yield Note.of("plate_dead", plate=plate, channels=[*sizes])
+            case "clipped":
+                spans = np.array([span for fault in same for span in fault.spans_s])
+                inside = (spans[:, :1] <= chain.time) & (chain.time <= spans[:, 1:])
+                frames = int(np.count_nonzero(inside.any(axis=0)))
+                at = {"frames": frames, "first_s": first_s}
+                yield Note.of("plate_clipped", plate=plate, limits=sizes, **at)
+            case "wraps":
+                remedy = _remedy(try_mendings(chain, [f"{plate}: unwrap {n}" for n in sizes]))
+                at = {"jumps": count, "first_s": first_s}
+                yield Note.of("plate_wraps", plate=plate, sizes=sizes, **at, remedy=remedy)
+            case "jumps":
+                at = {"jumps": count, "first_s": first_s}
+                yield Note.of("plate_jumps", plate=plate, sizes=sizes, **at)
 
 
 def _of_faults(faults: Sequence[Finding], places: Sequence[Plate]) -> Iterator[Note]:

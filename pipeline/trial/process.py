@@ -10,7 +10,7 @@ from pipeline.config.schema import Condition, PlateContact, Settings, Subject, T
 from pipeline.config.study import Study
 from pipeline.io.recording import Recording
 from pipeline.trial.chain import Chain
-from pipeline.trial.findings.correct import find_faults
+from pipeline.trial.corrections import find_faults
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.notes import notes_of
@@ -162,7 +162,9 @@ def result_of(chain: Chain) -> TrialResult:
         notes=notes_of(chain, faults),
         of_calibration=() if calibration is None else calibration.notes,
         shortage=window.shortage,
-        doubted_plates=tuple(sorted({number for fault in faults for number in fault.plates})),
+        doubted_plates=tuple(
+            sorted({*(f.plate for f in chain.raw_faults), *(n for f in faults for n in f.plates)})
+        ),
         procedure=chain.procedure,
     )
 

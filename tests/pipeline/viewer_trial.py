@@ -66,7 +66,10 @@ def viewer_trial(
         onsets=ONSETS_S,
         delay_s=0.0,
         delay_uncertainty_s=0.001,
-        notes=(Note.of("mass_stated", mass_kg=70.0), Note.of("plate_constant", plate=2)),
+        notes=(
+            Note.of("mass_stated", mass_kg=70.0),
+            Note.of("plate_dead", plate=2, channels=["Fx"]),
+        ),
     )
 
 

@@ -204,10 +204,9 @@ def ground_wrenches(
     measured = [
         at_markers(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)
     ]
-    constant = (p for p in plates if (p.wrench_in_plate == p.wrench_in_plate[0]).all())
-    notes = [Note.of("plate_constant", plate=plate.number) for plate in constant]
 
     variants, felt, added = {"measured": measured}, list[Array](), list[Array]()
+    notes = list[Note]()
     if lab.models:
         plain, felt = measured, lab.felt(times, method)
         if not live:

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.mended_plates import find_jumps, with_mended_plates
+from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.stated import Stated, parse_mending
 from pipeline.report.trial_page import verdict_lines
+from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
 from tests.campaign.legs_alone import known_with_legs_alone, with_legs_alone
@@ -27,44 +27,6 @@ from tests.campaign.plate_doubts import (
     wrapped,
 )
 from tests.overground_walk import simulate_overground
-
-RATE_HZ = 1000.0
-TIME = np.arange(2000) / RATE_HZ
-STANCE = np.where((TIME > 0.5) & (TIME < 1.2), np.sin(np.pi * (TIME - 0.5) / 0.7), 0.0)
-
-
-@given(
-    load=st.floats(200, 3000),
-    noise=st.floats(0.01, 3.0),
-    impact=st.floats(0.0, 1.0),
-    rise_s=st.floats(0.004, 0.05),
-)
-def test_the_load_of_a_foot_with_any_impact_is_no_jump(load, noise, impact, rise_s):
-    since = np.clip(TIME - 0.5, 0.0, None)
-    spike = impact * load * np.sin(np.pi * np.clip(since / rise_s, 0, 1)) ** 2
-    rng = np.random.default_rng(1)
-    measured = load * STANCE + spike + noise * rng.normal(size=len(TIME))
-    assert not len(find_jumps(measured, 20.0).at)
-
-
-@given(share=st.floats(0.2, 0.9), noise=st.floats(0.0, 0.2))
-def test_a_channel_that_overflows_wraps_and_one_that_slips_jumps(share, noise):
-    rng = np.random.default_rng(2)
-    moment = 60.0 * STANCE + noise * rng.normal(size=len(TIME)) + 1e-6
-    limit = share * 60.0
-    found = find_jumps((moment + limit) % (2 * limit) - limit, 4.0)
-    assert found.wraps
-    assert np.abs(found.size) == pytest.approx(2 * limit, rel=0.05)
-    slipped = find_jumps(moment + 15.0 * (TIME > 0.8), 4.0)
-    assert not slipped.wraps
-    assert slipped.at.tolist() == [800]
-    assert slipped.size[0] == pytest.approx(15.0, abs=1.5)
-
-
-def test_samples_that_are_lost_are_not_called_jumps():
-    moment = 60.0 * STANCE + 1e-6
-    moment[800:803] = 0.0
-    assert not len(find_jumps(moment, 4.0).at)
 
 
 @given(mass_kg=st.floats(20, 150), rise_mps=st.floats(-1.0, 1.0), start=st.integers(20, 60))
@@ -269,17 +231,14 @@ def test_mending_refuses_a_plate_that_is_not_there_beside_others(laboratory):
     assert mended(beside, "4: turn 90").plates == ()
 
 
-def test_unwrapping_leaves_channels_that_do_not_wrap(laboratory):
+def test_unwrapping_leaves_channels_that_do_not_wrap_and_says_so(laboratory):
     """The same is stated of trial and calibration pose, and a channel may wrap in one of them."""
     every = [f"{k}: unwrap {name}" for k in (1, 2, 3) for name in ("Fx", "Fz", "Mx", "Mz")]
+    (note,) = (n for n in mended(laboratory.walk, *every).notes if n.code == "plates_mended")
+    assert all(done.endswith("(does not wrap here)") for done in note.values["done"])
     for recording in (laboratory.walk, laboratory.static):
         for one, other in zip(mended(recording, *every).plates, recording.plates, strict=True):
             assert np.array_equal(one.wrench_in_plate, other.wrench_in_plate)
-
-
-def test_a_constant_channel_neither_jumps_nor_wraps(laboratory):
-    flat = channel(laboratory.walk, 0, 4, lambda values: 0 * values)
-    assert not any(note.code in ("plate_wraps", "plate_jumps") for note in doubts(laboratory, flat))
 
 
 @pytest.fixture(scope="module")

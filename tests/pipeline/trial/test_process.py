@@ -231,7 +231,7 @@ def test_plates_that_never_change_give_notes_and_no_residuals(walker, load_n, ma
     dead = replace(walker, plates=plates)
     result = process_recording(dead, Subject(mass_kg=mass_kg), Settings())
     codes = [note.code for note in result.notes]
-    assert codes.count("plate_constant") == 2
+    assert codes.count("plate_dead") == 2
     assert "no_residuals" in codes
 
 

@@ -11,8 +11,8 @@ from hypothesis.extra.numpy import arrays
 from compensation import center_of_pressure
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.contact import (
-    by_foot,
     ambiguous_contacts,
+    by_foot,
     far_from_feet,
     share_between_feet,
 )
@@ -242,7 +242,10 @@ def test_pressure_under_neither_foot_makes_a_contact_ambiguous_from_its_start_to
     assert {contact.ambiguous for contact in found.contacts if contact.plate == 1} == {True}
     assert {contact.ambiguous for contact in found.contacts if contact.plate == 2} == {False}
     np.testing.assert_array_equal(found.ambiguous, load[:, LEFT] > 30)
-    (far,), (note,) = far_from_feet(found), ambiguous_contacts(found, np.arange(len(feet)) / RATE_HZ)
+    (far,), (note,) = (
+        far_from_feet(found),
+        ambiguous_contacts(found, np.arange(len(feet)) / RATE_HZ),
+    )
     assert (far.code, far.level, far.values["plate"]) == ("pressure_far_from_feet", "warning", 1)
     assert far.values["distance_m"] == pytest.approx(0.6, abs=0.1)
     assert (note.code, note.values["contacts"]) == ("contacts_ambiguous", 4)

@@ -1,0 +1,239 @@
+"""What converters do to channels: these stay at a limit, overflow, or jump between two samples."""
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.ndimage import percentile_filter
+
+from hbm.signals.samples import stretches
+from hbm.spatial import Array, Indices, Mask
+
+NEAR_SAMPLES: Final = 8
+"""Samples on both sides of a jump that show how fast a channel changes without it."""
+JUMP: Final = 12.0
+"""By the upper quartile of the changes near it. The onset of a load is up to 6 times as steep, as
+the low-pass before the converter spreads it over some samples."""
+ISOLATED: Final = 4.0
+"""By the change in the same direction in the sample before or after it: an impact lasts longer."""
+
+
+class Jumps(NamedTuple):
+    """Samples of a channel between which it jumps: before each, (J,), and by how much, (J,)."""
+
+    at: Indices
+    size: Array
+
+
+def find_jumps(channel: Array, least: float) -> Jumps:
+    """Find the jumps of a raw channel, (N,), of at least a size.
+
+    Samples that are exactly zero are lost or gated, and no jump begins or ends there.
+    """
+    change = np.diff(channel)
+    if not (np.abs(change) > least).any():
+        return Jumps(np.zeros(0, int), np.zeros(0))
+    span = 2 * NEAR_SAMPLES + 1
+    usual = percentile_filter(np.abs(change), 75, size=span, mode="nearest")
+    known = (channel[1:] != 0) & (channel[:-1] != 0)
+    at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
+    sign, around = np.sign(change), np.pad(change, 1)
+    same_way = np.maximum(sign * around[:-2], sign * around[2:])
+    at = at[np.abs(change[at]) > ISOLATED * same_way[at]]
+    return Jumps(at, change[at])
+
+
+FULL_RANGE: Final = 1.06
+"""Largest range of a channel that overflows, by its jumps: between two samples the load itself
+changes too."""
+MOST: Final = 0.8
+"""Of the range: in a channel that overflows, changes beyond half of it are as large as this."""
+LEFT: Final = 0.1
+"""Of the range: the channel without overflows has no jump as large."""
+BEYOND: Final = 0.002
+"""Of the range, by which the channel without overflows leaves it."""
+
+
+class Wraps(NamedTuple):
+    """Overflows of a channel.
+
+    Attributes
+    ----------
+    at
+        Sample before each, (J,).
+    period
+        By which the channel jumps.
+    undone
+        The channel without them, (N,).
+    """
+
+    at: Indices
+    period: float
+    undone: Array
+
+
+def find_wraps(channel: Array, least: float) -> Wraps | None:
+    """Find the overflows of a raw channel, (N,), by at least a size; None without any.
+
+    A channel that overflows jumps from one end of its range to the other, often many times where
+    noise crosses the limit, and does not jump without that.
+    """
+    change, full = np.diff(channel), float(np.ptp(channel))
+    at = np.flatnonzero(np.abs(change) > full / 2)
+    if full <= least or not len(at) or np.abs(change[at]).min() < MOST * full:
+        return None
+    if not (channel[at] * channel[at + 1]).all():  # lost samples are exactly zero
+        return None
+    # the load changes in the sample of a jump as in the two beside it that do not jump
+    smooth = np.pad(np.ma.masked_outside(change, -full / 2, full / 2).filled(0.0), 1)
+    quiet = np.pad(np.abs(change) <= full / 2, 1)
+    load = (smooth[at] + smooth[at + 2]) / np.maximum(1, quiet[at].astype(int) + quiet[at + 2])
+    # no sample is outside the range of the converter
+    period = max(full, float(np.median(np.abs(change[at] - load))))
+    undone = np.unwrap(channel, period=period)
+    undone -= period * np.round(_rest(undone, period) / period)
+    leaves = max(channel.min() - undone.min(), undone.max() - channel.max())
+    if (
+        full > FULL_RANGE * period
+        or leaves < BEYOND * full
+        or len(find_jumps(undone, LEFT * full).at)
+    ):
+        return None
+    return Wraps(at, period, undone)
+
+
+REST_SAMPLES: Final = 50
+REST: Final = 0.02
+"""Half band around the value of a channel without load, by the period of its overflows."""
+
+
+def _rest(channel: Array, period: float) -> float:
+    """Give the value of a channel without load: the first one, or the usual one if it is stiller.
+
+    A recording may begin during a step, or be of somebody who stands most of the time.
+    """
+    ordered, width = np.sort(channel), 2 * REST * period
+    first = int(np.argmax(np.searchsorted(ordered, ordered + width) - np.arange(len(ordered))))
+    usual = ordered[first : np.searchsorted(ordered, ordered[first] + width)]
+    start = channel[:REST_SAMPLES]
+    return float(np.median(start if start.std() < usual.std() else usual))
+
+
+MIN_RANGE: Final = 0.15
+"""Of the channel's largest magnitude, that it goes to one side of zero; a rectified one ends at
+0."""
+FLAT_SAMPLES: Final = (5, 12)
+"""In a row at a limit, of channels known finely and coarsely, by the samples for which other
+values are held."""
+COARSE: Final = 0.001
+"""Of the excursion: steps of a channel that is known coarsely."""
+FINEST: Final = 1e-6
+"""Of its excursion, to which a channel is known at best: single precision."""
+NEAR: Final = 0.03
+"""Of the excursion, below the limit, where a channel that is clipped does not stay."""
+FLAT: Final = 0.6
+"""Least share of the samples near the limit that are at it; a round peak a times higher than the
+band around its top stays there for 1 / √a of its time."""
+ROUND: Final = 1.6
+"""By which that has to exceed the share of a round peak."""
+
+
+class Limit(NamedTuple):
+    """Where a channel stays at a limit: its value, and the samples, (N,)."""
+
+    level: float
+    at: Mask
+
+
+def find_limits(channel: Array, step_s: float) -> Iterator[Limit]:
+    """Find where a raw channel, (N,), is clipped, on each side of zero, by its flat tops.
+
+    A load has round peaks of different heights. A channel that is clipped stays at one value, and
+    reaches and leaves it steeply. A window of some steps is enough; one with unknown samples has no
+    limits.
+    """
+    largest = float(np.abs(channel).max())
+    for side in (channel, -channel):
+        if not side.max() > MIN_RANGE * largest or np.ptp(side) < NEAR * largest:
+            continue
+        at = _exact_limit(side, step_s)
+        at = _blurred_limit(side, step_s) if at is None else at
+        if at is not None:
+            yield Limit(float(np.median(channel[at])), at)
+
+
+def _exact_limit(side: Array, step_s: float) -> Mask | None:
+    top = float(side.max())
+    # converters know a channel in steps
+    values = np.unique(np.round(side / (FINEST * top)))
+    step = FINEST * top * float(np.diff(values).min())
+    band = 1.5 * step
+    wider = float(np.clip(NEAR * top / band, 4.0, 64.0))
+    if wider * band > 0.1 * top:  # too coarse to tell a limit from a round peak
+        return None
+    at, near = side >= top - band, side >= top - wider * band
+    if np.count_nonzero(at) < max(FLAT, ROUND / np.sqrt(wider)) * np.count_nonzero(near):
+        return None
+    # files of a higher rate hold each value, or join values by straight lines
+    moving = ((side > 0.05 * top) & ~at)[2:]
+    steps = np.diff(side)[1:], np.diff(side, 2)
+    changes = min(int(np.sum(moving & (np.abs(each) > FINEST * top))) for each in steps)
+    held = max(1.0, np.count_nonzero(moving) / max(1, changes))
+    coarse = step > COARSE * top
+    runs = [run for run in stretches(at) if run[1] - run[0] >= FLAT_SAMPLES[coarse] * held]
+    if not runs:
+        return None
+    if coarse:
+        for start, stop in stretches(side > top / 2):
+            at[start:stop] &= (stop - start) * step_s < STANDS_S
+    return at if at.any() else None
+
+
+STANDS_S: Final = 1.5
+"""Longest contact of a foot that walks or runs; who stands may stay at one value."""
+ROUNDED: Final = 0.002
+"""Half band around a limit whose corners a filter has rounded, by the excursion."""
+NOISY: Final = (0.005, 0.01)
+"""Half bands around a limit with noise on it, by the excursion."""
+PLATEAU: Final = 0.4
+"""Least share of a contact at such a limit; of a round peak, a tenth."""
+NOT_CROSSED: Final = 0.75
+"""Least share of the samples within four such bands that are in it; of a slope, a quarter."""
+OVERSHOOT: Final = 1.25
+"""Of a filter behind the limit."""
+MIN_PLATEAU_S: Final = 0.03
+WHITE: Final = 2.0
+"""Largest variance of noise, by half of that of its differences, which is 1; a load that changes
+slowly has more."""
+
+
+def _blurred_limit(side: Array, step_s: float) -> Mask | None:
+    top = float(side.max())
+    high = np.sort(side[side > 0.3 * top])
+    for half in (ROUNDED, *NOISY):
+        # the band that holds most samples
+        width = half * top
+        inside = np.searchsorted(high, high + 2 * width) - np.arange(len(high))
+        level = high[int(np.argmax(inside))] + width
+        away = np.abs(side - level)
+        flat = np.zeros(len(side), bool)
+        for start, stop in stretches(side > level / 2):
+            at, near = away[start:stop] <= width, away[start:stop] <= 4 * width
+            count, contact = np.count_nonzero(at), stop - start
+            if (
+                start > 0
+                and stop < len(side)
+                and contact * step_s < STANDS_S
+                and count > max(PLATEAU * contact, MIN_PLATEAU_S / step_s)
+                and count > NOT_CROSSED * np.count_nonzero(near)
+                and side[start:stop].max() < OVERSHOOT * level
+                and (half == ROUNDED or _is_white(side[start:stop][near]))
+            ):
+                flat[start:stop] = at
+        if flat.any():
+            return flat
+    return None
+
+
+def _is_white(values: Array) -> bool:
+    return bool(2 * np.var(values) < WHITE * np.var(np.diff(values)))

@@ -1,0 +1,164 @@
+"""What raw samples of plates show by themselves: no foot does it, whatever motion and feet say."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from hbm.signals.converters import find_jumps, find_limits
+from hbm.signals.samples import stretches, without_short_gaps
+from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, Mask, shift_wrench
+from pipeline.io.mended_plates import channels_about, find_overflows
+from pipeline.io.recording import Plate
+
+RawKind = Literal["dead", "wraps", "clipped", "jumps"]
+
+
+@dataclass(frozen=True, slots=True)
+class RawFault:
+    """A channel of a plate whose samples cannot be the load of a foot.
+
+    Attributes
+    ----------
+    plate
+        Number of the plate.
+    channel
+        "Fx" to "Mz", moments about the transducer or the centre of the surface.
+    kind
+        "dead": constant, or noise while others are loaded; "wraps": overflows; "clipped": stays at
+        a limit; "jumps": changes at once.
+    size
+        Of "dead" the usual value, of "wraps" the period, of "clipped" the limit, of "jumps" the
+        largest one [N or N·m].
+    count
+        Samples that are dead or clipped, overflows, or jumps.
+    spans_s
+        Where it is, from and to, in order, at least one [s].
+    """
+
+    plate: int
+    channel: str
+    kind: RawKind
+    size: float
+    count: int
+    spans_s: tuple[tuple[float, float], ...]
+
+    @property
+    def first_s(self) -> float:
+        """Where it begins [s]."""
+        return self.spans_s[0][0]
+
+
+LEAST_LIMIT: Final = (10.0, 10.0, 30.0, 1.0, 1.0, 1.0)
+"""Of a channel that is clipped [N, N·m]."""
+LEAST_JUMP: Final = np.array([0.065, 0.065, 0.12, 0.01, 0.01, 0.01])
+"""Of the largest vertical force; of it × 1 m for moments: smaller ones hardly change a residual."""
+FAST_S: Final = 0.002
+STRIKES: Final = 2000.0
+"""Between samples farther apart, heels strike: a jump is larger by as much, in a second."""
+LEAST_LOAD_N: Final = 200.0
+"""On a plate that somebody is on, of a small child; where nobody is, jumps change no residual."""
+MERGED_S: Final = 0.02
+"""Between spans that are given as one."""
+
+
+def raw_faults(plates: Sequence[Plate]) -> tuple[RawFault, ...]:
+    """Find what raw samples of plates show, in order of plates and channels.
+
+    Parameters
+    ----------
+    plates
+        As recorded, before any correction mixes their channels.
+
+    Returns
+    -------
+    tuple of RawFault
+        At most one of a channel. A channel that is clipped has lost what was beyond its limit;
+        overflows can be undone (`pipeline.io.mended_plates`).
+
+    Notes
+    -----
+    Channels that a laboratory's program computes from other ones, as from eight of a plate, do not
+    stay at a limit where one of these does, and nothing is found.
+    """
+    loads = [np.abs(p.wrench_in_plate[:, 2]).max() for p in plates if len(p.time)]
+    largest_n = max(loads, default=0.0)
+    return tuple(fault for plate in plates for fault in _of_plate(plate, largest_n))
+
+
+def _of_plate(plate: Plate, largest_n: float) -> Iterator[RawFault]:
+    if len(plate.time) < 2 or not np.isfinite(plate.wrench_in_plate).all():
+        return
+    time, step_s = plate.time, 1 / plate.rate_hz
+    limits, overflows = _limits(plate, step_s), find_overflows(plate)[1]
+    channels = shift_wrench(plate.wrench_in_plate, plate.transducer)
+    dead = _dead(channels)
+    for axis, name in enumerate(WRENCH_COMPONENTS):
+        channel, of = channels[:, axis], (plate.number, name)
+        least = LEAST_JUMP[axis] * largest_n * (STRIKES * step_s if step_s > FAST_S else 1.0)
+        if dead[axis]:
+            span = ((float(time[0]), float(time[-1])),)
+            yield RawFault(*of, "dead", float(np.median(channel)), len(channel), span)
+        elif axis in overflows:
+            wraps = overflows[axis]
+            yield RawFault(*of, "wraps", wraps.period, len(wraps.at), _at(time, wraps.at))
+        elif axis in limits:
+            level, at = limits[axis]
+            known = stretches(without_short_gaps(at, time, MERGED_S))
+            spans = tuple((float(time[a]), float(time[b - 1])) for a, b in known)
+            yield RawFault(*of, "clipped", level, int(np.count_nonzero(at)), spans)
+        elif largest_n > LEAST_LOAD_N and len((jumps := find_jumps(channel, least)).at):
+            size = float(np.abs(jumps.size).max())
+            yield RawFault(*of, "jumps", size, len(jumps.at), _at(time, jumps.at))
+
+
+def _at(time: Array, at: Indices) -> tuple[tuple[float, float], ...]:
+    return tuple((float(time[k]), float(time[k + 1])) for k in at)
+
+
+def _limits(plate: Plate, step_s: float) -> dict[int, tuple[float, Mask]]:
+    """Give the channels that are clipped: the limit of the larger side, and where, (N,)."""
+    for _, channels in channels_about(plate):
+        found = {}
+        for axis, channel in enumerate(channels.T):
+            sides = [
+                limit
+                for limit in find_limits(channel, step_s)
+                if abs(limit.level) >= LEAST_LIMIT[axis]
+            ]
+            if sides:
+                level = max((side.level for side in sides), key=abs)
+                found[axis] = level, np.any([side.at for side in sides], axis=0)
+        if found:
+            return found
+    return {}
+
+
+MIN_LOAD: Final = 50.0
+"""Of a plate that carries somebody [N]; by `LEVER_M`, also of moments."""
+LEVER_M: Final = 0.15
+LOADED: Final = 0.5
+UNLOADED: Final = 0.05
+"""Of the largest load of a plate."""
+MIN_SAMPLES: Final = 50
+ALIVE: Final = 1.5
+"""Spread or change of a channel under load, by its spread without: healthy ones reach 4 and
+more."""
+
+
+def _dead(channels: Array) -> Mask:
+    """Find channels that are constant, or show noise alone while others are loaded, (6,)."""
+    constant = np.ptp(channels, axis=0) == 0
+    load = np.abs(channels) / [1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M]
+    load[:, constant] = 0.0
+    dead = constant.copy()
+    for axis in np.flatnonzero(~constant):
+        others = np.delete(load, axis, axis=1).max(axis=1)
+        with_load = channels[others > LOADED * others.max(), axis]
+        without = channels[others < UNLOADED * others.max(), axis]
+        if others.max() > MIN_LOAD and min(len(with_load), len(without)) > MIN_SAMPLES:
+            change = abs(np.median(with_load) - np.median(without))
+            dead[axis] = max(with_load.std(), change) < ALIVE * without.std()
+    # a plate that nobody is on is silent; one that is constant does not measure
+    return dead if load.max() > MIN_LOAD or constant.all() else np.zeros(6, bool)
