@@ -346,7 +346,7 @@ class Chain:
 
         Nothing where they cannot judge.
         """
-        if not self.stands_still or self.labels.wrong or self.lost_load:
+        if not self.stands_still or self.labels.doubtful or self.lost_load:
             return ()
         return judge_plates(self.evidence, mass_is_stated=self.mass.is_stated)
 

@@ -73,9 +73,9 @@ class MarkerChecks(NamedTuple):
     held: tuple[Note, ...]
 
     @property
-    def wrong(self) -> bool:
-        """Whether labels are exchanged, so that the motion tells nothing of the plates."""
-        return bool(self.sides or self.exchanged)
+    def doubtful(self) -> bool:
+        """Whether labels are exchanged or markers elsewhere: the motion tells nothing of plates."""
+        return bool(self.sides or self.exchanged or self.distances)
 
     @property
     def notes(self) -> tuple[Note, ...]:

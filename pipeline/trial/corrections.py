@@ -11,7 +11,7 @@ from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.findings.evidence import LOADED, Evidence
 from pipeline.trial.findings.finding import Correction, Finding
-from pipeline.trial.findings.judge import Fitted, View, fit
+from pipeline.trial.findings.judge import LIMIT, Fitted, View, fit
 
 MIN_MOVE_M: Final = 0.005
 """Shorter parts of a move are not typed."""
@@ -27,6 +27,8 @@ QUANTILE_95: Final = 1.96
 
 
 MOST_FAULTS: Final = 3
+SURELY: Final = 2 * LIMIT
+"""Evidence of a fault that is named though its correction does not help in other frames."""
 
 
 def find_faults(chain: Chain) -> tuple[Finding, ...]:
@@ -39,17 +41,19 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     while len(findings) < MOST_FAULTS and chain.judged:
         first, *rivals = chain.judged
         plates = chain.evidence.plates
-        finding = _finding(first, plates)
+        finding = finding_of(first, plates)
         same = (finding.kind, finding.plates, finding.component)
         if same in [(f.kind, f.plates, f.component) for f in findings]:
             break
         if rivals:
-            others = tuple(_finding(each, plates) for each in rivals)
+            others = tuple(finding_of(each, plates) for each in rivals)
             return (*findings, replace(finding, rivals=others))
         corrected = _try_fault(chain, first)
         if corrected is None:
             return (*findings, finding)
         correction, mended = corrected
+        if not correction.helps and finding.evidence < SURELY:
+            break
         # what is typed for one fault is typed with what corrects those before it
         done = (*done, *correction.mendings)
         findings.append(replace(finding, correction=replace(correction, mendings=done)))
@@ -59,7 +63,7 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def _finding(fitted: Fitted, plates: Sequence[Plate]) -> Finding:
+def finding_of(fitted: Fitted, plates: Sequence[Plate]) -> Finding:
     hypothesis, size = fitted.hypothesis, fitted.size.tolist()
     interval = QUANTILE_95 * np.sqrt(np.diag(fitted.covariance))
     numbers = tuple(plates[k].number for k in hypothesis.plates)

@@ -11,8 +11,9 @@ from pipeline.io.recording import Plate
 from pipeline.io.stated import correction
 from pipeline.trial.chain import Chain
 from pipeline.trial.checks import check_motion, check_plates, other_person
-from pipeline.trial.corrections import try_mendings
+from pipeline.trial.corrections import finding_of, try_mendings
 from pipeline.trial.findings.finding import Correction, Finding
+from pipeline.trial.findings.judge import Fitted, weak_plates
 from pipeline.trial.findings.raw import RawFault
 from pipeline.trial.gait.contact import ambiguous_contacts, far_from_feet
 from pipeline.trial.ground.uncertainty import uncertainty_notes
@@ -69,7 +70,7 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
     if chain.carried_kg is not None:
         yield Note.of("mass_carried", mass_kg=chain.carried_kg)
     if not other:
-        yield from differing_masses(mass.known_kg, chain.carried_kg)
+        yield from _of_masses(chain)
     yield from chain.gait.doubts
     yield from chain.window.notes
 
@@ -86,6 +87,18 @@ def _of_delay(chain: Chain) -> Iterator[Note]:
 AXES: Final = ("forward", "sideways", "vertical")
 CHANNELS_OF: Final = "force", "moment"
 NO_CORRECTION: Final = "No correction that can be typed makes the residual smaller."
+
+
+def _of_masses(chain: Chain) -> Iterator[Note]:
+    """Say that masses differ; with the plates whose vertical force may be wrong instead."""
+    masses = differing_masses(chain.mass.known_kg, chain.carried_kg)
+    places = {plate.number: plate for plate in chain.ground.plates}
+    weak: tuple[Fitted, ...] = ()
+    if masses and chain.carried_kg is not None and chain.stands_still:
+        weak = weak_plates(chain.evidence, mass_is_stated=chain.mass.is_stated)
+    gains = [str(_of_fault(finding_of(each, chain.ground.plates), places)) for each in weak]
+    for note in masses:
+        yield Note.of("plates_unclear", faults="; or ".join([str(note), *gains])) if gains else note
 
 
 def _of_raw(chain: Chain, faults: Sequence[RawFault]) -> Iterator[Note]:

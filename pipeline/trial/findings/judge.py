@@ -27,7 +27,7 @@ from pipeline.io.mended_plates import of_channels, reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
 from pipeline.trial.findings.finding import Kind
 
-LIMIT: Final = 4.0
+LIMIT: Final = 7.0
 """Fall of the score that names a fault (twice a logarithm of odds): of healthy recordings 1 of 60
 exceeds it (`tests.campaign.planted_faults`)."""
 TIED: Final = 6.0
@@ -81,9 +81,13 @@ LEAST: Final[Mapping[Kind, float]] = {
     "moved": 0.015,
     "askew": np.radians(5.0),
     "late": 0.008,
-    "all_late": 0.010,
+    "all_late": 0.008,
 }
 """Smallest size that is named: share, [m], [rad], [s]."""
+MAX_MOVE_M: Final = 0.3
+"""Beyond it, a plate has the signal of another one."""
+FREEDOM: Final = 12.0
+"""Degrees of freedom of what healthy bodies leave: in one trial more than usual, in another less."""
 STEPS: Final = 3
 """Of Gauss and Newton; nearly all faults are linear."""
 
@@ -126,6 +130,8 @@ class View:
         By which a residual (6,) about the pelvis has unit variance, (6, 6).
     mass_sd
         Of the body mass.
+    independent
+        Values of the motion that are about independent.
     """
 
     evidence: Evidence
@@ -135,6 +141,7 @@ class View:
     wrenches: tuple[Array, ...]
     whiten: Array
     mass_sd: float
+    independent: float
 
     @classmethod
     def of(cls, evidence: Evidence, *, mass_is_stated: bool, frames: Mask | None = None) -> "View":
@@ -165,6 +172,7 @@ class View:
             wrenches=(),
             whiten=whiten * np.sqrt(independent / max(len(carried), 1)),
             mass_sd=MASS_SD[mass_is_stated],
+            independent=6 * independent,
         )
         return replace(view, wrenches=tuple(map(view.at, range(len(of_plates)))))
 
@@ -226,7 +234,8 @@ class Fitted(NamedTuple):
     @property
     def matters(self) -> bool:
         """Whether it is as large as what is named."""
-        return bool(np.linalg.norm(self.size) >= LEAST.get(self.hypothesis.kind, 0.0))
+        most = MAX_MOVE_M if self.hypothesis.kind == "moved" else np.inf
+        return LEAST.get(self.hypothesis.kind, 0.0) <= float(np.linalg.norm(self.size)) <= most
 
 
 def _thinned(rows: Indices, most: int) -> Indices:
@@ -256,9 +265,18 @@ def judge_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, .
     return likely
 
 
+def weak_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, ...]:
+    """Give the gains of vertical forces that explain a wrong body mass almost as well as itself."""
+    plain = _Comparison.of(View.of(evidence, mass_is_stated=mass_is_stated))
+    one_mass = plain.fit(Hypothesis("mass", ())).evidence
+    gains = (h for h in hypotheses(plain.view) if h.kind == "gain" and h.what == "Fz")
+    fitted = (plain.fit(hypothesis) for hypothesis in gains)
+    return tuple(each for each in fitted if each.matters and each.evidence > one_mass - TIED)
+
+
 def _likely(view: View) -> tuple[Fitted, ...]:
     """Give the most likely fault, and those that are almost as likely."""
-    if not len(view.of_motion):
+    if not (len(view.of_motion) or any(view.stances)):
         return ()
     fitted = [each for each in _fitted_all(view) if each.matters]
     fitted.sort(key=lambda each: -each.evidence)
@@ -346,8 +364,14 @@ class _Comparison:
     def fit(self, hypothesis: Hypothesis) -> Fitted:
         """Fit a hypothesis, and compare what it leaves."""
         size, covariance, score, spread = self._least(hypothesis)
-        gained = self.score - score - (spread - self.spread) - COST[hypothesis.kind]
+        fall = self._unlikely(self.score) - self._unlikely(score)
+        gained = fall - (spread - self.spread) - COST[hypothesis.kind]
         return Fitted(hypothesis, size, covariance, gained)
+
+    def _unlikely(self, score: float) -> float:
+        """Give how unlikely a sum of squares is that has a scale of its own, after Student."""
+        values = self.view.independent + sum(map(len, self.feet))
+        return float((values + FREEDOM) * np.log1p(score / FREEDOM))
 
     def _left(self, hypothesis: Hypothesis | None, x: Array) -> Array:
         """Give residual and feet with a body that is heavier by a share, and a fault of a size."""
