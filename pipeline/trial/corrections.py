@@ -64,6 +64,7 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
 
 
 def finding_of(fitted: Fitted, plates: Sequence[Plate]) -> Finding:
+    """Give a fault of plates with their numbers and 95 % intervals."""
     hypothesis, size = fitted.hypothesis, fitted.size.tolist()
     interval = QUANTILE_95 * np.sqrt(np.diag(fitted.covariance))
     numbers = tuple(plates[k].number for k in hypothesis.plates)

@@ -87,7 +87,7 @@ LEAST: Final[Mapping[Kind, float]] = {
 MAX_MOVE_M: Final = 0.3
 """Beyond it, a plate has the signal of another one."""
 FREEDOM: Final = 12.0
-"""Degrees of freedom of what healthy bodies leave: in one trial more than usual, in another less."""
+"""Degrees of freedom of what healthy bodies leave, in one trial more than in another."""
 STEPS: Final = 3
 """Of Gauss and Newton; nearly all faults are linear."""
 
