@@ -41,6 +41,7 @@ from pipeline.io.recording import Recording
 from pipeline.trial.chain import Chain
 from pipeline.trial.findings.judge import Fitted, View, fit, hypotheses
 from pipeline.trial.inputs import Inputs
+from pipeline.trial.plate_units import reversed_plates
 from pipeline.trial.process import result_of
 from pipeline.trial.residuals import counted
 from tests.campaign.plants import clipped, exchanged, later, moved, overflowing, raw, turned
@@ -106,7 +107,16 @@ def in_numbers(chain: Chain, fitted: Fitted) -> Accusation:
 
 def named(chain: Chain, notes: Sequence[Note]) -> set[Named]:
     """Give what a trial says to be wrong."""
+    doubted = {f.plate for f in chain.raw_faults}
+    for fitted in chain.judged:
+        doubted |= in_numbers(chain, fitted[0]).plates
+    pulling = {
+        (number, sign[1])
+        for number, fact in reversed_plates(chain.trial).items()
+        if number not in doubted and (sign := re.search(r"reverse (\w+)", fact.note.text))
+    }
     return {
+        *(frozenset({Accusation("reversed", frozenset({k}), what)}) for k, what in pulling),
         *(
             frozenset({Accusation(f.kind, frozenset({f.plate}), f.channel)})
             for f in chain.raw_faults

@@ -45,7 +45,9 @@ class Base:
     @property
     def ahead(self) -> Array:
         """Direction of walking, or of the feet, horizontal."""
-        middle = np.nanmean(self.recording.markers.position, axis=1)[:, :2]
+        position = self.recording.markers.position
+        seen = np.isfinite(position).any(axis=(1, 2))
+        middle = np.nanmean(position[seen], axis=1)[:, :2]
         way = middle[-1] - middle[0]
         way = way if np.linalg.norm(way) > 0.5 else np.array([1.0, 0.0])
         return np.append(way / np.linalg.norm(way), 0.0)
