@@ -337,8 +337,11 @@ class Chain:
         return any(f.kind != "dead" or channels[f.plate] < 6 for f in self.raw_faults)
 
     @cached_property
-    def judged(self) -> tuple[tuple[Fitted, ...], ...]:
-        """What motion and feet say is wrong with the plates; nothing where they cannot judge."""
+    def judged(self) -> tuple[Fitted, ...]:
+        """What motion and feet say is wrong with the plates, or what it may also be.
+
+        Nothing where they cannot judge.
+        """
         if not self.stands_still or self.labels.wrong or self.lost_load:
             return ()
         return judge_plates(self.evidence, mass_is_stated=self.mass.is_stated)
@@ -346,7 +349,7 @@ class Chain:
     @cached_property
     def carried_kg(self) -> float | None:
         """Body mass by steps; None where plates carry none, or do not measure it."""
-        misweigh = any(each.hypothesis.misweighs for faults in self.judged for each in faults)
+        misweigh = any(each.hypothesis.misweighs for each in self.judged)
         return None if misweigh or self.lost_load else weight_of_steps(self.evidence)
 
     # Which part of it counts

@@ -19,25 +19,43 @@ MAX_WORSE: Final = 1.05
 """Of the RMS of an axis, that a correction may leave; and what is less than this does not count:"""
 NEGLIGIBLE: Final = np.array([0.004, 0.004, 0.004, 0.001, 0.001, 0.001])
 """RMS by body weight, and by body weight × stature, far below that of healthy walks."""
+MORE_NOISE: Final = 3.0
+"""Of frames to which sizes were not fitted: as many times the negligible."""
 MIN_FALL: Final = 0.03
 """Of the whitened residual: a correction that changes less is not worth typing."""
 QUANTILE_95: Final = 1.96
 
 
+MOST_FAULTS: Final = 3
+
+
 def find_faults(chain: Chain) -> tuple[Finding, ...]:
-    """Name what is wrong with the plates of a trial, and try what corrects it."""
-    evidence = chain.evidence
-    findings, done = [], tuple[str, ...]()
-    for first, *rivals in chain.judged:
-        finding = _finding(first, evidence.plates)
+    """Name what is wrong with the plates of a trial, one fault after the other.
+
+    Each is corrected on the chain before the next one is looked for; what cannot be told from
+    others, or cannot be corrected, ends the search.
+    """
+    findings, done = list[Finding](), tuple[str, ...]()
+    while len(findings) < MOST_FAULTS and chain.judged:
+        first, *rivals = chain.judged
+        plates = chain.evidence.plates
+        finding = _finding(first, plates)
+        same = (finding.kind, finding.plates, finding.component)
+        if same in [(f.kind, f.plates, f.component) for f in findings]:
+            break
         if rivals:
-            others = tuple(_finding(each, evidence.plates) for each in rivals)
-            findings.append(replace(finding, rivals=others))
-            continue
-        correction = try_fault(chain, first, done)
-        findings.append(replace(finding, correction=correction))
-        if correction is not None and correction.helps:
-            done = (*done, *correction.mendings)
+            others = tuple(_finding(each, plates) for each in rivals)
+            return (*findings, replace(finding, rivals=others))
+        corrected = _try_fault(chain, first)
+        if corrected is None:
+            return (*findings, finding)
+        correction, mended = corrected
+        # what is typed for one fault is typed with what corrects those before it
+        done = (*done, *correction.mendings)
+        findings.append(replace(finding, correction=replace(correction, mendings=done)))
+        if not correction.helps:
+            break
+        chain = mended
     return tuple(findings)
 
 
@@ -68,23 +86,25 @@ def mendings_of(fitted: Fitted, plates: Sequence[Plate]) -> tuple[str, ...]:
     return ()
 
 
-def try_fault(chain: Chain, fitted: Fitted, done: tuple[str, ...]) -> Correction | None:
-    """Correct a fault in all frames, and in the second half of them by the size in the first."""
+def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
+    """Correct a fault in all frames, and in the second half of them by the size in the first.
+
+    With the chain that is corrected in all frames; None where nothing that can be typed does it.
+    """
     evidence, hypothesis = chain.evidence, fitted.hypothesis
     first = _first_half(evidence, hypothesis.plates)
     view = View.of(evidence, mass_is_stated=chain.mass.is_stated, frames=first)
-    fitted_there = fit(view, hypothesis)
+    sizes = fitted, fit(view, hypothesis)
     if hypothesis.kind == "all_late":
-        late = [
-            (chain.settings.plate_delay_s or 0.0) + float(f.size[0]) for f in (fitted, fitted_there)
-        ]
-        return _tried(chain, [_later(chain, seconds) for seconds in late], first, (), late[0])
-    every, there = (mendings_of(each, evidence.plates) for each in (fitted, fitted_there))
+        before_s = chain.settings.plate_delay_s or 0.0
+        late_s = [round(before_s + float(each.size[0]), 3) for each in sizes]
+        chains = [_later(chain, each) for each in late_s]
+        return _tried(chain, chains, first, (), late_s[0]), chains[0]
+    every, there = (mendings_of(each, evidence.plates) for each in sizes)
     if not every:
         return None
-    chains = [chain.mended((*done, *mendings)) for mendings in (every, there)]
-    before = chain.mended(done) if done else chain
-    return _tried(before, chains, first, every, None)
+    chains = [chain.mended(every), chain.mended(there)]
+    return _tried(chain, chains, first, every, None), chains[0]
 
 
 def try_mendings(chain: Chain, mendings: Sequence[str]) -> Correction:
@@ -94,17 +114,15 @@ def try_mendings(chain: Chain, mendings: Sequence[str]) -> Correction:
 
 
 def _later(chain: Chain, delay_s: float) -> Chain:
-    settings = chain.settings.model_copy(update={"plate_delay_s": round(delay_s, 3)})
+    settings = chain.settings.model_copy(update={"plate_delay_s": delay_s})
     return chain.changed(settings=settings)
 
 
 def _first_half(evidence: Evidence, plates: Sequence[int]) -> Mask:
-    """Give the first half of the frames in which some plates carry, and all before it, (T,)."""
-    load = np.abs(evidence.wrenches[[*plates], :, 2]).max(axis=0) > LOADED * evidence.weight_n
-    carried = load & evidence.carried
-    if not carried.any():
-        carried = evidence.carried if evidence.carried.any() else np.ones(len(load), bool)
-    middle = np.flatnonzero(carried)[int(np.count_nonzero(carried)) // 2]
+    """Give the first half of the frames in which some plates are loaded, and before, (T,)."""
+    load = np.abs(np.nan_to_num(evidence.wrenches[[*plates], :, 2])).max(axis=0)
+    frames = np.flatnonzero(load > LOADED * evidence.weight_n)
+    middle = frames[len(frames) // 2] if len(frames) else len(load) // 2
     return np.asarray(np.arange(len(load)) < middle)
 
 
@@ -116,7 +134,8 @@ def _tried(
     plate_delay_s: float | None,
 ) -> Correction:
     """Compare residuals before and after; the second chain has sizes by the other frames alone."""
-    counts = chain.evidence.carried
+    # frames that count once it is corrected: some faults leave frames out
+    counts = corrected[0].counts & np.isfinite(chain.residual).all(axis=1)
     for each in corrected:
         counts = counts & np.isfinite(each.residual).all(axis=1)
     others = counts & ~fitted_to
@@ -124,8 +143,9 @@ def _tried(
     held_out = _rms(chain.residual[others]), _rms(corrected[1].residual[others])
     whiten = np.sqrt(np.diag(chain.evidence.covariance))
     scale = chain.evidence.weight_n * np.repeat([1.0, chain.body.height_m], 3) * NEGLIGIBLE
-    fall = 1 - np.linalg.norm(held_out[1] / whiten) / np.linalg.norm(held_out[0] / whiten)
-    worse = (after > MAX_WORSE * before + scale) | (held_out[1] > MAX_WORSE * held_out[0] + scale)
+    left, right = (np.linalg.norm(rms / whiten) for rms in held_out)
+    worse = after > MAX_WORSE * before + scale
+    worse |= held_out[1] > MAX_WORSE * held_out[0] + MORE_NOISE * scale
     return Correction(
         mendings,
         plate_delay_s,
@@ -133,7 +153,7 @@ def _tried(
         after=tuple(after),
         held_out_before=tuple(held_out[0]),
         held_out_after=tuple(held_out[1]),
-        helps=bool(fall > MIN_FALL and not worse.any()),
+        helps=bool(right < (1 - MIN_FALL) * left and not worse.any()),
     )
 
 

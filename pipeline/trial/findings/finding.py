@@ -5,8 +5,10 @@ from typing import Literal
 
 from hbm.spatial import WRENCH_COMPONENTS
 
-Kind = Literal["gain", "reversed", "turned", "exchanged", "moved", "askew", "late", "all_late"]
-"""What may be wrong with plates that motion and feet judge."""
+Kind = Literal[
+    "gain", "reversed", "turned", "exchanged", "moved", "askew", "late", "all_late", "mass"
+]
+"""What may be wrong with plates that motion and feet judge, or with the body mass."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,10 +48,11 @@ DOWN_SD: Final = 0.035
 MOST_DEVIATIONS: Final = 30.0
 """Of a foot from its pressure; a plate that reads nothing has its pressure anywhere."""
 MASS_SD: Final[Mapping[bool, float]] = {True: 0.03, False: 0.10}
-"""Of body mass, by itself: where it is stated, and where the plates weighed it."""
+WRONG_MASS_SD: Final = 0.20
+"""Of body mass, by itself: where it is stated, where the plates weighed it, and where it is that of
+another person."""
 MIN_LOADED_S: Final = 0.15
 """For which a plate has to carry to be judged."""
-MOST_FAULTS: Final = 3
 SD: Final[Mapping[Kind, tuple[float, ...]]] = {
     "gain": (0.5,),
     "moved": (0.06, 0.06),
@@ -65,6 +66,7 @@ COST: Final[Mapping[Kind, float]] = {
     "reversed": 6.0,
     "turned": 6.0,
     "exchanged": 6.0,
+    "mass": 2.0,
     "moved": 3.0,
     "askew": 5.0,
     "late": 7.0,
@@ -135,8 +137,10 @@ class View:
     def of(cls, evidence: Evidence, *, mass_is_stated: bool, frames: Mask | None = None) -> "View":
         """Choose the frames, all that carry or some of them, (T,)."""
         use = evidence.carried if frames is None else evidence.carried & frames
-        stances = [s for s in find_stances(evidence) if frames is None or frames[s.rows].all()]
-        stances = [*_spread_over(stances)]
+        known: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & (
+            np.ones(len(evidence.time), bool) if frames is None else frames
+        )
+        stances = [*_spread_over([s for s in find_stances(evidence) if known[s.rows].all()])]
         carried = _thinned(np.flatnonzero(use), MOST_FRAMES)
         standing = [s.rows for s in stances]
         every = np.unique(np.concatenate([carried, *standing]).astype(int))
@@ -167,7 +171,8 @@ class View:
         wrench = evidence.wrenches[plate]
         if later_s:
             times = evidence.time[self.frames] + later_s
-            wrench = np.stack([np.interp(times, evidence.time, c) for c in wrench.T], axis=1)
+            known = np.nan_to_num(wrench)
+            wrench = np.stack([np.interp(times, evidence.time, c) for c in known.T], axis=1)
         else:
             wrench = wrench[self.frames]
         return rotate_wrench(shift_wrench(wrench, place.center), place.rotation.T)
@@ -184,14 +189,15 @@ class View:
         in_lab = rotate_wrench(wrench[rows], place.rotation)
         return np.asarray((shift_wrench(in_lab, pelvis - place.center) @ self.whiten).ravel())
 
-    def feet(self, plate: int, wrench: Array) -> Array:
+    def feet(self, plate: int, wrench: Array, signal: int | None = None) -> Array:
         """Give how far the pressure on a plate is from the feet, in standard deviations.
 
-        Along, across and up, of the median stance of each foot.
+        Along, across and up, of the median stance of each foot. The stances are those at which the
+        plate is loaded, or another one whose signal it has.
         """
         place, weight_n = self.evidence.plates[plate], self.evidence.weight_n
         away: dict[int, list[Array]] = {}
-        for stance, rows in self.stances[plate]:
+        for stance, rows in self.stances[plate if signal is None else signal]:
             in_lab = shift_wrench(rotate_wrench(wrench[rows], place.rotation), -place.center)
             apart = pressure(in_lab, stance.expected[:, 2]) - stance.expected
             # light loads have their pressure anywhere
@@ -238,33 +244,32 @@ def _spread_over(stances: Sequence[Stance]) -> Iterator[Stance]:
             yield same[k].some(at)
 
 
-def judge_plates(
-    evidence: Evidence, *, mass_is_stated: bool, frames: Mask | None = None
-) -> tuple[tuple[Fitted, ...], ...]:
-    """Name what is wrong with the plates of a trial: each fault, first, with those it may also be.
+def judge_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, ...]:
+    """Name what is most likely wrong with the plates of a trial, first, and what it may also be.
 
-    Those that are found together are corrected one after the other, and judged again.
+    Nothing where no fault is likely.
     """
-    view = View.of(evidence, mass_is_stated=mass_is_stated, frames=frames)
-    found: list[tuple[Fitted, ...]] = []
-    while len(view.of_motion) and len(found) < MOST_FAULTS:
-        likely = [each for each in _fitted_all(view) if each.matters]
-        likely.sort(key=lambda each: -each.evidence)
-        if not likely or likely[0].evidence < LIMIT:
-            break
-        best = likely[0]
-        found.append(tuple(each for each in likely if each.evidence > best.evidence - TIED))
-        if len(found[-1]) > 1:
-            break  # what it is has to be known before more can be told
-        of_plates = corrected(view, best.hypothesis, best.size)
-        wrenches = (of_plates.get(k, wrench) for k, wrench in enumerate(view.wrenches))
-        view = replace(view, wrenches=tuple(wrenches))
-    return tuple(found)
+    view = View.of(evidence, mass_is_stated=mass_is_stated)
+    likely = _likely(view)
+    if likely and likely[0].hypothesis.kind == "mass":
+        # it is said where masses are compared; plates are judged whatever it is
+        likely = _likely(replace(view, mass_sd=WRONG_MASS_SD))
+    return tuple(each for each in likely if each.evidence > likely[0].evidence - TIED)
+
+
+def _likely(view: View) -> list[Fitted]:
+    """Give the faults that are likely, the most likely first."""
+    if not len(view.of_motion):
+        return []
+    fitted = [each for each in _fitted_all(view) if each.matters and each.evidence > LIMIT]
+    return sorted(fitted, key=lambda each: -each.evidence)
 
 
 def hypotheses(view: View) -> Iterator[Hypothesis]:
     """Give what may be wrong with plates that carry."""
     numbers = range(len(view.evidence.plates))
+    if view.mass_sd < WRONG_MASS_SD:
+        yield Hypothesis("mass", ())
     loaded = (k for k in numbers if view.evidence.loaded_s(k) > MIN_LOADED_S)
     judged = sorted({*loaded, *(k for k in numbers if view.stances[k])})
     for k in judged:
@@ -281,6 +286,8 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
 
 def corrected(view: View, hypothesis: Hypothesis, size: Array) -> dict[int, Array]:
     """Give what the plates of a fault would measure without it, in their own axes, (U, 6)."""
+    if not hypothesis.plates:
+        return {}
     k, what = hypothesis.plates[0], hypothesis.what
     plate, wrench = view.evidence.plates[k], view.wrenches[k]
     match hypothesis.kind:
@@ -344,18 +351,26 @@ class _Comparison:
     def _left(self, hypothesis: Hypothesis | None, x: Array) -> Array:
         """Give residual and feet with a body that is heavier by a share, and a fault of a size."""
         residual = (1 + x[0]) * self.needed - np.sum(self.measured, axis=0)
-        if hypothesis is None:
+        if hypothesis is None or not hypothesis.plates:
             return np.asarray(residual)
         of_plates, view = corrected(self.view, hypothesis, x[1:]), self.view
         for k in hypothesis.plates:
             residual = residual + self.measured[k] - view.measured(k, of_plates[k])
-        return np.concatenate([residual, *(view.feet(k, of_plates[k]) for k in hypothesis.plates)])
+        signals = hypothesis.plates[::-1] if hypothesis.kind == "exchanged" else hypothesis.plates
+        feet = (
+            view.feet(k, of_plates[k], signal)
+            for k, signal in zip(hypothesis.plates, signals, strict=True)
+        )
+        return np.concatenate([residual, *feet])
 
     def _least(self, hypothesis: Hypothesis | None) -> tuple[Array, Array, float, float]:
         """Give size and covariance of the fault that leaves least, the score and its spread."""
         changed = () if hypothesis is None else hypothesis.plates
         others = sum(float(f @ f) for k, f in enumerate(self.feet) if k not in changed)
-        sd = np.array([self.view.mass_sd, *(() if hypothesis is None else hypothesis.sd)])
+        mass_sd = self.view.mass_sd
+        if hypothesis is not None and hypothesis.kind == "mass":
+            mass_sd = WRONG_MASS_SD
+        sd = np.array([mass_sd, *(() if hypothesis is None else hypothesis.sd)])
         x = np.zeros(len(sd))
         for _ in range(STEPS if len(sd) > 1 else 1):
             here = self._left(hypothesis, x)

@@ -67,14 +67,14 @@ def test_a_marker_that_jumps_alone_has_exchanged_nothing(long_walk, cm, frame, s
 
 
 def named(markers):
-    """The pairs that the note names."""
-    notes = sides_exchanged(BODY.marker_set, markers, "walk.c3d")
-    return [pair for note in notes for pair in note.values["pairs"].split(", ")]
+    """The pairs that are named."""
+    exchanged = sides_exchanged(BODY.marker_set, markers, "walk.c3d")
+    return ["/".join(pair) for pair in (exchanged.pairs if exchanged else ())]
 
 
 def test_labels_that_are_right_raise_no_warning(walk):
-    assert sides_exchanged(BODY.marker_set, synthetic_t_pose(), "pose.c3d") == ()
-    assert sides_exchanged(BODY.marker_set, walk, "walk.c3d") == ()
+    assert sides_exchanged(BODY.marker_set, synthetic_t_pose(), "pose.c3d") is None
+    assert sides_exchanged(BODY.marker_set, walk, "walk.c3d") is None
 
 
 @pytest.mark.parametrize("pair", [p for p in PAIRS if p != ("LFIN", "RFIN")], ids="/".join)

@@ -4,14 +4,13 @@ import shutil
 
 import numpy as np
 import pytest
-from pipeline.trial.once import computing_once, once
 
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.report import write as report
 from pipeline.run.run import forecast, plan, run_study
 from pipeline.run.store import read_trial
-from pipeline.trial import process, stages
+from pipeline.trial import chain, process
 from tests.pipeline.lab import edit
 
 CUTOFFS_HZ = (5, 8, 10, 12)
@@ -48,7 +47,7 @@ def counting(monkeypatch, module, name):
 def test_five_cut_offs_need_inverse_kinematics_once_and_give_what_each_gives_alone(
     study, tmp_path, monkeypatch
 ):
-    calls = counting(monkeypatch, stages, "solve_motion")
+    calls = counting(monkeypatch, chain, "solve_motion")
     out = tmp_path / "out"
     (outcome,) = run_study(read_study(study), out)
     assert outcome.failure is None
@@ -64,14 +63,14 @@ def test_five_cut_offs_need_inverse_kinematics_once_and_give_what_each_gives_alo
 
 
 def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypatch, capsys):
-    function = process.process_trial
+    function = process.process_chain
 
-    def failing(study, *name, **options):
+    def failing(chain, study, name):
         if study.file.settings.cutoff_hz == 8:
             raise ValueError("too smooth")
-        return function(study, *name, **options)
+        return function(chain, study, name)
 
-    monkeypatch.setattr(process, "process_trial", failing)
+    monkeypatch.setattr(process, "process_chain", failing)
     out = tmp_path / "out"
     assert main(["run", str(study), "--out", str(out)]) == 1
     said = capsys.readouterr().out
@@ -98,24 +97,6 @@ def test_a_run_says_what_is_new_what_is_outdated_and_why_and_how_long_it_takes(s
     assert said() == "trials: 1 up to date"
     edit(study / "study.toml", "cutoff_hz = 12", "cutoff_hz = 13")
     assert said().startswith("trials: 1 outdated (cutoff_hz 12.0 → 13.0); about 0:00:")
-
-
-def test_equal_arguments_give_one_result_within_a_block_and_changed_ones_another():
-    calls = []
-
-    @once
-    def total(values, scale=1.0):
-        calls.append(scale)
-        return scale * values.sum()
-
-    values = np.arange(5.0)
-    with computing_once():
-        assert total(values) == total(values.copy()) == 10
-        assert total(values + 1) == 15
-        assert total(values, scale=2.0) == 20
-        assert len(calls) == 3
-    assert total(values) == total(values) == 10
-    assert len(calls) == 5
 
 
 def test_ways_of_processing_compared_with_each_other_are_no_conditions_and_no_mistake(

@@ -164,9 +164,9 @@ def test_an_empty_or_drifting_plate_is_not_judged():
 @pytest.mark.parametrize("mending", ["2: reverse all", "2: reverse Fz"])
 def test_a_plate_that_pulls_the_subject_down_is_a_doubt_with_the_mending_that_helps(mending):
     sound = steps(70.0, np.array([0.0, 0.0, -0.04]))
-    assert reversed_plates(sound) == []
+    assert reversed_plates(sound) == {}
     pulling = with_mended_plates(replace(sound, stated=Stated(mend_plates=(mending,))))
-    (doubt,) = reversed_plates(pulling)
+    (doubt,) = reversed_plates(pulling).values()
     assert (doubt.kind, doubt.of) == ("in_doubt", "plate 2")
     assert f'set mend_plates = ["{mending}"]' in doubt.reason
     with pytest.raises(ValueError, match="mass missing") as error, saying_what_was_read(pulling):

@@ -29,7 +29,7 @@ def trial(request):
 
 def test_automatic_events_are_within_the_goal_even_of_plates_that_are_not_compensated(trial):
     condition, sources, true = trial
-    events, note = detect_events(**sources, method="auto")
+    events, note, _ = detect_events(**sources, method="auto")
     assert note.code == "events_calibrated"
     most_mean_ms, most_sd_ms = EVENT_LIMITS_MS[condition]
     for row in tabulate([(condition, {"auto": events}, true)]):
@@ -50,7 +50,7 @@ def test_standing_and_the_start_of_the_belts_invent_no_event(trial):
 def test_a_single_plate_under_both_feet_still_gives_all_events(trial):
     """No plate carries one foot alone; the motion of the feet is not calibrated."""
     _, sources, true = trial
-    events, note = detect_events(**sources | {"of_plates": ()}, method="auto")
+    events, note, _ = detect_events(**sources | {"of_plates": ()}, method="auto")
     assert note.code == "events_uncalibrated"
     for label in LABELS:
         for side in SIDES:

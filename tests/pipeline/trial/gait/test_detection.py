@@ -97,20 +97,20 @@ def test_who_stands_has_no_events_and_the_note_says_why(sources):
     motion = sources["motion"]
     pelvis, feet = np.zeros(len(motion.time)), np.zeros((len(motion.time), 2))
     still = FootMotion(motion.time, pelvis, feet, feet + 0.15)
-    events, note = detect_events(**sources | {"motion": still}, method="auto")
+    events, note, _ = detect_events(**sources | {"motion": still}, method="auto")
     assert events == ()
     assert "no foot swings against the pelvis in" in note.text
 
 
 def test_plates_that_carry_nobody_alone_leave_the_motion_and_the_note_says_so(sources):
-    events, note = detect_events(**sources | {"of_plates": ()}, method="auto")
+    events, note, _ = detect_events(**sources | {"of_plates": ()}, method="auto")
     assert len(events) > 15
     assert note.code == "events_uncalibrated"
 
 
 def test_automatic_events_of_a_walk_are_those_of_the_force_under_its_feet(sources, walker):
     """Its plates are not late; each carries one foot."""
-    events, _ = detect_events(**sources, method="auto")
+    events, *_ = detect_events(**sources, method="auto")
     for plate, side in zip(walker.plates, ("left", "right"), strict=True):
         above = plate.wrench[:, 2] > 20
         strikes = plate.time[1:][~above[:-1] & above[1:]]
