@@ -39,6 +39,7 @@ from pipeline.config.schema import Settings
 from pipeline.io.mended_plates import mended_plates
 from pipeline.io.recording import Recording
 from pipeline.trial.chain import Chain
+from pipeline.trial.corrections import find_faults
 from pipeline.trial.findings.judge import Fitted, View, fit, hypotheses
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.plate_units import reversed_plates
@@ -60,7 +61,7 @@ NAMES = {
     "all late": {"all_late"},
     "labels": {"sides_exchanged", "labels_exchanged", "marker_distances_changed"},
     "static": {"static_of_another"},
-    "mass": {"mass_differs"},
+    "mass": {"mass_differs", "mass"},
     "sex": set[str](),
 }
 """Kind of fault -> kinds of findings, or codes of notes, that name it."""
@@ -107,9 +108,8 @@ def in_numbers(chain: Chain, fitted: Fitted) -> Accusation:
 
 def named(chain: Chain, notes: Sequence[Note]) -> set[Named]:
     """Give what a trial says to be wrong."""
-    doubted = {f.plate for f in chain.raw_faults}
-    for fitted in chain.judged:
-        doubted |= in_numbers(chain, fitted[0]).plates
+    findings = find_faults(chain)
+    doubted = {f.plate for f in chain.raw_faults}.union(*(f.plates for f in findings))
     pulling = {
         (number, sign[1])
         for number, fact in reversed_plates(chain.trial).items()
@@ -121,7 +121,12 @@ def named(chain: Chain, notes: Sequence[Note]) -> set[Named]:
             frozenset({Accusation(f.kind, frozenset({f.plate}), f.channel)})
             for f in chain.raw_faults
         ),
-        *(frozenset(in_numbers(chain, each) for each in fitted) for fitted in chain.judged),
+        *(
+            frozenset(
+                Accusation(f.kind, frozenset(f.plates), f.component) for f in (one, *one.rivals)
+            )
+            for one in findings
+        ),
         *(frozenset({Accusation(note.code)}) for note in notes if note.code in CODES),
     }
 
