@@ -112,7 +112,8 @@ def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
     for name, variant in job.variants.items():
         alike = variant.study.file.treadmill == job.study.file.treadmill
         alike &= variant.study.file.plates == job.study.file.plates
-        of_variant, chain = _process(variant, laboratory if alike else None, chain)
+        known = laboratory if chain is None else chain.inputs.laboratory
+        of_variant, chain = _process(variant, known if alike else None, chain)
         with suppress(OSError):
             record_failure(variant.target, variant.name, of_variant.failure)
         if of_variant.failure is not None:

@@ -107,6 +107,10 @@ DEPENDS_ON: Final[Mapping[str, str]] = {
 """Stage -> the stages, inputs (some with a field), and settings that it is computed from."""
 
 
+COMPARED: Final = ("condition", "contacts", "marker_set", "segments", "subject")
+"""Inputs that are compared by what they state; others are the same if they were read once."""
+
+
 class Solved(NamedTuple):
     """What inverse kinematics found: the markers that it used, the motion, and what it left out."""
 
@@ -528,16 +532,14 @@ def _all_of(stage: str, given: frozenset[str] | set[str]) -> set[str]:
 
 
 def _differing(one: Inputs, other: Inputs) -> Iterator[str]:
-    """Name the inputs that are not the same, with and without the fields that differ."""
+    """Name the inputs that differ, and those fields of recordings and laboratory that do."""
     for name in (field.name for field in fields(one)):
         before, now = getattr(one, name), getattr(other, name)
-        if before is now:
+        if before is now or (name in COMPARED and before == now):
             continue
         yield name
-        if None in (before, now) or name not in ("recording", "static", "laboratory"):
-            whole = {leaf for names in DEPENDS_ON.values() for leaf in names.split()}
-            yield from (leaf for leaf in whole if leaf.startswith(f"{name}."))
-            continue
-        for part in fields(before):
-            if getattr(before, part.name) is not getattr(now, part.name):
-                yield f"{name}.{part.name}"
+        parts = {leaf for names in DEPENDS_ON.values() for leaf in names.split()}
+        for leaf in (part for part in parts if part.startswith(f"{name}.")):
+            attribute = leaf.removeprefix(f"{name}.")
+            if getattr(before, attribute, None) is not getattr(now, attribute, ...):
+                yield leaf

@@ -243,14 +243,15 @@ def trial_chain(
     if trial.file is None or trial.exclude is not None:
         raise ValueError(f"{name} is excluded: {trial.exclude}")
     before = None if like is None else like.inputs
+    hip_trial, segments = read_body_files(study, person)
     if before is not None and before.recording.stated == study.stated_of(trial):
         recording, static = before.recording, before.static
     else:
-        recording = read_study_file(study, trial.file, trial, person.static)
         static = read_study_file(study, person.static) if person.static else None
-    hip_trial, segments = read_body_files(study, person)
+        read = read_study_file(study, trial.file, trial, person.static)
+        recording = with_unused_renames(read, static, hip_trial)
     stated: dict[str, Any] = {
-        "recording": with_unused_renames(recording, static, hip_trial),
+        "recording": recording,
         "static": static,
         "hip_trial": hip_trial,
         "marker_set": study.marker_set,

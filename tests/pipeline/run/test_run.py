@@ -50,7 +50,7 @@ def forget(out, *names):
 
 
 def test_finished_results_are_kept_untouched(moving_study, out, monkeypatch):
-    monkeypatch.setattr(process, "process_trial", None)
+    monkeypatch.setattr(process, "process_chain", None)
     before = {path: path.stat().st_mtime_ns for path in (out / "trials").iterdir()}
     outcomes = list(run_study(read_study(moving_study), out, jobs=2))
     assert set(states(outcomes).values()) == {"kept"}
@@ -288,14 +288,14 @@ def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replace
 
 def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out, monkeypatch):
     forget(out, "sub01_sway")
-    real = process.process_trial
+    real = process.process_chain
 
     def changing(*given, **named):
         result = real(*given, **named)
         rewrite("sub01_sway.c3d")(study)
         return result
 
-    monkeypatch.setattr(process, "process_trial", changing)
+    monkeypatch.setattr(process, "process_chain", changing)
     outcomes = list(run_jobs(plan(read_study(study), out)))
     assert "changed while it was processed" in only(outcomes, "failed")["sub01_sway"]
     assert not (out / "trials" / "sub01_sway.parquet").exists()
@@ -315,7 +315,7 @@ def test_whatever_goes_wrong_in_a_trial_is_a_failure_of_that_trial(
         raise error
 
     forget(out, "sub01_sway")
-    monkeypatch.setattr(process, "process_trial", broken)
+    monkeypatch.setattr(process, "process_chain", broken)
     failed = only(run_study(read_study(moving_study), out), "failed")
     assert list(failed) == ["sub01_sway"]
     assert failed["sub01_sway"].startswith(message)
