@@ -7,7 +7,9 @@ import numpy as np
 
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
-from tests.campaign.plate_doubts import PERSONS, amplified, moved, virtual
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
+from tests.campaign.plants import amplified, moved
+from tests.campaign.walks import virtual
 
 FIRST_SEED = 30
 GAIN, SHIFT_M = 1.05, np.array([0.02, 0.0, 0.0])

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.process import process_recording
-from tests.campaign.plate_doubts import amplified, channel, moved
+from tests.campaign.plants import amplified, channel, moved
 from tests.hbm.motions import exchanged, relabelled
 from tests.recordings.recorded import (
     TESTS,

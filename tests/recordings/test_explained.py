@@ -12,8 +12,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
 from tests.campaign.explain.unseen import row
-from tests.campaign.legs_alone import known_with_legs_alone, with_legs_alone
-from tests.campaign.plate_doubts import Base
+from tests.campaign.walks import Base, known_with_legs_alone, with_legs_alone
 from tests.recordings.recorded import (
     child,
     generated,

@@ -33,8 +33,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.person import gait
-from tests.campaign.legs_alone import known_with_legs_alone, with_legs_alone
-from tests.campaign.plate_doubts import Base, real, virtual
+from tests.campaign.walks import Base, known_with_legs_alone, real, virtual, with_legs_alone
 
 STILL: Final = Laboratory(Treadmill())
 HARMONICS: Final = 4

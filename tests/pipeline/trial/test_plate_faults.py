@@ -16,17 +16,15 @@ from pipeline.report.trial_page import verdict_lines
 from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
-from tests.campaign.legs_alone import known_with_legs_alone, with_legs_alone
-from tests.campaign.plate_doubts import (
-    CODES,
-    amplified,
-    channel,
-    exchanged,
-    moved,
-    turned,
-    wrapped,
-)
+from tests.campaign.plants import amplified, channel, exchanged, moved, overflowing, turned
+from tests.campaign.walks import known_with_legs_alone, with_legs_alone
 from tests.overground_walk import simulate_overground
+
+CODES = {
+    *("plate_wraps", "plate_jumps", "plates_exchanged", "plate_turned", "plate_reversed"),
+    *("plate_elsewhere", "plate_askew", "plate_gain", "plate_late", "plates_unclear"),
+    *("mass_differs", "pressure_far_from_feet"),
+}
 
 
 @given(mass_kg=st.floats(20, 150), rise_mps=st.floats(-1.0, 1.0), start=st.integers(20, 60))
@@ -104,7 +102,7 @@ def test_a_mass_that_nothing_tells_is_weighed_by_steps(laboratory):
 @pytest.mark.parametrize(
     ("code", "fault"),
     [
-        ("plate_wraps", lambda walk: wrapped(walk, 1, 4, 0.6)),
+        ("plate_wraps", lambda walk: channel(walk, 1, 4, overflowing(0.6))),
         ("plate_turned", lambda walk: turned(walk, 1, 180, corners=False)),
         ("plate_turned", lambda walk: turned(walk, 0, 90, corners=False)),
         ("plate_reversed", lambda walk: amplified(walk, 2, 0, -1.0)),

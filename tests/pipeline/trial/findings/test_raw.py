@@ -12,8 +12,7 @@ from pipeline.io.mended_plates import mended_plates, with_mended_plates
 from pipeline.io.stated import Stated
 from pipeline.trial.findings.raw import raw_faults
 from pipeline.trial.process import process_recording
-from tests.campaign.planted_faults import clipped, overflowing, plates_of, raw
-from tests.campaign.plate_doubts import channel
+from tests.campaign.plants import channel, clipped, overflowing, raw
 from tests.overground_walk import simulate_overground
 
 CHANNELS = [*enumerate(WRENCH_COMPONENTS)]
@@ -60,7 +59,11 @@ def test_a_clipped_plate_is_named_alone_without_a_correction_and_steps_do_not_we
     laboratory, axis, name
 ):
     warnings, weighed = doubts(laboratory, raw(laboratory.walk, 1, axis, clipped(0.6)))
-    accused = [note for note in warnings if plates_of(note) or note.code == "plates_late"]
+    accused = [
+        note
+        for note in warnings
+        if {"plate", "first"} & {*note.values} or note.code == "plates_late"
+    ]
     assert [note.code for note in accused] == ["plate_clipped"]
     (note,) = accused
     assert (note.values["plate"], [*note.values["limits"]]) == (2, [name])
