@@ -350,11 +350,12 @@ def verdict(fault: Fault, healthy: Outcome, faulty: Outcome) -> str:
 
 def effect(healthy: Outcome, before: Outcome, after: Outcome) -> str:
     """Give what a correction does to the residual; one that is not known is as large as any."""
-    was, usual = (np.where(np.isfinite(o.rms), o.rms, np.inf) for o in (before, healthy))
-    worse = ~(after.rms <= WORSE * np.maximum(was, usual)) | ~np.isfinite(after.rms)
-    if worse.any():
+    was, now, usual = (
+        np.where(np.isfinite(o.rms), o.rms, np.inf) for o in (before, after, healthy)
+    )
+    if (now > WORSE * np.maximum(was, usual)).any():
         return "worse"
-    return "mends" if (after.rms < was / WORSE).any() else "nothing"
+    return "mends" if (now < was / WORSE).any() else "nothing"
 
 
 @dataclass(frozen=True)
