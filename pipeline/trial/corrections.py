@@ -16,11 +16,11 @@ from pipeline.trial.findings.judge import LIMIT, Fitted, View, fit
 MIN_MOVE_M: Final = 0.005
 """Shorter parts of a move are not typed."""
 MAX_WORSE: Final = 1.05
-"""Of the RMS of an axis, that a correction may leave; and what is less than this does not count:"""
-NEGLIGIBLE: Final = np.array([0.004, 0.004, 0.004, 0.001, 0.001, 0.001])
-"""RMS by body weight, and by body weight × stature, far below that of healthy walks."""
-MORE_NOISE: Final = 3.0
-"""Of frames to which sizes were not fitted: as many times the negligible."""
+"""Of the RMS of an axis, that a correction may leave, and beyond that by standard deviations of
+healthy residuals:"""
+NOISE: Final = 0.1
+NOISE_HELD_OUT: Final = 0.35
+"""In all frames, and in those to which its size was not fitted."""
 MIN_FALL: Final = 0.03
 """Of the whitened residual: a correction that changes less is not worth typing."""
 QUANTILE_95: Final = 1.96
@@ -146,11 +146,10 @@ def _tried(
     others = counts & ~fitted_to
     before, after = _rms(chain.residual[counts]), _rms(corrected[0].residual[counts])
     held_out = _rms(chain.residual[others]), _rms(corrected[1].residual[others])
-    whiten = np.sqrt(np.diag(chain.evidence.covariance))
-    scale = chain.evidence.weight_n * np.repeat([1.0, chain.body.height_m], 3) * NEGLIGIBLE
-    left, right = (np.linalg.norm(rms / whiten) for rms in held_out)
-    worse = after > MAX_WORSE * before + scale
-    worse |= held_out[1] > MAX_WORSE * held_out[0] + MORE_NOISE * scale
+    deviation = np.sqrt(np.diag(chain.evidence.covariance))
+    there, corrected_there = (np.linalg.norm(rms / deviation) for rms in held_out)
+    worse = after > MAX_WORSE * before + NOISE * deviation
+    worse |= held_out[1] > MAX_WORSE * held_out[0] + NOISE_HELD_OUT * deviation
     return Correction(
         mendings,
         plate_delay_s,
@@ -158,7 +157,7 @@ def _tried(
         after=tuple(after),
         held_out_before=tuple(held_out[0]),
         held_out_after=tuple(held_out[1]),
-        helps=bool(right < (1 - MIN_FALL) * left and not worse.any()),
+        helps=bool(corrected_there < (1 - MIN_FALL) * there and not worse.any()),
     )
 
 
