@@ -87,6 +87,7 @@ def refused(capsys, *arguments):
         ("still.c3d", ["--axes", "left,up"], ["--axes", "'left,up'", "three of"]),
         ("still.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
         ("still.c3d", ["--mass-kg", "2", "--cutoff-hz", "600"], ["--mass-kg", "--cutoff-hz"]),
+        ("still.c3d", ["--hip-trial", "still.c3d"], ["--hip-trial", "without --hip functional"]),
         ("still.c3d", ["--colour", "red"], ["--colour", "--help"]),
     ],
 )
