@@ -7,16 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from hbm.markers import read_marker_set
 from hbm.spelling import short
 from pipeline.config.schema import (
     Condition,
+    Platform,
     RecordingRules,
     Settings,
     StudyFile,
     Subject,
     SubjectFile,
+    Treadmill,
 )
 from pipeline.config.toml_file import Model
+from pipeline.io.input_file import is_file, open_file, read_text
 
 if TYPE_CHECKING:
     from pipeline.config.study import Study
@@ -97,9 +101,7 @@ class TrialRequest(Settings, Subject, RecordingRequest):
 
         A ValueError or OSError where span or marker set cannot be used.
         """
-        from hbm.markers import read_marker_set
         from pipeline.config.study import Study
-        from pipeline.io.input_file import is_file, read_text
 
         name, marker_set = self.marker_set, None
         if name is not None and (name.endswith(".toml") or is_file(Path(name))):
@@ -134,7 +136,6 @@ class TrialRequest(Settings, Subject, RecordingRequest):
 
 def chain_of(request: TrialRequest) -> "Chain":
     """Read the files of a trial; a ValueError or OSError says what is wrong with which."""
-    from pipeline.io.input_file import open_file
     from pipeline.trial.process import trial_chain
 
     study = request.study()
@@ -149,7 +150,10 @@ def chain_of(request: TrialRequest) -> "Chain":
 def process(
     request: TrialRequest, chain: "Chain", announce: Callable[[str], None] | None = None
 ) -> "TrialResult":
-    """Process a trial; announced is what takes long. Errors are those of `process_chain`."""
+    """Process a trial; `announce` is called with a sentence when something takes long.
+
+    Errors are those of `process_chain`.
+    """
     from hbm.kernels.native import kernels
     from pipeline.trial.process import process_chain
 
@@ -177,7 +181,6 @@ def _naming_file(request: TrialRequest) -> Iterator[None]:
 def _laboratory(request: TrialRequest) -> "Laboratory":
     """Read the treadmill: calibrations and platform markers."""
     from pipeline.config.plate_correction import read_plate_correction
-    from pipeline.config.schema import Platform, Treadmill
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibrations import read_laboratory
     from pipeline.trial.ground.laboratory import Laboratory
