@@ -394,7 +394,7 @@ def evidence_of(fault: Fault, outcome: Outcome) -> Iterator[str]:
         yield "named " + " or ".join(sorted(map(str, each)))
     reasons = {
         "ground moves": not chain.stands_still,
-        "labels": bool(chain.labels.wrong),
+        "labels": bool(chain.labels.doubtful),
         "raw": chain.lost_load,
     }
     if any(reasons.values()):
