@@ -13,7 +13,7 @@ from pipeline.trial.chain import Chain
 from pipeline.trial.checks import check_motion, check_plates, other_person
 from pipeline.trial.corrections import finding_of, try_mendings
 from pipeline.trial.findings.finding import Correction, Finding
-from pipeline.trial.findings.judge import Fitted, weak_plates
+from pipeline.trial.findings.judge import Fitted, instead_of_mass
 from pipeline.trial.findings.raw import RawFault
 from pipeline.trial.gait.contact import ambiguous_contacts, far_from_feet
 from pipeline.trial.ground.uncertainty import uncertainty_notes
@@ -90,12 +90,12 @@ NO_CORRECTION: Final = "No correction that can be typed makes the residual small
 
 
 def _of_masses(chain: Chain) -> Iterator[Note]:
-    """Say that masses differ; with the plates whose vertical force may be wrong instead."""
+    """Say that masses differ; with the faults of plates that this may be instead."""
     masses = differing_masses(chain.mass.known_kg, chain.carried_kg)
     places = {plate.number: plate for plate in chain.ground.plates}
     weak: tuple[Fitted, ...] = ()
     if masses and chain.carried_kg is not None and chain.stands_still:
-        weak = weak_plates(chain.evidence, mass_is_stated=chain.mass.is_stated)
+        weak = instead_of_mass(chain.evidence, mass_is_stated=chain.mass.is_stated)
     gains = [str(_of_fault(finding_of(each, chain.ground.plates), places)) for each in weak]
     for note in masses:
         yield Note.of("plates_unclear", faults="; or ".join([str(note), *gains])) if gains else note

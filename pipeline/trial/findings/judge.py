@@ -105,6 +105,11 @@ class Hypothesis(NamedTuple):
         return self.what in ("Fz", "all") or self.kind == "exchanged"
 
     @property
+    def weighs(self) -> bool:
+        """Whether it is a wrong body weight on one plate."""
+        return self.kind == "gain" and self.what == "Fz"
+
+    @property
     def sd(self) -> Array:
         """Usual size of its numbers."""
         return np.array(SD.get(self.kind, ()))
@@ -265,13 +270,21 @@ def judge_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, .
     return likely
 
 
-def weak_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, ...]:
-    """Give the gains of vertical forces that explain a wrong body mass almost as well as itself."""
+def instead_of_mass(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, ...]:
+    """Give faults of plates that a body mass that steps contradict may be instead.
+
+    Gains of vertical forces that explain almost as much, and whatever explains far more.
+    """
     plain = _Comparison.of(View.of(evidence, mass_is_stated=mass_is_stated))
     one_mass = plain.fit(Hypothesis("mass", ())).evidence
-    gains = (h for h in hypotheses(plain.view) if h.kind == "gain" and h.what == "Fz")
-    fitted = (plain.fit(hypothesis) for hypothesis in gains)
-    return tuple(each for each in fitted if each.matters and each.evidence > one_mass - TIED)
+    fitted = [plain.fit(each) for each in hypotheses(plain.view) if each.plates]
+    return tuple(
+        each
+        for each in fitted
+        if each.matters
+        and each.evidence
+        > (one_mass - TIED if each.hypothesis.weighs else max(one_mass + TIED, 0.0))
+    )
 
 
 def _likely(view: View) -> tuple[Fitted, ...]:
