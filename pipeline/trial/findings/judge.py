@@ -115,6 +115,48 @@ class Hypothesis(NamedTuple):
         return np.array(SD.get(self.kind, ()))
 
 
+class Stances(NamedTuple):
+    """The stances on one plate, N frames of S of them after each other.
+
+    Attributes
+    ----------
+    rows
+        Numbers of the frames, (N,).
+    starts, feet
+        Where each stance begins in them, and whether it is of the left or the right foot, (S,).
+    along, left, expected
+        As of `Stance`, (N, 3).
+    """
+
+    rows: Indices
+    starts: Indices
+    feet: Indices
+    along: Array
+    left: Array
+    expected: Array
+
+    @classmethod
+    def joined(cls, stances: Sequence[Stance], frames: Indices) -> "Stances":
+        """Join stances whose frames are among those of a view."""
+        rows = [np.zeros(0, int), *(stance.rows for stance in stances)]
+        lengths = [len(stance.rows) for stance in stances]
+        axes = (
+            np.concatenate([np.zeros((0, 3)), *(getattr(stance, name) for stance in stances)])
+            for name in ("along", "left", "expected")
+        )
+        starts = np.cumsum([0, *lengths])[: len(stances)]
+        feet = np.array([stance.foot for stance in stances], int)
+        return cls(np.searchsorted(frames, np.concatenate(rows)), starts, feet, *axes)
+
+    def means(self, values: Array) -> Array:
+        """Give the mean of values, (N,), over each stance, (S,)."""
+        return np.asarray(self.sums(values) / self.sums(np.ones(len(values))))
+
+    def sums(self, values: Array) -> Array:
+        """Give the sums of values, (N,), over each stance, (S,)."""
+        return np.asarray(np.add.reduceat(values, self.starts))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """The frames by which plates are judged: U of them, in which they carry or a foot stands.
@@ -142,7 +184,7 @@ class View:
     evidence: Evidence
     frames: Indices
     of_motion: Indices
-    stances: tuple[tuple[tuple[Stance, Indices], ...], ...]
+    stances: tuple[Stances, ...]
     wrenches: tuple[Array, ...]
     whiten: Array
     mass_sd: float
@@ -157,16 +199,11 @@ class View:
         )
         stances = [*_spread_over([s for s in find_stances(evidence) if known[s.rows].all()])]
         carried = _thinned(np.flatnonzero(use), MOST_FRAMES)
-        standing = [s.rows for s in stances]
-        every = np.unique(np.concatenate([carried, *standing]).astype(int))
+        every = np.unique(np.concatenate([carried, *(s.rows for s in stances)]).astype(int))
         independent = min(use.sum() * evidence.step_s / INDEPENDENT_S, MOST_INDEPENDENT)
         whiten = np.linalg.cholesky(np.linalg.inv(evidence.covariance))
         of_plates = [
-            tuple(
-                (stance, np.searchsorted(every, rows))
-                for stance, rows in zip(stances, standing, strict=True)
-                if stance.plate == k
-            )
+            Stances.joined([stance for stance in stances if stance.plate == k], every)
             for k in range(len(evidence.plates))
         ]
         view = cls(
@@ -208,20 +245,21 @@ class View:
         plate is loaded, or another one whose signal it has.
         """
         place, weight_n = self.evidence.plates[plate], self.evidence.weight_n
-        away: dict[int, list[Array]] = {}
-        for stance, rows in self.stances[plate if signal is None else signal]:
-            in_lab = shift_wrench(rotate_wrench(wrench[rows], place.rotation), -place.center)
-            apart = pressure(in_lab, stance.expected[:, 2]) - stance.expected
-            # light loads have their pressure anywhere
-            load = np.maximum(in_lab[:, 2], 1.0)
-            means = [
-                (load * (apart * axis).sum(axis=1)).sum() / load.sum()
-                for axis in (stance.along, stance.left)
-            ]
-            down = np.minimum(in_lab[:, 2] / weight_n, 0.0).mean()
-            away.setdefault(stance.foot, []).append(np.array([*means / FOOT_SD, down / DOWN_SD]))
-        medians = [np.median(stances, axis=0) for stances in away.values()]
-        deviations = np.nan_to_num(np.concatenate([np.zeros(0), *medians]))
+        stances = self.stances[plate if signal is None else signal]
+        if not len(stances.feet):
+            return np.zeros(0)
+        in_lab = rotate_wrench(wrench[stances.rows], place.rotation)
+        in_lab = shift_wrench(in_lab, -place.center)
+        apart = pressure(in_lab, stances.expected[:, 2]) - stances.expected
+        # light loads have their pressure anywhere
+        load = np.maximum(in_lab[:, 2], 1.0)
+        away = [
+            stances.sums(load * (apart * axis).sum(axis=1)) / stances.sums(load) / deviation
+            for axis, deviation in zip((stances.along, stances.left), FOOT_SD, strict=True)
+        ]
+        away.append(stances.means(np.minimum(in_lab[:, 2] / weight_n, 0.0)) / DOWN_SD)
+        medians = [np.median(np.array(away)[:, stances.feet == k], axis=1) for k in {*stances.feet}]
+        deviations = np.nan_to_num(np.concatenate(medians))
         return np.asarray(np.clip(deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS))
 
 
@@ -289,7 +327,7 @@ def instead_of_mass(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted
 
 def _likely(view: View) -> tuple[Fitted, ...]:
     """Give the most likely fault, and those that are almost as likely."""
-    if not (len(view.of_motion) or any(view.stances)):
+    if not (len(view.of_motion) or any(len(stances.feet) for stances in view.stances)):
         return ()
     fitted = [each for each in _fitted_all(view) if each.matters]
     fitted.sort(key=lambda each: -each.evidence)
@@ -303,7 +341,7 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
     if view.mass_sd < WRONG_MASS_SD:
         yield Hypothesis("mass", ())
     loaded = (k for k in numbers if view.evidence.loaded_s(k) > MIN_LOADED_S)
-    judged = sorted({*loaded, *(k for k in numbers if view.stances[k])})
+    judged = sorted({*loaded, *(k for k in numbers if len(view.stances[k].feet))})
     for k in judged:
         yield from (Hypothesis("gain", (k,), name) for name in WRENCH_COMPONENTS)
         yield from (Hypothesis("reversed", (k,), name) for name in (*WRENCH_COMPONENTS, "all"))
