@@ -1,6 +1,6 @@
 """Corrections of plates, each tried on the chain of the trial and judged on other frames."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -25,9 +25,9 @@ QUANTILE_95: Final = 1.96
 
 
 def find_faults(chain: Chain) -> tuple[Finding, ...]:
-    """Name what is wrong with the plates of a trial, and try what corrects it."""
+    """Name what raw samples, then motion and feet show of the plates; try what corrects it."""
     evidence = chain.evidence
-    findings, done = [], tuple[str, ...]()
+    findings, done = [*_of_samples(chain)], tuple[str, ...]()
     for first, *rivals in chain.judged:
         finding = _finding(first, evidence.plates)
         if rivals:
@@ -39,6 +39,15 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
         if correction is not None and correction.helps:
             done = (*done, *correction.mendings)
     return tuple(findings)
+
+
+def _of_samples(chain: Chain) -> Iterator[Finding]:
+    """Put the channels of a plate together in which raw samples show the same."""
+    for plate, kind in dict.fromkeys((fault.plate, fault.kind) for fault in chain.raw_faults):
+        channels = tuple(f for f in chain.raw_faults if (f.plate, f.kind) == (plate, kind))
+        unwrap = [f"{plate}: unwrap {fault.channel}" for fault in channels]
+        correction = try_mendings(chain, unwrap) if kind == "wraps" else None
+        yield Finding(kind, (plate,), channels=channels, correction=correction)
 
 
 def _finding(fitted: Fitted, plates: Sequence[Plate]) -> Finding:

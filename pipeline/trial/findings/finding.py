@@ -1,12 +1,16 @@
 """A finding: what is wrong, where, how large, by which evidence, and what mends it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from hbm.spatial import WRENCH_COMPONENTS
+from pipeline.trial.findings.raw import RawFault, RawKind
 
-Kind = Literal["gain", "reversed", "turned", "exchanged", "moved", "askew", "late", "all_late"]
+JudgedKind = Literal[
+    "gain", "reversed", "turned", "exchanged", "moved", "askew", "late", "all_late"
+]
 """What may be wrong with plates that motion and feet judge."""
+Kind = RawKind | JudgedKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +66,10 @@ class Finding:
         What corrects it, and half of its 95 % interval: factor of the channel less one, metres
         along x and y of the plate, radians, or seconds; empty for faults without a size.
     evidence
-        By how much it is likelier than none: twice the logarithm of the odds.
+        By how much it is likelier than none: twice the logarithm of the odds; None where raw
+        samples show it.
+    channels
+        Those of which raw samples show it.
     rivals
         Others that explain the same, and cannot be told from it in this trial.
     correction
@@ -71,9 +78,10 @@ class Finding:
 
     kind: Kind
     plates: tuple[int, ...]
-    component: str
-    size: tuple[float, ...]
-    interval: tuple[float, ...]
-    evidence: float
+    component: str = ""
+    size: tuple[float, ...] = ()
+    interval: tuple[float, ...] = ()
+    evidence: float | None = None
+    channels: tuple[RawFault, ...] = ()
     rivals: tuple["Finding", ...] = ()
-    correction: Correction | None = field(default=None)
+    correction: Correction | None = None

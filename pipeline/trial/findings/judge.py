@@ -25,7 +25,7 @@ from hbm.spatial import (
 )
 from pipeline.io.mended_plates import of_channels, reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
-from pipeline.trial.findings.finding import Kind
+from pipeline.trial.findings.finding import JudgedKind
 
 LIMIT: Final = 6.0
 """Fall of the score that names a fault (twice a logarithm of odds): of healthy recordings 1 of 60
@@ -52,15 +52,15 @@ MASS_SD: Final[Mapping[bool, float]] = {True: 0.03, False: 0.10}
 MIN_LOADED_S: Final = 0.15
 """For which a plate has to carry to be judged."""
 MOST_FAULTS: Final = 3
-SD: Final[Mapping[Kind, tuple[float, ...]]] = {
+SD: Final[Mapping[JudgedKind, tuple[float, ...]]] = {
     "gain": (0.5,),
     "moved": (0.06, 0.06),
     "askew": (0.35,),
     "late": (0.03,),
     "all_late": (0.03,),
 }
-"""Kind of fault -> usual size where it is there: share, [m], [rad], [s]."""
-COST: Final[Mapping[Kind, float]] = {
+"""JudgedKind of fault -> usual size where it is there: share, [m], [rad], [s]."""
+COST: Final[Mapping[JudgedKind, float]] = {
     "gain": 4.0,
     "reversed": 6.0,
     "turned": 6.0,
@@ -71,7 +71,7 @@ COST: Final[Mapping[Kind, float]] = {
     "all_late": 5.0,
 }
 """How rare each kind is, on the scale of the score."""
-LEAST: Final[Mapping[Kind, float]] = {
+LEAST: Final[Mapping[JudgedKind, float]] = {
     "gain": 0.05,
     "moved": 0.015,
     "askew": np.radians(5.0),
@@ -86,7 +86,7 @@ STEPS: Final = 3
 class Hypothesis(NamedTuple):
     """Something that may be wrong: its kind, numbers of plates, and the channel or angle."""
 
-    kind: Kind
+    kind: JudgedKind
     plates: tuple[int, ...]
     what: str = ""
 
