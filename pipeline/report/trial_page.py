@@ -287,7 +287,7 @@ def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
     """Draw the channels of doubted plates, and the errors of markers beyond the guideline."""
     if doubted := [plate for plate in plates if plate.number in doubted_plates(result)]:
         names = join_names([f"plate {plate.number}" for plate in doubted])
-        figure = _plate_figure(doubted, result.findings)
+        figure = plate_figure(doubted, result.findings)
         yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
     errors_mm = marker_table(result)[:-1].sort_values("peak_mm", ascending=False)
     far = [*errors_mm.loc[errors_mm["peak_mm"] > MAX_MARKER_PEAK_MM, "marker"][:MAX_MARKERS]]
@@ -296,7 +296,7 @@ def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
         yield Drawn(text, drawing(_marker_figure(result, far), ".png"))
 
 
-def _plate_figure(plates: Sequence[Plate], findings: Sequence[Finding]) -> Figure:
+def plate_figure(plates: Sequence[Plate], findings: Sequence[Finding]) -> Figure:
     """Draw the six components of plates in their own axes, as recorded, over time.
 
     Dotted lines are where raw samples of a channel cannot be a load.

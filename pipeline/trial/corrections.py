@@ -10,15 +10,14 @@ from hbm.spatial import Array, Mask
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.findings.evidence import LOADED, Evidence
-from pipeline.trial.findings.finding import Correction, Finding
+from pipeline.trial.findings.finding import MAX_WORSE, Correction, Finding
 from pipeline.trial.findings.judge import Fitted, View, fit
 
 MIN_MOVE_M: Final = 0.005
 """Shorter parts of a move are not typed."""
-MAX_WORSE: Final = 1.05
-"""Of the RMS of an axis, that a correction may leave; and what is less than this does not count:"""
 NEGLIGIBLE: Final = np.array([0.004, 0.004, 0.004, 0.001, 0.001, 0.001])
-"""RMS by body weight, and by body weight × stature, far below that of healthy walks."""
+"""Change of an RMS that does not count, by body weight, and by body weight × stature: far below
+that of healthy walks."""
 MIN_FALL: Final = 0.03
 """Of the whitened residual: a correction that changes less is not worth typing."""
 QUANTILE_95: Final = 1.96

@@ -1,7 +1,7 @@
 """A finding: what is wrong, where, how large, by which evidence, and what mends it."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.trial.findings.raw import RawFault, RawKind
@@ -11,6 +11,8 @@ JudgedKind = Literal[
 ]
 """What may be wrong with plates that motion and feet judge."""
 Kind = RawKind | JudgedKind
+MAX_WORSE: Final = 1.05
+"""Of the RMS of an axis, that a correction may leave."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +43,24 @@ class Correction:
 
     @property
     def effect(self) -> str:
-        """Say what it does to the axis that it changes most: "My 38.8 → 6.1 N·m, …"."""
-        axis = min(range(6), key=lambda k: self.after[k] / max(self.before[k], 1e-9))
-        name, unit = WRENCH_COMPONENTS[axis], "N" if axis < 3 else "N·m"
-        before, after = self.before[axis], self.after[axis]
-        there, corrected = self.held_out_before[axis], self.held_out_after[axis]
-        every = f"{name} {before:.1f} → {after:.1f} {unit}"
-        return f"{every}, in other frames {there:.1f} → {corrected:.1f}"
+        """Say what it does to the axis that it changes most: "My 38.8 → 6.1 N·m, …".
+
+        Where it does not help, also to the one that it makes larger by most.
+        """
+        kept, held_out = (
+            [after / max(before, 1e-9) for before, after in zip(*rms, strict=True)]
+            for rms in ((self.before, self.after), (self.held_out_before, self.held_out_after))
+        )
+        larger = [*map(max, kept, held_out)]
+        text = self._of_axis(kept.index(min(kept)))
+        if not self.helps and max(larger) > MAX_WORSE:
+            text += f"; but {self._of_axis(larger.index(max(larger)))}"
+        return text
+
+    def _of_axis(self, k: int) -> str:
+        every = f"{WRENCH_COMPONENTS[k]} {self.before[k]:.1f} → {self.after[k]:.1f}"
+        others = f"{self.held_out_before[k]:.1f} → {self.held_out_after[k]:.1f}"
+        return f"{every} {'N' if k < 3 else 'N·m'}, in other frames {others}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,6 @@ from pipeline.trial.findings.finding import Correction, Finding
 
 AXES: Final = ("forward", "sideways", "vertical")
 CHANNELS_OF: Final = "force", "moment"
-NO_CORRECTION: Final = "No correction that can be typed makes the residual smaller."
 
 
 class Row(NamedTuple):
@@ -58,16 +57,23 @@ def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
     if finding.rivals:
         effect = "not tried: which one is unknown"
     elif tried is not None and not tried.helps:
-        effect = f"no improvement: {effect}"
-    what, sizes = zip(*(_cells(one, plates, time) for one in _rivals(finding)), strict=True)
-    evidence = "raw samples" if finding.evidence is None else f"{finding.evidence:.0f}"
+        effect = f"not advised: {effect}"
+    what, sizes = zip(*(_cells(one, plates) for one in _rivals(finding)), strict=True)
+    if finding.evidence is None:
+        first_s = min(fault.first_s for fault in finding.channels)
+        samples = sum(fault.count for fault in finding.channels)
+        evidence = f"raw samples: {samples}, first at {first_s:.3f} s"
+    else:
+        evidence = f"{finding.evidence:.0f}"
     return Row("\nor ".join(what), "\n".join(sizes), evidence, effect, advice)
 
 
 def remedy_of(tried: Correction | None) -> str:
-    """Say what to type, and what it does; nothing is to be typed that does not help."""
-    if tried is None or not tried.helps:
-        return NO_CORRECTION
+    """Say what to type, and what it does, or that it does not help."""
+    if tried is None:
+        return "No correction can be typed."
+    if not tried.helps:
+        return f"Its correction was tried and is not advised: {tried.effect}."
     return f"{_typed(tried)}: {tried.effect}."
 
 
@@ -123,7 +129,7 @@ def _of_one(finding: Finding, plates: Sequence[Plate], time: Array, remedy: str)
     return Note.of("plates_late", delay_s=size[0], uncertainty_s=interval[0], remedy=remedy)
 
 
-def _cells(finding: Finding, plates: Sequence[Plate], time: Array) -> tuple[str, str]:
+def _cells(finding: Finding, plates: Sequence[Plate]) -> tuple[str, str]:
     """Say what one fault is, and how large."""
     plate, name = f"plate {finding.plates[0]}", finding.component
     channels = ", ".join(fault.channel for fault in finding.channels)
@@ -131,23 +137,19 @@ def _cells(finding: Finding, plates: Sequence[Plate], time: Array) -> tuple[str,
         f"{written(abs(f.size), '.0f')} {'N' if f.channel[0] == 'F' else 'N·m'}"
         for f in finding.channels
     )
-    count, first = sum(f.count for f in finding.channels), ""
-    if finding.channels:
-        first = f"first at {min(f.first_s for f in finding.channels):.3f} s"
     match finding.kind:
         case "dead":
             return f"{plate}: no signal in {channels}", "whole trial"
         case "clipped":
-            frames = _frames(finding, time)
-            return f"{plate}: {channels} clipped", f"at {sizes}; {frames} frames, {first}"
+            return f"{plate}: {channels} clipped", f"at {sizes}"
         case "wraps":
-            return f"{plate}: {channels} overflows", f"by {sizes}; {count} times, {first}"
+            return f"{plate}: {channels} overflows", f"by {sizes}"
         case "jumps":
-            return f"{plate}: {channels} jumps", f"by {sizes}; {count} times, {first}"
+            return f"{plate}: {channels} jumps", f"by {sizes}"
         case "gain":
             share, low, high = (f"{100 * value:.0f}" for value in _share(finding))
-            size = f"{share} % of the {_direction(finding, plates)}, {low} to {high} %"
-            return f"{plate}: factor of {name}", size
+            what = f"{plate}: gain of {name}, {_direction(finding, plates)}"
+            return what, f"{share} %, {low} to {high} %"
         case "reversed":
             return f"{plate}: sign of {name}", "× −1"
         case "turned":
@@ -156,7 +158,7 @@ def _cells(finding: Finding, plates: Sequence[Plate], time: Array) -> tuple[str,
             return f"plates {finding.plates[0]} and {finding.plates[1]}: exchanged", "all channels"
         case "moved":
             half = 1000 * max(finding.interval)
-            off = (f"{k} {written(1000 * m, '+.0f')}" for k, m in _off_m(finding, plates).items())
+            off = (f"{k} {written(1000 * m, '+z.0f')}" for k, m in _off_m(finding, plates).items())
             return f"{plate}: place", f"{', '.join(off)}, ± {half:.0f} mm"
         case "askew":
             turn, half = -np.degrees(finding.size[0]), np.degrees(finding.interval[0])
