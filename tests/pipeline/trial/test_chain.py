@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from compensation import PlateCalibration, PlateCalibrations
+from hbm.segments import SegmentOverride
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill
 from pipeline.io.mended_plates import mended_plates, with_mended_plates
@@ -32,6 +33,13 @@ SETTINGS = {
     "min_valid_share": 0.95,
     "events": "zeni",
 }
+
+
+def lowered(markers):
+    """All markers 4 mm lower."""
+    return replace(markers, position=markers.position - [0.0, 0.0, 0.004])
+
+
 GAINS, NONE = np.diag([1.0, 1.0, 1.03, 1.0, 1.0, 1.0]), np.zeros((6, 6))
 PLACE = WALK.walk.plates[1].center
 WEAK = PlateCalibration(2, GAINS, NONE[0], NONE, PLACE, ("Fz",), delay_s=0.004)
@@ -47,6 +55,9 @@ INPUTS = {
     "contacts": (PlateContact(plate=2, time_s=1.6, foot="left"),),
     "condition": Condition(window="recording"),
     "static_window_s": (0.2, 0.9),
+    "segments": {"right_foot": SegmentOverride(mass_kg=1.4)},
+    "recording": replace(WALK.walk, markers=lowered(WALK.walk.markers)),
+    "static markers": replace(WALK.static, markers=lowered(WALK.static.markers)),
 }
 PLATES = ("2: gain Fx 0.8", "1: reverse Mx", "3: move y 0.03", "1: exchange 2", "2: zero Fz 3.0")
 
@@ -85,7 +96,7 @@ def test_a_chain_with_another_setting_is_as_a_fresh_one(chain, name):
 
 @pytest.mark.parametrize("name", INPUTS)
 def test_a_chain_with_another_input_is_as_a_fresh_one(chain, name):
-    field = {"no static": "static", "sex": "subject"}.get(name, name)
+    field = {"no static": "static", "static markers": "static", "sex": "subject"}.get(name, name)
     change = {field: INPUTS[name]}
     assert_as_fresh(chain.changed(**change), fresh(**change))
 
@@ -101,6 +112,14 @@ def test_a_chain_changed_twice_is_as_a_fresh_one(chain):
     twice = chain.changed(settings=settings).changed(subject=subject)
     assert_as_fresh(twice, fresh(settings, subject=subject))
     assert_as_fresh(twice.changed(settings=Settings()), fresh(subject=subject))
+
+
+@pytest.mark.parametrize("name", ["contacts", "condition", "recording"])
+def test_a_stage_that_is_given_stays_and_the_others_are_as_in_a_fresh_chain(chain, name):
+    given = fresh().changed(body=chain.body)
+    changed = chain.changed(body=chain.body).changed(**{name: INPUTS[name]})
+    assert changed.body is chain.body
+    assert_as_fresh(changed, given.changed(**{name: INPUTS[name]}))
 
 
 BODY = {"mass", "body", "solved", "pose", "labels"}
