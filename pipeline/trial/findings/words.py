@@ -15,6 +15,7 @@ from pipeline.trial.findings.finding import Correction, Finding
 
 AXES: Final = ("forward", "sideways", "vertical")
 CHANNELS_OF: Final = "force", "moment"
+FORCES: Final = WRENCH_COMPONENTS[:3]
 
 
 class Row(NamedTuple):
@@ -42,10 +43,10 @@ def note_of(
         What to type; by default with what it does.
     """
     if finding.rivals:
-        alone = (str(_of_one(one, plates, time, "")) for one in _rivals(finding))
+        alone = (str(_said(one, plates, time)[0]) for one in _rivals(finding))
         return Note.of("plates_unclear", faults="; or ".join(alone))
     remedy = remedy_of(finding.correction) if remedy is None else remedy
-    return _of_one(finding, plates, time, remedy)
+    return _said(finding, plates, time, remedy)[0]
 
 
 def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
@@ -58,7 +59,7 @@ def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
         effect = "not tried: which one is unknown"
     elif tried is not None and not tried.helps:
         effect = f"not advised: {effect}"
-    what, sizes = zip(*(_cells(one, plates) for one in _rivals(finding)), strict=True)
+    _, what, sizes = zip(*(_said(one, plates, time) for one in _rivals(finding)), strict=True)
     if finding.evidence is None:
         first_s = min(fault.first_s for fault in finding.channels)
         samples = sum(fault.count for fault in finding.channels)
@@ -88,83 +89,69 @@ def _rivals(finding: Finding) -> tuple[Finding, ...]:
     return finding, *finding.rivals
 
 
-def _of_one(finding: Finding, plates: Sequence[Plate], time: Array, remedy: str) -> Note:
-    """Put one fault in words, without its rivals."""
+def _said(
+    finding: Finding, plates: Sequence[Plate], time: Array, remedy: str = ""
+) -> tuple[Note, str, str]:
+    """Put one fault in words, without its rivals: a note; what it is, and how large."""
     number, size, interval = finding.plates[0], finding.size, finding.interval
+    plate, name = f"plate {number}", finding.component
     of_plate = partial(Note.of, plate=number)
-    of_channels = {fault.channel: abs(fault.size) for fault in finding.channels}
+    sizes = {fault.channel: abs(fault.size) for fault in finding.channels}
+    channels, larger = ", ".join(sizes), ", ".join(map(_with_unit, sizes.items()))
     first_s = min((fault.first_s for fault in finding.channels), default=0.0)
     of_jumps = partial(of_plate, jumps=sum(f.count for f in finding.channels), first_s=first_s)
     match finding.kind:
         case "dead":
-            return of_plate("plate_dead", channels=[*of_channels])
+            note = of_plate("plate_dead", channels=[*sizes])
+            return note, f"{plate}: no signal in {channels}", "whole trial"
         case "clipped":
             frames = _frames(finding, time)
-            return of_plate("plate_clipped", limits=of_channels, frames=frames, first_s=first_s)
+            note = of_plate("plate_clipped", limits=sizes, frames=frames, first_s=first_s)
+            return note, f"{plate}: {channels} clipped", f"at {larger}"
         case "wraps":
-            return of_jumps("plate_wraps", sizes=of_channels, remedy=remedy)
+            note = of_jumps("plate_wraps", sizes=sizes, remedy=remedy)
+            return note, f"{plate}: {channels} overflows", f"by {larger}"
         case "jumps":
-            return of_jumps("plate_jumps", sizes=of_channels)
+            note = of_jumps("plate_jumps", sizes=sizes)
+            return note, f"{plate}: {channels} jumps", f"by {larger}"
         case "gain":
             share, low, high = _share(finding)
-            gain = partial(of_plate, share=share, low=low, high=high, remedy=remedy)
             direction = _direction(finding, plates)
-            return gain("plate_gain", component=finding.component, direction=direction)
+            gain = partial(of_plate, share=share, low=low, high=high, component=name)
+            note = gain("plate_gain", direction=direction, remedy=remedy)
+            percent = f"{100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %"
+            return note, f"{plate}: gain of {name}, {direction}", percent
         case "reversed":
-            return of_plate("plate_reversed", what=finding.component, remedy=remedy)
+            note = of_plate("plate_reversed", what=name, remedy=remedy)
+            return note, f"{plate}: sign of {name}", "× −1"
         case "turned":
-            return of_plate("plate_turned", what=finding.component, remedy=remedy)
+            note = of_plate("plate_turned", what=name, remedy=remedy)
+            return note, f"{plate}: channels turned", f"{name}°"
         case "exchanged":
             first, second = finding.plates
-            return Note.of("plates_exchanged", first=first, second=second, remedy=remedy)
+            note = Note.of("plates_exchanged", first=first, second=second, remedy=remedy)
+            return note, f"plates {first} and {second}: exchanged", "all channels"
         case "moved":
-            off_m, interval_m = _off_m(finding, plates), max(interval)
-            moved = partial(of_plate, off_m=off_m, interval_m=interval_m)
-            return moved("plate_elsewhere", remedy=remedy)
+            off_m, half_m = _off_m(finding, plates), max(interval)
+            moved = partial(of_plate, off_m=off_m, interval_m=half_m)
+            off = ", ".join(f"{way} {written(1000 * m, '+z.0f')}" for way, m in off_m.items())
+            note = moved("plate_elsewhere", remedy=remedy)
+            return note, f"{plate}: place", f"{off}, ± {1000 * half_m:.0f} mm"
         case "askew":
-            turn_deg, interval_deg = -np.degrees(size[0]), np.degrees(interval[0])
-            return of_plate("plate_askew", turn_deg=turn_deg, interval_deg=interval_deg)
-        case "late":
-            return of_plate("plate_late", delay_s=size[0], interval_s=interval[0])
-    return Note.of("plates_late", delay_s=size[0], uncertainty_s=interval[0], remedy=remedy)
+            turn_deg, half_deg = -np.degrees(size[0]), np.degrees(interval[0])
+            note = of_plate("plate_askew", turn_deg=turn_deg, interval_deg=half_deg)
+            turn = f"{written(turn_deg, '+.0f')} ± {half_deg:.0f}°"
+            return note, f"{plate}: turned about the vertical", turn
+    late_ms = f"{written(1000 * size[0], '.0f')} ± {1000 * interval[0]:.0f} ms"
+    if finding.kind == "late":
+        note = of_plate("plate_late", delay_s=size[0], interval_s=interval[0])
+        return note, f"{plate}: late", late_ms
+    note = Note.of("plates_late", delay_s=size[0], uncertainty_s=interval[0], remedy=remedy)
+    return note, "all plates: late", late_ms
 
 
-def _cells(finding: Finding, plates: Sequence[Plate]) -> tuple[str, str]:
-    """Say what one fault is, and how large."""
-    plate, name = f"plate {finding.plates[0]}", finding.component
-    channels = ", ".join(fault.channel for fault in finding.channels)
-    sizes = ", ".join(
-        f"{written(abs(f.size), '.0f')} {'N' if f.channel[0] == 'F' else 'N·m'}"
-        for f in finding.channels
-    )
-    match finding.kind:
-        case "dead":
-            return f"{plate}: no signal in {channels}", "whole trial"
-        case "clipped":
-            return f"{plate}: {channels} clipped", f"at {sizes}"
-        case "wraps":
-            return f"{plate}: {channels} overflows", f"by {sizes}"
-        case "jumps":
-            return f"{plate}: {channels} jumps", f"by {sizes}"
-        case "gain":
-            share, low, high = (f"{100 * value:.0f}" for value in _share(finding))
-            what = f"{plate}: gain of {name}, {_direction(finding, plates)}"
-            return what, f"{share} %, {low} to {high} %"
-        case "reversed":
-            return f"{plate}: sign of {name}", "× −1"
-        case "turned":
-            return f"{plate}: channels turned", f"{name}°"
-        case "exchanged":
-            return f"plates {finding.plates[0]} and {finding.plates[1]}: exchanged", "all channels"
-        case "moved":
-            half = 1000 * max(finding.interval)
-            off = (f"{k} {written(1000 * m, '+z.0f')}" for k, m in _off_m(finding, plates).items())
-            return f"{plate}: place", f"{', '.join(off)}, ± {half:.0f} mm"
-        case "askew":
-            turn, half = -np.degrees(finding.size[0]), np.degrees(finding.interval[0])
-            return f"{plate}: turned about the vertical", f"{written(turn, '+.0f')} ± {half:.0f}°"
-    late = f"{written(1000 * finding.size[0], '.0f')} ± {1000 * finding.interval[0]:.0f} ms"
-    return (f"{plate}: late" if finding.kind == "late" else "all plates: late"), late
+def _with_unit(channel: tuple[str, float]) -> str:
+    return f"{channel[1]:.0f} {'N' if channel[0] in FORCES else 'N·m'}"
 
 
 def _share(finding: Finding) -> tuple[float, float, float]:

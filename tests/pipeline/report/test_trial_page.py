@@ -18,6 +18,7 @@ from pipeline.trial.residuals import residual_table, threshold_table
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.fake_results import fake_trial, write_fake_results
 
+LIMITS = "published limits (Hicks et al. 2015)"
 JUMPS = RawFault(2, "Fz", "jumps", 800.0, 2, ((4.2, 4.201), (6.5, 6.501)))
 TRIED = Correction(
     mendings=("1: move x 0.040",),
@@ -72,9 +73,7 @@ def test_the_page_has_the_numbers_of_the_tables(trial, page):
         assert f"{row.axis} ({row.unit}) {plates} {numbers.replace('-', '−')}" in text
     assert not re.findall(r"(?<![\w.:])-\d", text)  # a minus sign is no hyphen
     for row in threshold_table(trial).query("compensated").itertuples():
-        assert (
-            f"Peak residual {row.quantity} {row.peak:.1f} {row.unit}, limit {row.limit:.1f}" in text
-        )
+        assert f"IC {row.peak:.0f} {row.unit}, limit {row.limit:.0f} {row.unit}" in text
 
 
 @pytest.mark.parametrize(
@@ -100,7 +99,7 @@ def test_the_first_sentence_compares_with_healthy_walking_and_with_published_lim
     dynamics = replace(trial.compensated, residual=scale * trial.compensated.residual)
     variants = {**trial.variants, "compensated": dynamics}
     first, *_ = verdict_lines(replace(trial, variants=variants))
-    assert first == f"RMS residuals with compensation {sentence} published limits."
+    assert first == f"RMS residuals with compensation {sentence} {LIMITS}."
 
 
 def test_markers_beyond_the_guideline_are_drawn_and_no_others(trial, page, tmp_path):
