@@ -13,6 +13,7 @@ from pipeline.config.schema import Condition, PlateContact, Settings, Subject, T
 from pipeline.io.mended_plates import mended_plates, with_mended_plates
 from pipeline.io.stated import Stated
 from pipeline.trial.chain import DEPENDS_ON, Chain
+from pipeline.trial.findings.words import note_of
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.process import result_of
@@ -208,6 +209,8 @@ def test_a_correction_typed_as_printed_does_what_was_printed(fault, mass_kg):
     result = result_of(faulty)
     tried = [f.correction for f in result.findings if f.correction and f.correction.helps]
     assert tried
+    said = [note_of(finding, result.plates, result.motion.time) for finding in result.findings]
+    assert [note for note in result.notes if note in said] == said
     printed = " ".join(note.advice for note in result.notes)
     typed = re.findall(r'--mend-plates "([^"]+)"', printed)
     assert typed == [mending for correction in tried for mending in correction.mendings]
