@@ -65,8 +65,8 @@ PLATES = ("2: gain Fx 0.8", "1: reverse Mx", "3: move y 0.03", "1: exchange 2", 
 
 def fresh(settings=None, **inputs):
     """A chain of which nothing is computed yet."""
-    stated = {"recording": WALK.walk, "static": WALK.static, "subject": Subject(sex="male")}
-    return Chain(Inputs(**stated | inputs), settings or Settings())
+    usual = {"recording": WALK.walk, "static": WALK.static, "subject": Subject(sex="male")}
+    return Chain(Inputs(**usual | inputs), settings or Settings())
 
 
 @pytest.fixture(scope="module")
@@ -151,9 +151,9 @@ def test_what_does_not_depend_on_a_change_is_kept(chain, change, kept, anew):
 
 def test_every_stage_is_named_with_what_it_depends_on(chain):
     """Each is either a stage, a setting, or an input, with or without one of its fields."""
-    known = {*DEPENDS_ON, *(f"settings.{name}" for name in Settings.model_fields)}
+    others = {*DEPENDS_ON, *(f"settings.{name}" for name in Settings.model_fields)}
     for names in DEPENDS_ON.values():
-        for name in {*names.split()} - known:
+        for name in {*names.split()} - others:
             first, _, rest = name.partition(".")
             value = getattr(chain.inputs, first)
             assert not rest or hasattr(value, rest), name
@@ -184,9 +184,9 @@ def test_mended_plates_are_those_of_a_recording_read_with_what_was_stated(mendin
 
 def stating(chain, mendings):
     """A fresh chain of the recordings as they are read with stated mendings."""
-    stated = Stated(mend_plates=tuple(mendings))
+    typed = Stated(mend_plates=tuple(mendings))
     recordings = (chain.inputs.recording, chain.inputs.static)
-    walk, static = (with_mended_plates(replace(each, stated=stated)) for each in recordings)
+    walk, static = (with_mended_plates(replace(one, stated=typed)) for one in recordings)
     return fresh(chain.settings, recording=walk, static=static, subject=chain.inputs.subject)
 
 
