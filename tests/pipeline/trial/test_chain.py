@@ -53,7 +53,7 @@ INPUTS = {
     "no static": None,
     "subject": Subject(sex="male", mass_kg=1.02 * MASS_KG),
     "sex": Subject(sex="female"),
-    "contacts": (PlateContact(plate=2, time_s=1.6, foot="left"),),
+    "contacts": (PlateContact(plate=2, time_s=1.6, foot="right"),),
     "condition": Condition(window="recording"),
     "static_window_s": (0.2, 0.9),
     "segments": {"right_foot": SegmentOverride(mass_kg=1.4)},
