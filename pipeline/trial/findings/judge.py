@@ -25,7 +25,7 @@ from hbm.spatial import (
 )
 from pipeline.io.mended_plates import of_channels, reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
-from pipeline.trial.findings.finding import Kind
+from pipeline.trial.findings.finding import JudgedKind
 
 LIMIT: Final = 7.0
 """Fall of the score that names a fault (twice a logarithm of odds): of healthy recordings 1 of 60
@@ -53,15 +53,15 @@ WRONG_MASS_SD: Final = 0.20
 another person."""
 MIN_LOADED_S: Final = 0.15
 """For which a plate has to carry to be judged."""
-SD: Final[Mapping[Kind, tuple[float, ...]]] = {
+SD: Final[Mapping[JudgedKind, tuple[float, ...]]] = {
     "gain": (0.5,),
     "moved": (0.06, 0.06),
     "askew": (0.35,),
     "late": (0.03,),
     "all_late": (0.03,),
 }
-"""Kind of fault -> usual size where it is there: share, [m], [rad], [s]."""
-COST: Final[Mapping[Kind, float]] = {
+"""JudgedKind of fault -> usual size where it is there: share, [m], [rad], [s]."""
+COST: Final[Mapping[JudgedKind, float]] = {
     "gain": 4.0,
     "reversed": 6.0,
     "turned": 6.0,
@@ -76,7 +76,7 @@ COST: Final[Mapping[Kind, float]] = {
 BODY_LAG_S: Final = 0.007
 """By which the motion that skin markers show is early: plates on one clock with the cameras seem
 later in healthy walks, 5 to 11 ms in 12 of real and virtual people."""
-LEAST: Final[Mapping[Kind, float]] = {
+LEAST: Final[Mapping[JudgedKind, float]] = {
     "gain": 0.05,
     "moved": 0.015,
     "askew": np.radians(5.0),
@@ -95,7 +95,7 @@ STEPS: Final = 3
 class Hypothesis(NamedTuple):
     """Something that may be wrong: its kind, numbers of plates, and the channel or angle."""
 
-    kind: Kind
+    kind: JudgedKind
     plates: tuple[int, ...]
     what: str = ""
 
