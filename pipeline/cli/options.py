@@ -12,10 +12,10 @@ from typing import Annotated, Any, get_origin
 import typer
 from pydantic.fields import FieldInfo
 
+from pipeline.cli.request import NO_OPTIONS, TrialRequest
 from pipeline.config.input_model import InputModel, bounds_of
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.toml_file import check_options
-from pipeline.run.request import NO_OPTIONS, TrialRequest
 
 Command = Callable[..., int | None]
 RESULT = ".parquet"

@@ -11,10 +11,10 @@ from typer import Argument, Option
 
 from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, described, takes
 from pipeline.cli.output import OUTPUT, plain_notes, tables_in
+from pipeline.cli.request import RecordingRequest
 from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.config.toml_file import check_options
-from pipeline.run.request import RecordingRequest
 
 if TYPE_CHECKING:
     from hbm.notes import Note

@@ -20,6 +20,7 @@ from pipeline.cli.options import (
     takes,
 )
 from pipeline.cli.output import OUTPUT, plain_notes, records
+from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
@@ -32,7 +33,6 @@ from pipeline.cli.terminal import (
     print_block,
     print_table,
 )
-from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
     from pipeline.budgets.explanation import Explanation, StudyExplanation
@@ -59,7 +59,6 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     from pipeline.figures.style import save_figure
     from pipeline.io.write import write_csv
     from pipeline.report.trial_page import write_trial_page
-    from pipeline.run.one_trial import process_request
     from pipeline.run.store import write_trial
     from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
 
@@ -67,14 +66,14 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         raise ValueError(f"{request.trial} is no recording, but {recognise(request.trial)}")
     console = PlainConsole()
     require_folder(out)
-    trial = process_request(request, announcer(console))
-    result, name = trial.result, request.trial.stem
+    chain = chain_of(request)
+    result, name = process(request, chain, announcer(console)), request.trial.stem
     write_trial(replace(result, condition=name), out / f"{name}.parquet")
     table = residual_table(result, name)
     write_csv(table, out / f"{name}_residuals.csv")
     write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
     save_figure(residual_figure(result), out / f"{name}_residuals")
-    plates, command = trial.recording.plates, explain_command(request)
+    plates, command = chain.inputs.recording.plates, explain_command(request)
     page = write_trial_page(result, out / f"{name}{PAGE}", plates=plates, command=command)
     print_result(result, console)
     console.say(
@@ -140,7 +139,6 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
     from pipeline.report.trial_page import write_trial_page
-    from pipeline.run.one_trial import process_request
 
     if request.trial.suffix == RESULT:
         raise ValueError(
@@ -149,19 +147,19 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
         )
     console = PlainConsole()
     require_folder(out)
-    trial = process_request(request, announcer(console))
-    explanation = explain(trial.recording, trial.laboratory, trial.result)
+    chain = chain_of(request)
+    result, recording = process(request, chain, announcer(console)), chain.inputs.recording
+    explanation = explain(recording, chain.inputs.laboratory, result)
     name, bands = request.trial.stem, explanation.budget.bands
     write_explanation(explanation, out / f"{name}{SUFFIX}")
     save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
     assert bands is not None  # it was not read from a file
     write_bands(bands, out / f"{name}{BANDS}")
     save_figure(bands_figure(bands, request.trial.name), out / f"{name}_bands")
-    plates = trial.recording.plates
     page = write_trial_page(
-        trial.result, out / f"{name}{PAGE}", plates=plates, explanation=explanation
+        result, out / f"{name}{PAGE}", plates=recording.plates, explanation=explanation
     )
-    if warnings := warnings_of(trial.result.notes):
+    if warnings := warnings_of(result.notes):
         console.say("Warnings of the trial, to correct first:")
         console.say_notes(warnings)
     print_explanation(explanation, console)
@@ -334,20 +332,20 @@ def _export_processed(
     from pipeline.export.bids import write_bids
     from pipeline.export.models import write_osim, write_urdf
     from pipeline.export.tables import write_tables
-    from pipeline.run.one_trial import process_request, read_requested
     from pipeline.run.store import read_trial
 
     stem, written = request.trial.stem, list[Path]()
     if request.trial.suffix == RESULT:
         result = read_trial(request.trial)
     else:
+        chain = chain_of(request)
         try:
-            result = process_request(request).result
+            result = process(request, chain)
         except ValueError as error:
             if chosen != {"bids"}:
                 raise
             console.say(f"events, mass and stature are those of the file alone: {error}")
-            return write_bids(read_requested(request), out, *labels)
+            return write_bids(chain.inputs.recording, out, *labels)
     for form, write in (("osim", write_osim), ("urdf", write_urdf)):
         if form in chosen:
             written.append(out / f"{stem}.{form}")
@@ -357,7 +355,7 @@ def _export_processed(
         plates = "measured" if result.compensated is None else "compensated"
         console.print(f"forces and loads are from the {plates} plate forces")
     if "bids" in chosen:
-        written += write_bids(read_requested(request), out, *labels, result=result)
+        written += write_bids(chain.inputs.recording, out, *labels, result=result)
     console.say_notes(result.notes)
     return written
 
@@ -367,19 +365,19 @@ def _export_trial(
 ) -> Path:
     """Write a trial's C3D file again with compensated plates, and say what has checked it."""
     from pipeline.export.compensated_c3d import Calibrations, write_compensated
-    from pipeline.run.one_trial import read_requested, requested_laboratory
 
     if request.calibration is None and request.plate_calibration is None:
         raise ValueError(
             "c3d has compensated plates: name the --calibration of the treadmill, or the "
             "--plate-calibration"
         )
+    chain = chain_of(request)
     written = write_compensated(
-        read_requested(request),
-        Calibrations(requested_laboratory(request), request.calibration),
+        chain.inputs.recording,
+        Calibrations(chain.inputs.laboratory, request.calibration),
         out / request.trial.name,
         frame=frame,
-        plate_delay_s=request.plate_delay,
+        plate_delay_s=chain.settings.plate_delay_s,
     )
     console.say_notes(written.notes)
     console.say(f"{written.path}: {_checked_by(written)}")

@@ -1,7 +1,7 @@
 """A study checked before it is processed: what a run will use, leave out or refuse.
 
-Every recording passes the stages of `pipeline.trial.process` that need no solved motion; what one
-of them refuses is collected, and the next one follows.
+Every recording passes the stages of `pipeline.trial.chain` that need no solved motion; what one of
+them refuses is collected, and the next one follows.
 """
 
 from collections.abc import Callable
@@ -29,17 +29,19 @@ from pipeline.io.c3d.second_reader import compare_readers
 from pipeline.io.input_file import describe_error
 from pipeline.io.read import file_format
 from pipeline.io.recording import Recording
+from pipeline.trial.chain import Chain
 from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import BY_PLATES, SIDES, choose_method, foot_swings, gait_events
 from pipeline.trial.ground.accelerometers import mean_belt_speed
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, bind
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import uncertainty_limits
+from pipeline.trial.inputs import Inputs
 from pipeline.trial.plate_units import require_units, reversed_plates
-from pipeline.trial.quality import Quality, flagged, settled_frames, settling_s
+from pipeline.trial.quality import Quality, flagged, settled_frames
 from pipeline.trial.study_files import (
     read_body_files,
     read_study_file,
@@ -48,11 +50,11 @@ from pipeline.trial.study_files import (
     unused_renames,
 )
 from pipeline.trial.subject import (
+    BodyMass,
     MassUnknownError,
     body_mass,
     differing_masses,
     roughly_weighed,
-    subject_body,
 )
 from pipeline.trial.window import NO_POSE, what_counts
 
@@ -199,6 +201,13 @@ class _TrialCheck:
         self.study, self.laboratory, self.findings = way.study, way.laboratory, way.findings
         self.person, self.trial, self.rule = person, trial, rule
         self.settings, self.treadmill = way.study.file.settings, way.laboratory.treadmill
+        inputs = Inputs(
+            recording=recording,
+            subject=person.person,
+            marker_set=self.study.marker_set,
+            laboratory=self.laboratory,
+        )
+        self.chain = Chain(inputs, self.settings).changed(trial=recording)
         self.recording, self.markers, self.plates = recording, recording.markers, recording.plates
         self.channels = recording.analog.names if recording.analog is not None else ()
         self.remark = partial(self.findings.remark, recording.source.name)
@@ -269,21 +278,20 @@ class _TrialCheck:
 
     def body(self, pose: Recording) -> Body | None:
         """Weigh the subject and build the body."""
-        person, study, mass_kg = self.person, self.study, ASSUMED_MASS_KG
+        person, mass = self.person, BodyMass.rough(ASSUMED_MASS_KG)
         if self.plates:
             try:
                 mass = body_mass(person.person, pose, self.recording)
-                mass_kg = mass.mass_kg
                 self.remark(mass.note, *differing_masses(mass.known_kg, None))
             except MassUnknownError as unknown:  # steps may weigh, which a solved motion shows
                 if self.attempt(partial(roughly_weighed, self.recording, unknown)):
                     self.remark(f"{unknown}; else steps weigh, where plates carry them")
 
         def build() -> Body:
-            hips, segments = read_body_files(study, person)
-            standing = partial(subject_body, pose, person.person, self.settings, mass_kg)
+            hips, segments = read_body_files(self.study, person)
+            files = {"standing": pose, "hip_trial": hips, "segments": segments or {}}
             with saying_what_was_read(pose, hips):
-                return standing(hip_trial=hips, segments=segments, marker_set=study.marker_set)
+                return self.chain.changed(mass=mass, **files).body
 
         body = self.attempt(build)
         self.remark(*((*implausible(body), *body.notes) if body is not None else ()))
@@ -313,9 +321,9 @@ class _TrialCheck:
         rule, settings, calibration = self.rule, self.settings, laboratory.calibration
         platform, belt, models = self.treadmill.platform, self.treadmill.belt, laboratory.belts
         if self.plates:
-            bound = self.attempt(lambda: bind(recording, laboratory, settings.plate_delay_s))
-            if bound is not None and calibration is not None:
-                self.remark(*uncertainty_limits(mean_belt_speed(bound.belts), calibration))
+            lab = self.attempt(lambda: self.chain.lab)
+            if lab is not None and calibration is not None:
+                self.remark(*uncertainty_limits(mean_belt_speed(lab.belts), calibration))
         if self.plates and belt is not None and models:
             times = [time] * len(self.plates)
             self.attempt(lambda: belt_wrenches(recording, models, belt, times, settings.filter))
@@ -334,7 +342,7 @@ class _TrialCheck:
         """Look for what counts, by the file's events or, in place of better ones, by markers."""
         recording, markers, settings = self.recording, self.markers, self.settings
         time, least = markers.time, settings.min_valid_share
-        settling = settling_s(self.laboratory.filters(settings))
+        settling = self.chain.settling
         settled = settled_frames(np.ones(len(time), bool), time, settling)
         quality = flagged({Quality.SETTLING: ~settled})
         swings = foot_swings(markers, body.marker_set)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from hbm.kernels.native import kernels
-from pipeline.run.one_trial import read_requested
+from pipeline.cli.request import chain_of
 from tests.campaign import files
 from tests.campaign.environments import environments
 from tests.campaign.injection import injections
@@ -110,7 +110,7 @@ def campaigns(folder: Path, size: Size, seed: int) -> dict[str, Callable[[], Ite
     request = walk_in(folder)
     formats = [*recordings(folder), *study_files(folder), *results(folder, request)]
     study = write_study(folder / "run", folder, ("sub01", "sub02"))
-    walk, chance = read_requested(request), random.Random(seed)
+    walk, chance = chain_of(request).inputs.recording, random.Random(seed)
     return {
         "mutation": lambda: files.mutations(formats, size.mutations),
         "truncation": lambda: files.truncations(formats, size.truncations),

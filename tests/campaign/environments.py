@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from pipeline.run.request import TrialRequest
+from pipeline.cli.request import TrialRequest
 from tests.campaign.judgement import CODES, Ended, commanded, printed_raw, refusal
 from tests.campaign.kills import environment
 from tests.campaign.outcome import Attack, Outcome

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from pipeline.run.request import TrialRequest
+from pipeline.cli.request import TrialRequest
 from tests.campaign.judgement import attempted
 from tests.campaign.mutations import Damage
 from tests.campaign.outcome import Outcome

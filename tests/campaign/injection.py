@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from hbm.markers import Markers
+from pipeline.cli.request import TrialRequest
 from pipeline.io.recording import Analog, Recording
-from pipeline.run.request import TrialRequest
 from tests.campaign.judgement import CODES, Ended, commanded, printed_raw
 from tests.campaign.outcome import Attack, Outcome
 from tests.campaign.study_files import SEGMENTS, STUDY, SUBJECT, write_recordings

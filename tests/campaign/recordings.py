@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
-from pipeline.run.one_trial import process_request, read_requested
-from pipeline.run.request import TrialRequest
 from pipeline.trial.result import TrialResult
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 from tests.campaign.formats import Format
@@ -55,7 +54,9 @@ class Trial:
         return attempted(lambda: self._accepted(path, damage), _names(self.request(path), path))
 
     def _accepted(self, path: Path, damage: Damage) -> Outcome:
-        found = read_requested(self.request(path))
+        request = self.request(path)
+        chain = chain_of(request)
+        found = chain.inputs.recording
         if outcome := noted(found.notes, self.recording.notes):
             return outcome
         shorter = damage.cut and self.lines and damage.between_lines
@@ -66,7 +67,7 @@ class Trial:
             return Outcome("silent", f"{values:g} values differ, lost: {lost or 'nothing'}")
         if equal and not lost and values <= damage.data:
             return Outcome("one datum", f"{values:g} values") if values else Outcome("fine")
-        result = process_request(self.request(path)).result
+        result = process(request, chain)
         if outcome := noted(result.notes, self.result.notes):
             return outcome
         outcome = numbers_changed(result, self.result)
@@ -133,10 +134,11 @@ def recordings(folder: Path) -> list[Format]:
     formats = []
     for name, (file, request) in trials.items():
         undamaged = request(folder / file)
+        chain = chain_of(undamaged)
         trial = Trial(
             request,
-            read_requested(undamaged),
-            process_request(undamaged).result,
+            chain.inputs.recording,
+            process(undamaged, chain),
             lines=name.startswith("D-Flow"),
         )
         formats.append(Format(name, folder / file, trial.judge, name not in BINARY, request))

@@ -3,10 +3,9 @@
 import shutil
 from pathlib import Path
 
+from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.run.job import read_failures
 from pipeline.run.load import collect
-from pipeline.run.one_trial import process_request
-from pipeline.run.request import TrialRequest
 from pipeline.run.store import read_trial, recorded_study_folder, write_trial
 from tests.campaign.formats import Format, read_alone
 from tests.campaign.judgement import attempted
@@ -18,7 +17,7 @@ def results(folder: Path, request: TrialRequest) -> list[Format]:
     """Write the results of one trial."""
     home = folder / "results"
     stored = home / "trials" / "sub01_level.parquet"
-    write_trial(process_request(request).result, stored)
+    write_trial(process(request, chain_of(request)), stored)
     (home / "failures.json").write_text('{"sub01 again": "no gait cycles"}', encoding="utf-8")
     (home / "run.json").write_text('{"study": "../study"}', encoding="utf-8")
 

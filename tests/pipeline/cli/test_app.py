@@ -8,11 +8,10 @@ import pytest
 
 from hbm.kernels import native
 from hbm.markers import Markers
-from pipeline.cli import doctor
+from pipeline.cli import doctor, trial
 from pipeline.cli.app import COMMANDS, main
 from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
-from pipeline.run import one_trial
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import study_files, study_texts
@@ -88,6 +87,7 @@ def refused(capsys, *arguments):
         ("still.c3d", ["--axes", "left,up"], ["--axes", "'left,up'", "three of"]),
         ("still.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
         ("still.c3d", ["--mass-kg", "2", "--cutoff-hz", "600"], ["--mass-kg", "--cutoff-hz"]),
+        ("still.c3d", ["--hip-trial", "still.c3d"], ["--hip-trial", "without --hip functional"]),
         ("still.c3d", ["--colour", "red"], ["--colour", "--help"]),
     ],
 )
@@ -103,7 +103,7 @@ def test_a_mistake_gives_one_line_with_what_is_wrong(
 def test_a_file_in_place_of_the_output_folder_is_refused_before_processing(
     folder, capsys, monkeypatch
 ):
-    monkeypatch.setattr(one_trial, "process_request", lambda *_: pytest.fail("processing began"))
+    monkeypatch.setattr(trial, "chain_of", lambda *_: pytest.fail("processing began"))
     for out in (folder / "still.txt", folder / "still.txt" / "deeper"):
         line = refused(capsys, "residuals", folder / "still.c3d", "--out", out)
         assert "still.txt is a file, not a folder" in line

@@ -100,7 +100,7 @@ def test_what_ends_a_command_is_one_object_too(words, code, file, tmp_path, monk
 
 
 def test_a_fault_of_the_program_is_an_object_too(standing, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("pipeline.run.one_trial.process_recording", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("pipeline.trial.process.process_chain", lambda *_: 1 / 0)
     assert main(["residuals", str(standing), "--out", str(tmp_path), "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["code"] == "program"
 

@@ -52,7 +52,7 @@ def test_a_result_is_exported_as_its_recording_is_without_processing_it_again(
         assert main(["export", *map(str, trial), *forms, "--out", str(folder)]) == 0
 
     export(tmp_path / "recording", walker.source, "--sex", "female")
-    monkeypatch.setattr("pipeline.run.one_trial.process_request", None)
+    monkeypatch.setattr("pipeline.cli.trial.process", None)
     export(tmp_path / "result", stored)
     assert contents(tmp_path / "result") == contents(tmp_path / "recording")
 

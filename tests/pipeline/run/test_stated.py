@@ -9,6 +9,7 @@ import pytest
 
 from hbm.markers import Markers
 from pipeline.cli.app import main
+from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.config.schema import TrialName
 from pipeline.config.study import read_study
 from pipeline.config.toml_file import check_options
@@ -18,8 +19,6 @@ from pipeline.io.c3d.parameters import parameter_records, values_of
 from pipeline.io.c3d.read import read_c3d
 from pipeline.run.check import check_study
 from pipeline.run.job import trial_key
-from pipeline.run.one_trial import process_request
-from pipeline.run.request import TrialRequest
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
@@ -110,10 +109,11 @@ def test_without_the_statements_nothing_is_guessed(disguised):
 
 def test_one_trial_states_the_same_as_options(plain, disguised):
     options = {"mass_kg": 75.0, "platform_markers": ",".join(lab.PLATFORM_MARKERS_M)}
-    expected = process_request(TrialRequest(trial=plain / "sub01_pitch.c3d", **options)).result
-    found = process_request(
-        TrialRequest(trial=disguised / "sub01_pitch.c3d", **options, **OPTIONS)
-    ).result
+    typed = (
+        TrialRequest(trial=plain / "sub01_pitch.c3d", **options),
+        TrialRequest(trial=disguised / "sub01_pitch.c3d", **options, **OPTIONS),
+    )
+    expected, found = (process(request, chain_of(request)) for request in typed)
     np.testing.assert_allclose(found.measured.residual, expected.measured.residual, atol=2e-3)
     codes = {note.code for note in found.notes}
     assert {"units_stated", "points_of_other_subjects"} < codes
