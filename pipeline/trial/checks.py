@@ -322,6 +322,9 @@ MIN_BESIDE: Final = 0.05
 """Of a component's largest value, on both sides of samples that are exactly zero for so short a
 time: a foot lands and leaves slowly enough for a plate to read what is in between."""
 
+BEYOND_NOISE: Final = 8.0
+"""By the usual change from sample to sample: nearer to zero, noise passes through it."""
+
 MIN_SHARED_TIME: Final = 0.9
 """Of the markers' time that the plates must cover: recordings end some frames apart."""
 
@@ -419,6 +422,7 @@ def _zero_samples(
         longest = round(MAX_HELD_S / float(np.median(np.diff(plate.time))))
         for component in plate.wrench_in_plate.T:
             least = MIN_BESIDE * np.nanmax(np.abs(component), initial=0.0)
+            least = max(least, BEYOND_NOISE * float(np.nanmedian(np.abs(np.diff(component)))))
             starts, stops = stretches(component == 0).T
             inside = (starts > 0) & (stops < len(component)) & (stops - starts <= longest)
             starts, stops = starts[inside], stops[inside]
