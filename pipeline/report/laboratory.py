@@ -199,7 +199,6 @@ def calibration_part(
         What was found in the fit.
     """
     tables = [component_table(calibration, empty.sources), frequency_table(empty)]
-    tables += [range_table(calibration, others)] if others else []
     tables.append(Table("Provenance", ("Item", "Finding"), provenance(notes), "folded"))
     text = "Range of the calibration" + (" and of the trials of the study." if others else ".")
     ranges = Drawn(text, drawing(range_figure(calibration, others)))
@@ -214,17 +213,16 @@ def calibration_in_use(calibration: Calibration, file: Path) -> Part:
     return Part("calibration", [verdict], of=of, warnings=warnings_of(calibration.notes))
 
 
-def _excess(calibration: Calibration, least: Array, most: Array) -> Array:
-    """Give by how much channels leave the range of a calibration, as a share of it, (k,)."""
-    model = next(iter(calibration.plates.values()))
-    low, high = model.acceleration_low, model.acceleration_high
-    return np.asarray(np.maximum(low - least, most - high) / (high - low))
-
-
 def beyond_range(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> str:
     """Name the conditions of a study that accelerate the treadmill more than its calibration."""
-    excess = {label: _excess(calibration, *ends).max() for label, ends in others.items()}
-    return ", ".join(label for label, most in excess.items() if most > MAX_EXCESS_SHARE)
+    model = next(iter(calibration.plates.values()))
+    low, high = model.acceleration_low, model.acceleration_high
+    beyond = MAX_EXCESS_SHARE * (high - low)
+    return ", ".join(
+        label
+        for label, (least, most) in others.items()
+        if (np.maximum(low - least, most - high) > beyond).any()
+    )
 
 
 def calibration_verdict(calibration: Calibration, file: Path) -> Table:
@@ -349,27 +347,6 @@ def rated(
     """Write the six components of a plate, rated by whether each is beyond its limit."""
     cells = zip(with_units(values, form), failed, details, strict=True)
     return [[("fail" if beyond else "pass", text, detail)] for text, beyond, detail in cells]
-
-
-def range_table(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> Table:
-    """Compare the range of other recordings with that of a calibration, channel by channel.
-
-    Of each the channel that is farthest beyond, or nearest to the end of the range.
-    """
-    model = next(iter(calibration.plates.values()))
-    names = [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
-    low, high = model.acceleration_low, model.acceleration_high
-    rows: list[list[str | Sequence[Check]]] = []
-    for label, (least, most) in others.items():
-        excess = _excess(calibration, least, most)
-        k = int(np.argmax(excess))
-        beyond = excess[k] > MAX_EXCESS_SHARE
-        answer: Check = ("check", "beyond", "") if beyond else ("pass", "within", "")
-        ends = [written(end[k], ".1f") for end in (least, most, low, high)]
-        ranges = f"{ends[0]} to {ends[1]} m/s²", f"{ends[2]} to {ends[3]} m/s²"
-        rows.append([label, names[k], *ranges, [answer]])
-    heads = ("Trials", "Channel", "Range", "Calibration", "Range of the calibration")
-    return Table("Accelerations of the study's trials", heads, rows)
 
 
 def frequency_table(empty: EmptyTreadmill) -> Table:
@@ -541,27 +518,13 @@ def of_checks(checks: pd.DataFrame, what: str) -> dict[str, Array]:
 
 
 def history_table(checks: pd.DataFrame) -> Table:
-    """Give day, recording and largest values by their limits, a row per check."""
-    heads = ("Day", "Recording", "Calibration", "Largest RMS below 6 Hz", "Largest change of zero")
-    largest = _largest(checks, "left", MAX_LEFT), _largest(checks, "zero change", MAX_ZERO_CHANGE)
+    """Give day, recording and answer, a row per check; sizes are in the figure and the file."""
     valid, not_valid = [("pass", "valid", "")], [("fail", "not valid", "")]
     ratings = [valid if check else not_valid for check in checks["valid"]]
-    rows = [*zip(checks["day"], checks["recording"], ratings, *largest, strict=True)]
-    return Table("Checks by day; largest: in relation to the limit", heads, rows)
-
-
-def _largest(checks: pd.DataFrame, what: str, limits: Array) -> list[str]:
-    """Write the component of each check that is largest by its limit; a dash where none is."""
-    plates = of_checks(checks, what)
-    values = np.hstack([np.empty((len(checks), 0)), *plates.values()])
-    names = [f"{plate} {component}" for plate in plates for component in WRENCH_COMPONENTS]
-    if not names:
-        return ["–"] * len(checks)
-    sizes = np.nan_to_num(np.abs(values) / np.tile(limits, len(plates)), nan=-1.0)
-    return [
-        f"{names[k]} {written(row[k], '.2f')} {UNITS[k % len(UNITS)]}" if size[k] >= 0 else "–"
-        for row, size, k in zip(values, sizes, sizes.argmax(axis=1), strict=True)
-    ]
+    rows = [*zip(checks["day"], checks["recording"], ratings, strict=True)]
+    return Table(
+        "Checks by day", ("Day", "Recording", "Calibration"), rows, legend=f"All numbers: {CHECKS}."
+    )
 
 
 def history_figure(calibration: Path) -> Figure:

@@ -28,6 +28,9 @@ from pipeline.run.processes import in_processes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
 from pipeline.statistics.verdict import join_names
+from pipeline.trial.findings.finding import Finding
+from pipeline.trial.findings.judge import LIMIT
+from pipeline.trial.findings.words import note_of, row_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
 from pipeline.trial.residuals import (
@@ -46,6 +49,8 @@ PROCESSES: Final = 2
 """That write pages of a study at the same time."""
 MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
+MAX_SPANS: Final = 100
+"""Of a channel, whose beginnings are drawn."""
 MAX_MARKERS: Final = 6
 """In one figure."""
 JOINTS: Final = (
@@ -117,7 +122,7 @@ def write_trial_page(
             Drawn("Pelvis residuals, six axes", drawing(residual_figure(result))),
             *result_tables(result),
         ],
-        "Warnings": [*(warnings_of(result.notes) or ["No warnings."]), *_doubted(result, plates)],
+        "Warnings": [*_warnings(result), *_doubted(result, plates)],
         "Joints": [*_joints(result)],
         "Causes": found or [f"Not explained yet: {command} finds the causes."],
         "Provenance": [
@@ -153,7 +158,7 @@ def _write_page(
     if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
         return name
     plates: Iterable[Plate] = ()
-    if study is not None and name in study.trials and result.doubted_plates:
+    if study is not None and name in study.trials and doubted_plates(result):
         trial = study.trial(name)
         with suppress(ValueError, OSError):  # the recording may be gone since
             static = study.subject(name.subject).static
@@ -195,13 +200,8 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
         elif len(above):
             rms = f"exceed healthy walking in {join_names([*above])}"
         peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
-        yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} published limits."
-    for row in best:
-        relation = "below" if row.passed else f"above it in {row.above_percent:.1f} % of the frames"
-        yield (
-            f"Peak residual {row.quantity} {row.peak:.1f} {row.unit}, limit {row.limit:.1f} "
-            f"{row.unit} (Hicks et al. 2015): {relation}."
-        )
+        limits = "published limits (Hicks et al. 2015)"
+        yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} {limits}."
     warnings = len(warnings_of(result.notes))
     yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
 
@@ -244,11 +244,45 @@ def _joints(result: TrialResult) -> Iterator[Drawn]:
         yield Drawn(JOINTS, drawing(joint_figure(curves, "Joints of the legs, mean ± SD")))
 
 
+def findings_table(result: TrialResult) -> Table | None:
+    """Show what is wrong with plates, a row for each fault; None where nothing is."""
+    if not result.findings:
+        return None
+    rows = [row_of(finding, result.plates, result.motion.time) for finding in result.findings]
+    heads = ("Finding", "Size, 95 % interval", "Evidence", "Correction changes", "What to do")
+    return Table(
+        "Plates",
+        heads,
+        rows,
+        "findings",
+        "Evidence: raw samples, or twice the logarithm of the odds, by motion and feet, against no "
+        f"fault; from {LIMIT:g} on it is named. Correction: RMS residual before → after, in all "
+        "frames and in those that the size was not fitted to.",
+    )
+
+
+def _warnings(result: TrialResult) -> Iterator[Block]:
+    """Give the findings of plates, and what else a person has to act on."""
+    if table := findings_table(result):
+        yield table
+    shown = {note_of(f, result.plates, result.motion.time) for f in result.findings}
+    others = [note for note in warnings_of(result.notes) if note not in shown]
+    yield from others
+    if not (table or others):
+        yield "No warnings."
+
+
+def doubted_plates(result: TrialResult) -> set[int]:
+    """Give the numbers of plates that findings are of."""
+    every = (one for finding in result.findings for one in (finding, *finding.rivals))
+    return {number for finding in every for number in finding.plates}
+
+
 def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
     """Draw the channels of doubted plates, and the errors of markers beyond the guideline."""
-    if doubted := [plate for plate in plates if plate.number in result.doubted_plates]:
+    if doubted := [plate for plate in plates if plate.number in doubted_plates(result)]:
         names = join_names([f"plate {plate.number}" for plate in doubted])
-        figure = _plate_figure(doubted)
+        figure = plate_figure(doubted, result.findings)
         yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
     errors_mm = marker_table(result)[:-1].sort_values("peak_mm", ascending=False)
     far = [*errors_mm.loc[errors_mm["peak_mm"] > MAX_MARKER_PEAK_MM, "marker"][:MAX_MARKERS]]
@@ -257,14 +291,22 @@ def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
         yield Drawn(text, drawing(_marker_figure(result, far), ".png"))
 
 
-def _plate_figure(plates: Sequence[Plate]) -> Figure:
-    """Draw the six components of plates in their own axes, as recorded, over time."""
+def plate_figure(plates: Sequence[Plate], findings: Sequence[Finding]) -> Figure:
+    """Draw the six components of plates in their own axes, as recorded, over time.
+
+    Dotted lines are where raw samples of a channel cannot be a load.
+    """
+    faults = [f for finding in findings for f in finding.channels if f.kind != "dead"]
 
     def draw(panel: Axes, k: int) -> None:
         for plate, colour in zip(plates, PALETTE, strict=False):
             time, low, high = _extremes(plate.time, plate.wrench_in_plate[:, k])
             label = f"plate {plate.number}"
             panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)
+            for fault in faults:
+                if (fault.plate, fault.channel) == (plate.number, WRENCH_COMPONENTS[k]):
+                    for begins_s, _ in fault.spans_s[:MAX_SPANS]:
+                        panel.axvline(begins_s, color=colour, lw=0.8, ls=":", zorder=1)
         panel.set_xlabel("time (s)")
 
     return component_figure(WRENCH_COMPONENTS, draw)

@@ -1,6 +1,6 @@
 """Corrections of plates, each tried on the chain of the trial and judged on other frames."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -10,17 +10,15 @@ from hbm.spatial import Array, Mask
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.findings.evidence import LOADED, Evidence
-from pipeline.trial.findings.finding import Correction, Finding
+from pipeline.trial.findings.finding import MAX_WORSE, Correction, Finding
 from pipeline.trial.findings.judge import LIMIT, Fitted, View, fit
 
 MIN_MOVE_M: Final = 0.005
 """Shorter parts of a move are not typed."""
-MAX_WORSE: Final = 1.05
-"""Of the RMS of an axis, that a correction may leave, and beyond that by standard deviations of
-healthy residuals:"""
 NOISE: Final = 0.1
 NOISE_HELD_OUT: Final = 0.35
-"""In all frames, and in those to which its size was not fitted."""
+"""Standard deviations of healthy residuals by which an RMS may grow beyond `MAX_WORSE`: in all
+frames, and in those to which the size was not fitted."""
 MIN_FALL: Final = 0.03
 """Of the whitened residual: a correction that changes less is not worth typing."""
 QUANTILE_95: Final = 1.96
@@ -32,13 +30,14 @@ SURELY: Final = 2 * LIMIT
 
 
 def find_faults(chain: Chain) -> tuple[Finding, ...]:
-    """Name what is wrong with the plates of a trial, one fault after the other.
+    """Name what raw samples, then motion and feet show of the plates, one fault after the other.
 
     Each is corrected on the chain before the next one is looked for; what cannot be told from
     others, or cannot be corrected, ends the search.
     """
-    findings, done = list[Finding](), tuple[str, ...]()
-    while len(findings) < MOST_FAULTS and chain.judged:
+    findings, done = [*_of_samples(chain)], tuple[str, ...]()
+    most = len(findings) + MOST_FAULTS
+    while len(findings) < most and chain.judged:
         first, *rivals = chain.judged
         plates = chain.evidence.plates
         finding = finding_of(first, plates)
@@ -52,7 +51,7 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
         if corrected is None:
             return (*findings, finding)
         correction, mended = corrected
-        if not correction.helps and finding.evidence < SURELY:
+        if not correction.helps and first.evidence < SURELY:
             break
         # what is typed for one fault is typed with what corrects those before it
         done = (*done, *correction.mendings)
@@ -61,6 +60,15 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
             break
         chain = mended
     return tuple(findings)
+
+
+def _of_samples(chain: Chain) -> Iterator[Finding]:
+    """Put the channels of a plate together in which raw samples show the same."""
+    for plate, kind in dict.fromkeys((fault.plate, fault.kind) for fault in chain.raw_faults):
+        channels = tuple(f for f in chain.raw_faults if (f.plate, f.kind) == (plate, kind))
+        unwrap = [f"{plate}: unwrap {fault.channel}" for fault in channels]
+        correction = try_mendings(chain, unwrap) if kind == "wraps" else None
+        yield Finding(kind, (plate,), channels=channels, correction=correction)
 
 
 def finding_of(fitted: Fitted, plates: Sequence[Plate]) -> Finding:
@@ -99,7 +107,11 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     evidence, hypothesis = chain.evidence, fitted.hypothesis
     first = _first_half(evidence, hypothesis.plates)
     view = View.of(evidence, mass_is_stated=chain.mass.is_stated, frames=first)
-    sizes = fitted, fit(view, hypothesis)
+    in_half = fit(view, hypothesis)
+    if hypothesis.kind == "moved":  # along the axes that are typed
+        typed = np.abs(fitted.size) > MIN_MOVE_M
+        in_half = in_half._replace(size=np.where(typed, in_half.size, 0.0))
+    sizes = fitted, in_half
     if hypothesis.kind == "all_late":
         before_s = chain.settings.plate_delay_s or 0.0
         late_s = [round(before_s + float(each.size[0]), 3) for each in sizes]

@@ -162,9 +162,7 @@ def result_of(chain: Chain) -> TrialResult:
         notes=notes_of(chain, faults),
         of_calibration=() if calibration is None else calibration.notes,
         shortage=window.shortage,
-        doubted_plates=tuple(
-            sorted({*(f.plate for f in chain.raw_faults), *(n for f in faults for n in f.plates)})
-        ),
+        findings=faults,
         procedure=chain.procedure,
     )
 

@@ -20,6 +20,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject, TrialName, Unit
 from pipeline.io.recording import Event, Plate
+from pipeline.trial.findings.finding import Finding
 from pipeline.trial.quality import free_of
 
 
@@ -156,8 +157,8 @@ class TrialResult:
         Those on the treadmill's calibration, to be shown wherever the trial is used.
     shortage
         Why there are no residuals; empty where there are.
-    doubted_plates
-        Numbers of the plates whose samples are doubted.
+    findings
+        What is wrong with plates, with the corrections that were tried.
     procedure
         How it was processed where the settings leave that open.
     overridden_segments
@@ -212,7 +213,7 @@ class TrialResult:
     notes: tuple[Note, ...]
     of_calibration: tuple[Note, ...] = ()
     shortage: str = ""
-    doubted_plates: tuple[int, ...] = ()
+    findings: tuple[Finding, ...] = ()
     procedure: Procedure = Procedure()
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))

@@ -18,6 +18,7 @@ from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.joints import LEG
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import in_style
+from pipeline.statistics.table_3 import markdown_table
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
@@ -236,5 +237,4 @@ def markdown(table: pd.DataFrame, digits: int = 2) -> str:
         [f"{v:.{digits}f}" if isinstance(v, float) else str(v) for v in row]
         for row in table.itertuples(index=False)
     ]
-    lines = [list(map(str, table.columns)), ["---"] * len(table.columns), *cells]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown_table([*map(str, table.columns)], cells)

@@ -40,7 +40,7 @@ from pipeline.io.mended_plates import mended_plates
 from pipeline.io.recording import Recording
 from pipeline.trial.chain import Chain
 from pipeline.trial.corrections import find_faults
-from pipeline.trial.findings.judge import Fitted, View, fit, hypotheses
+from pipeline.trial.findings.judge import Fitted, View, fit, hypotheses, weak_plates
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.plate_units import reversed_plates
 from pipeline.trial.process import result_of
@@ -130,7 +130,16 @@ def named(chain: Chain, notes: Sequence[Note]) -> set[Named]:
             for one in findings
         ),
         *(frozenset({Accusation(note.code)}) for note in notes if note.code in CODES),
+        *_masses(chain, notes, sum(bool(each.rivals) for each in findings)),
     }
+
+
+def _masses(chain: Chain, notes: Sequence[Note], ties: int) -> Iterator[Named]:
+    """Give a mass that differs, or vertical gains instead: beyond the ties of plates alone."""
+    if sum(note.code == "plates_unclear" for note in notes) > ties:
+        weak = weak_plates(chain.evidence, mass_is_stated=chain.mass.is_stated)
+        gains = (in_numbers(chain, each) for each in weak)
+        yield frozenset({Accusation("mass_differs"), *gains})
 
 
 @dataclass(frozen=True)

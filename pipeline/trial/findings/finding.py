@@ -1,14 +1,18 @@
 """A finding: what is wrong, where, how large, by which evidence, and what mends it."""
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Final, Literal
 
 from hbm.spatial import WRENCH_COMPONENTS
+from pipeline.trial.findings.raw import RawFault, RawKind
 
-Kind = Literal[
+JudgedKind = Literal[
     "gain", "reversed", "turned", "exchanged", "moved", "askew", "late", "all_late", "mass"
 ]
 """What may be wrong with plates that motion and feet judge, or with the body mass."""
+Kind = RawKind | JudgedKind
+MAX_WORSE: Final = 1.05
+"""Of the RMS of an axis, that a correction may leave."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +43,24 @@ class Correction:
 
     @property
     def effect(self) -> str:
-        """Say what it does to the axis that it changes most: "My 38.8 → 6.1 N·m, …"."""
-        axis = min(range(6), key=lambda k: self.after[k] / max(self.before[k], 1e-9))
-        name, unit = WRENCH_COMPONENTS[axis], "N" if axis < 3 else "N·m"
-        before, after = self.before[axis], self.after[axis]
-        there, corrected = self.held_out_before[axis], self.held_out_after[axis]
-        every = f"{name} {before:.1f} → {after:.1f} {unit}"
-        return f"{every}, in other frames {there:.1f} → {corrected:.1f}"
+        """Say what it does to the axis that it changes most: "My 38.8 → 6.1 N·m, …".
+
+        Where it does not help, also to the one that it makes larger by most.
+        """
+        kept, held_out = (
+            [after / max(before, 1e-9) for before, after in zip(*rms, strict=True)]
+            for rms in ((self.before, self.after), (self.held_out_before, self.held_out_after))
+        )
+        larger = [*map(max, kept, held_out)]
+        text = self._of_axis(kept.index(min(kept)))
+        if not self.helps and max(larger) > MAX_WORSE:
+            text += f"; but {self._of_axis(larger.index(max(larger)))}"
+        return text
+
+    def _of_axis(self, k: int) -> str:
+        every = f"{WRENCH_COMPONENTS[k]} {self.before[k]:.1f} → {self.after[k]:.1f}"
+        others = f"{self.held_out_before[k]:.1f} → {self.held_out_after[k]:.1f}"
+        return f"{every} {'N' if k < 3 else 'N·m'}, in other frames {others}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +79,10 @@ class Finding:
         What corrects it, and half of its 95 % interval: factor of the channel less one, metres
         along x and y of the plate, radians, or seconds; empty for faults without a size.
     evidence
-        By how much it is likelier than none: twice the logarithm of the odds.
+        By how much it is likelier than none: twice the logarithm of the odds; None where raw
+        samples show it.
+    channels
+        Those of which raw samples show it.
     rivals
         Others that explain the same, and cannot be told from it in this trial.
     correction
@@ -73,9 +91,10 @@ class Finding:
 
     kind: Kind
     plates: tuple[int, ...]
-    component: str
-    size: tuple[float, ...]
-    interval: tuple[float, ...]
-    evidence: float
+    component: str = ""
+    size: tuple[float, ...] = ()
+    interval: tuple[float, ...] = ()
+    evidence: float | None = None
+    channels: tuple[RawFault, ...] = ()
     rivals: tuple["Finding", ...] = ()
-    correction: Correction | None = field(default=None)
+    correction: Correction | None = None

@@ -25,7 +25,7 @@ from hbm.spatial import (
 )
 from pipeline.io.mended_plates import of_channels, reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
-from pipeline.trial.findings.finding import Kind
+from pipeline.trial.findings.finding import JudgedKind
 
 LIMIT: Final = 7.0
 """Fall of the score that names a fault (twice a logarithm of odds): of healthy recordings 1 of 60
@@ -53,15 +53,15 @@ WRONG_MASS_SD: Final = 0.20
 another person."""
 MIN_LOADED_S: Final = 0.15
 """For which a plate has to carry to be judged."""
-SD: Final[Mapping[Kind, tuple[float, ...]]] = {
+SD: Final[Mapping[JudgedKind, tuple[float, ...]]] = {
     "gain": (0.5,),
     "moved": (0.06, 0.06),
     "askew": (0.35,),
     "late": (0.03,),
     "all_late": (0.03,),
 }
-"""Kind of fault -> usual size where it is there: share, [m], [rad], [s]."""
-COST: Final[Mapping[Kind, float]] = {
+"""JudgedKind of fault -> usual size where it is there: share, [m], [rad], [s]."""
+COST: Final[Mapping[JudgedKind, float]] = {
     "gain": 4.0,
     "reversed": 6.0,
     "turned": 6.0,
@@ -76,7 +76,7 @@ COST: Final[Mapping[Kind, float]] = {
 BODY_LAG_S: Final = 0.007
 """By which the motion that skin markers show is early: plates on one clock with the cameras seem
 later in healthy walks, 5 to 11 ms in 12 of real and virtual people."""
-LEAST: Final[Mapping[Kind, float]] = {
+LEAST: Final[Mapping[JudgedKind, float]] = {
     "gain": 0.05,
     "moved": 0.015,
     "askew": np.radians(5.0),
@@ -95,7 +95,7 @@ STEPS: Final = 3
 class Hypothesis(NamedTuple):
     """Something that may be wrong: its kind, numbers of plates, and the channel or angle."""
 
-    kind: Kind
+    kind: JudgedKind
     plates: tuple[int, ...]
     what: str = ""
 
@@ -105,9 +105,56 @@ class Hypothesis(NamedTuple):
         return self.what in ("Fz", "all") or self.kind == "exchanged"
 
     @property
+    def weighs(self) -> bool:
+        """Whether it is a wrong body weight on one plate."""
+        return self.kind == "gain" and self.what == "Fz"
+
+    @property
     def sd(self) -> Array:
         """Usual size of its numbers."""
         return np.array(SD.get(self.kind, ()))
+
+
+class Stances(NamedTuple):
+    """The stances on one plate, N frames of S of them after each other.
+
+    Attributes
+    ----------
+    rows
+        Numbers of the frames, (N,).
+    starts, feet
+        Where each stance begins in them, and whether it is of the left or the right foot, (S,).
+    along, left, expected
+        As of `Stance`, (N, 3).
+    """
+
+    rows: Indices
+    starts: Indices
+    feet: Indices
+    along: Array
+    left: Array
+    expected: Array
+
+    @classmethod
+    def joined(cls, stances: Sequence[Stance], frames: Indices) -> "Stances":
+        """Join stances whose frames are among those of a view."""
+        rows = [np.zeros(0, int), *(stance.rows for stance in stances)]
+        lengths = [len(stance.rows) for stance in stances]
+        axes = (
+            np.concatenate([np.zeros((0, 3)), *(getattr(stance, name) for stance in stances)])
+            for name in ("along", "left", "expected")
+        )
+        starts = np.cumsum([0, *lengths])[: len(stances)]
+        feet = np.array([stance.foot for stance in stances], int)
+        return cls(np.searchsorted(frames, np.concatenate(rows)), starts, feet, *axes)
+
+    def means(self, values: Array) -> Array:
+        """Give the mean of values, (N,), over each stance, (S,)."""
+        return np.asarray(self.sums(values) / self.sums(np.ones(len(values))))
+
+    def sums(self, values: Array) -> Array:
+        """Give the sums of values, (N,), over each stance, (S,)."""
+        return np.asarray(np.add.reduceat(values, self.starts))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +184,7 @@ class View:
     evidence: Evidence
     frames: Indices
     of_motion: Indices
-    stances: tuple[tuple[tuple[Stance, Indices], ...], ...]
+    stances: tuple[Stances, ...]
     wrenches: tuple[Array, ...]
     whiten: Array
     mass_sd: float
@@ -152,16 +199,11 @@ class View:
         )
         stances = [*_spread_over([s for s in find_stances(evidence) if known[s.rows].all()])]
         carried = _thinned(np.flatnonzero(use), MOST_FRAMES)
-        standing = [s.rows for s in stances]
-        every = np.unique(np.concatenate([carried, *standing]).astype(int))
+        every = np.unique(np.concatenate([carried, *(s.rows for s in stances)]).astype(int))
         independent = min(use.sum() * evidence.step_s / INDEPENDENT_S, MOST_INDEPENDENT)
         whiten = np.linalg.cholesky(np.linalg.inv(evidence.covariance))
         of_plates = [
-            tuple(
-                (stance, np.searchsorted(every, rows))
-                for stance, rows in zip(stances, standing, strict=True)
-                if stance.plate == k
-            )
+            Stances.joined([stance for stance in stances if stance.plate == k], every)
             for k in range(len(evidence.plates))
         ]
         view = cls(
@@ -203,20 +245,21 @@ class View:
         plate is loaded, or another one whose signal it has.
         """
         place, weight_n = self.evidence.plates[plate], self.evidence.weight_n
-        away: dict[int, list[Array]] = {}
-        for stance, rows in self.stances[plate if signal is None else signal]:
-            in_lab = shift_wrench(rotate_wrench(wrench[rows], place.rotation), -place.center)
-            apart = pressure(in_lab, stance.expected[:, 2]) - stance.expected
-            # light loads have their pressure anywhere
-            load = np.maximum(in_lab[:, 2], 1.0)
-            means = [
-                (load * (apart * axis).sum(axis=1)).sum() / load.sum()
-                for axis in (stance.along, stance.left)
-            ]
-            down = np.minimum(in_lab[:, 2] / weight_n, 0.0).mean()
-            away.setdefault(stance.foot, []).append(np.array([*means / FOOT_SD, down / DOWN_SD]))
-        medians = [np.median(stances, axis=0) for stances in away.values()]
-        deviations = np.nan_to_num(np.concatenate([np.zeros(0), *medians]))
+        stances = self.stances[plate if signal is None else signal]
+        if not len(stances.feet):
+            return np.zeros(0)
+        in_lab = rotate_wrench(wrench[stances.rows], place.rotation)
+        in_lab = shift_wrench(in_lab, -place.center)
+        apart = pressure(in_lab, stances.expected[:, 2]) - stances.expected
+        # light loads have their pressure anywhere
+        load = np.maximum(in_lab[:, 2], 1.0)
+        away = [
+            stances.sums(load * (apart * axis).sum(axis=1)) / stances.sums(load) / deviation
+            for axis, deviation in zip((stances.along, stances.left), FOOT_SD, strict=True)
+        ]
+        away.append(stances.means(np.minimum(in_lab[:, 2] / weight_n, 0.0)) / DOWN_SD)
+        medians = [np.median(np.array(away)[:, stances.feet == k], axis=1) for k in {*stances.feet}]
+        deviations = np.nan_to_num(np.concatenate(medians))
         return np.asarray(np.clip(deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS))
 
 
@@ -265,18 +308,26 @@ def judge_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, .
     return likely
 
 
-def weak_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, ...]:
-    """Give the gains of vertical forces that explain a wrong body mass almost as well as itself."""
+def instead_of_mass(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, ...]:
+    """Give faults of plates that a body mass that steps contradict may be instead.
+
+    Gains of vertical forces that explain almost as much, and whatever explains far more.
+    """
     plain = _Comparison.of(View.of(evidence, mass_is_stated=mass_is_stated))
     one_mass = plain.fit(Hypothesis("mass", ())).evidence
-    gains = (h for h in hypotheses(plain.view) if h.kind == "gain" and h.what == "Fz")
-    fitted = (plain.fit(hypothesis) for hypothesis in gains)
-    return tuple(each for each in fitted if each.matters and each.evidence > one_mass - TIED)
+    fitted = [plain.fit(each) for each in hypotheses(plain.view) if each.plates]
+    return tuple(
+        each
+        for each in fitted
+        if each.matters
+        and each.evidence
+        > (one_mass - TIED if each.hypothesis.weighs else max(one_mass + TIED, 0.0))
+    )
 
 
 def _likely(view: View) -> tuple[Fitted, ...]:
     """Give the most likely fault, and those that are almost as likely."""
-    if not (len(view.of_motion) or any(view.stances)):
+    if not (len(view.of_motion) or any(len(stances.feet) for stances in view.stances)):
         return ()
     fitted = [each for each in _fitted_all(view) if each.matters]
     fitted.sort(key=lambda each: -each.evidence)
@@ -290,7 +341,7 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
     if view.mass_sd < WRONG_MASS_SD:
         yield Hypothesis("mass", ())
     loaded = (k for k in numbers if view.evidence.loaded_s(k) > MIN_LOADED_S)
-    judged = sorted({*loaded, *(k for k in numbers if view.stances[k])})
+    judged = sorted({*loaded, *(k for k in numbers if len(view.stances[k].feet))})
     for k in judged:
         yield from (Hypothesis("gain", (k,), name) for name in WRENCH_COMPONENTS)
         yield from (Hypothesis("reversed", (k,), name) for name in (*WRENCH_COMPONENTS, "all"))

@@ -6,16 +6,31 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.notes import Note, warnings_of
+from hbm.notes import warnings_of
 from pipeline.io.recording import Plate
-from pipeline.report.trial_page import verdict_lines, write_trial_page
+from pipeline.report.trial_page import plate_figure, verdict_lines, write_trial_page
 from pipeline.report.write import write_report
 from pipeline.run.store import write_trial
+from pipeline.trial.findings.finding import Correction, Finding
+from pipeline.trial.findings.raw import RawFault
+from pipeline.trial.findings.words import note_of
 from pipeline.trial.residuals import residual_table, threshold_table
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.fake_results import fake_trial, write_fake_results
 
-JUMP = Note.of("plate_jumps", plate=2, sizes={"Fz": 800.0}, jumps=3, first_s=4.2)
+LIMITS = "published limits (Hicks et al. 2015)"
+JUMPS = RawFault(2, "Fz", "jumps", 800.0, 2, ((4.2, 4.201), (6.5, 6.501)))
+TRIED = Correction(
+    mendings=("1: move x 0.040",),
+    plate_delay_s=None,
+    before=(20.0, 10.0, 12.0, 4.0, 38.8, 3.0),
+    after=(20.0, 10.0, 12.0, 4.0, 6.1, 3.0),
+    held_out_before=(20.0, 10.0, 12.0, 4.0, 37.9, 3.0),
+    held_out_after=(20.0, 10.0, 12.0, 4.0, 6.3, 3.0),
+    helps=True,
+)
+MOVED = Finding("moved", (1,), "", (0.04, 0.0), (0.01, 0.006), 60.0, correction=TRIED)
+GAIN = Finding("gain", (1,), "Mx", (0.25,), (0.05,), 58.0)
 
 
 def recorded(number):
@@ -29,7 +44,14 @@ def recorded(number):
 @pytest.fixture(scope="module")
 def trial():
     result = fake_trial(1, "sway", 12, True, None, 0.0)
-    return replace(result, notes=(*result.notes, JUMP), doubted_plates=(2,))
+    return with_findings(result, Finding("jumps", (2,), channels=(JUMPS,)))
+
+
+def with_findings(trial, *findings):
+    """A trial of two plates with findings, and the notes that the program makes of them."""
+    plates = tuple(recorded(number).place for number in (1, 2))
+    notes = (note_of(finding, plates, trial.motion.time) for finding in findings)
+    return replace(trial, plates=plates, findings=findings, notes=(*trial.notes, *notes))
 
 
 @pytest.fixture(scope="module")
@@ -51,9 +73,7 @@ def test_the_page_has_the_numbers_of_the_tables(trial, page):
         assert f"{row.axis} ({row.unit}) {plates} {numbers.replace('-', '−')}" in text
     assert not re.findall(r"(?<![\w.:])-\d", text)  # a minus sign is no hyphen
     for row in threshold_table(trial).query("compensated").itertuples():
-        assert (
-            f"Peak residual {row.quantity} {row.peak:.1f} {row.unit}, limit {row.limit:.1f}" in text
-        )
+        assert f"IC {row.peak:.0f} {row.unit}, limit {row.limit:.0f} {row.unit}" in text
 
 
 @pytest.mark.parametrize(
@@ -79,7 +99,7 @@ def test_the_first_sentence_compares_with_healthy_walking_and_with_published_lim
     dynamics = replace(trial.compensated, residual=scale * trial.compensated.residual)
     variants = {**trial.variants, "compensated": dynamics}
     first, *_ = verdict_lines(replace(trial, variants=variants))
-    assert first == f"RMS residuals with compensation {sentence} published limits."
+    assert first == f"RMS residuals with compensation {sentence} {LIMITS}."
 
 
 def test_markers_beyond_the_guideline_are_drawn_and_no_others(trial, page, tmp_path):
@@ -91,18 +111,53 @@ def test_markers_beyond_the_guideline_are_drawn_and_no_others(trial, page, tmp_p
     assert f"Markers more than 40 mm from the model: {trial.motion.markers[4]} " in text
 
 
-def test_a_warning_has_its_advice_and_the_channels_of_its_plate(trial, page):
+def test_a_warning_has_its_advice_and_a_finding_one_row_and_the_channels_of_its_plate(trial, page):
     source, text = page.read_text(encoding="utf-8"), text_of(page)
-    for note in warnings_of(trial.notes):
+    *others, jumps = warnings_of(trial.notes)
+    for note in others:
         assert note.text in text
-        assert note.advice in text
+    assert jumps.text not in text
+    assert text.count(jumps.advice) == 1
+    row = "plate 2: Fz jumps by 800 N raw samples: 2, first at 4.200 s none can be typed"
+    assert f"{row} {jumps.advice}" in text
     assert re.findall('alt="(Channels of .*?)"', source) == ["Channels of plate 2, as recorded"]
     assert "Not explained yet: hbm explain" in text
 
 
+def test_a_correction_stands_with_its_effect_and_with_what_to_type(trial, tmp_path):
+    text = text_of(write_trial_page(with_findings(trial, MOVED), tmp_path / "moved.html"))
+    tried = "My 38.8 → 6.1 N·m, in other frames 37.9 → 6.3"
+    assert f"plate 1: place forward −40, left +0, ± 10 mm 60 {tried} Set mend_plates" in text
+    assert "--mend-plates &#34;1: move x 0.040&#34;" in text
+    harmful = replace(TRIED, held_out_after=(20.0, 10.0, 19.0, 4.0, 6.3, 3.0), helps=False)
+    trial = with_findings(trial, replace(MOVED, correction=harmful))
+    text = text_of(write_trial_page(trial, tmp_path / "harmful.html"))
+    but = "but Fz 12.0 → 12.0 N, in other frames 12.0 → 19.0"
+    assert f"not advised: {tried}; {but}" in text
+    assert "--mend-plates" not in text
+
+
+def test_what_cannot_be_told_apart_is_one_row(trial, tmp_path):
+    rivals = replace(MOVED, correction=None, rivals=(GAIN,))
+    text = text_of(write_trial_page(with_findings(trial, rivals), tmp_path / "rivals.html"))
+    assert "plate 1: place or plate 1: gain of Mx, forward moment forward −40" in text
+    assert "± 10 mm 80 %, 77 to 83 % 60 not tried: which one is unknown" in text
+
+
+def test_the_drawing_of_a_plate_shows_where_its_samples_jump():
+    jumps = Finding("jumps", (2,), channels=(JUMPS,))
+    figure = plate_figure([recorded(1), recorded(2)], [jumps])
+    dotted = {
+        panel.get_title(loc="left"): [o.get_xdata()[0] for o in panel.lines if o.get_ls() == ":"]
+        for panel in figure.axes
+    }
+    assert dotted.pop("Fz") == [4.2, 6.5]
+    assert not any(dotted.values())
+
+
 def test_a_trial_without_residuals_has_a_page_that_says_why(tmp_path, trial):
     quality = np.full_like(trial.quality, 1)
-    empty = replace(trial, quality=quality, shortage="nobody walked", notes=())
+    empty = replace(trial, quality=quality, shortage="nobody walked", notes=(), findings=())
     text = text_of(write_trial_page(empty, tmp_path / "none.html"))
     assert "no residuals: nobody walked" in text.lower()
 

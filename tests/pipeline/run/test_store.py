@@ -26,6 +26,8 @@ from pipeline.run.store import (
     write_digest,
     write_trial,
 )
+from pipeline.trial.findings.finding import Correction, Finding
+from pipeline.trial.findings.raw import RawFault
 from tests.pipeline.equality import assert_identical
 from tests.pipeline.fake_results import fake_trial
 from tests.pipeline.viewer_trial import viewer_trial
@@ -73,6 +75,15 @@ def test_a_trial_is_read_back_whole_and_to_the_last_bit(processed, written):
     assert_identical(read_trial(written), without_folder(processed))
 
 
+TRIED = Correction(("1: move x 0.04",), None, *[tuple(np.arange(6) / 7)] * 4, helps=True)
+MOVED = Finding("moved", (1,), "", (0.04, 1 / 3), (0.01, 0.006), 60.0, correction=TRIED)
+CLIPPED = RawFault(2, "Fz", "clipped", 800.0, 2, ((4.2, 4.201), (6.5, 6.501)))
+FINDINGS = (
+    Finding("clipped", (2,), channels=(CLIPPED,)),
+    replace(MOVED, rivals=(Finding("gain", (1,), "Mx", (0.25,), (0.05,), 58.0),)),
+)
+
+
 @pytest.mark.parametrize(("compensated", "moving"), [(True, True), (False, False)])
 def test_trials_with_gaps_unsolved_frames_and_onsets_are_read_back(tmp_path, compensated, moving):
     lost = slice(40, 60)
@@ -83,6 +94,7 @@ def test_trials_with_gaps_unsolved_frames_and_onsets_are_read_back(tmp_path, com
         delay_s=np.nan,
         delay_uncertainty_s=np.nan,
         overridden_segments=("left_foot",),
+        findings=FINDINGS,
     )
     write_trial(result, tmp_path / "walk.parquet")
     assert_identical(read_trial(tmp_path / "walk.parquet"), result)
