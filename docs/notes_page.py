@@ -29,7 +29,7 @@ def notes_page() -> str:
             lines.append(f"## {heading}\n")
         elif "item" not in entry:
             advice = entry["advice"].replace(
-                "{remedy}", "Set the correction as printed, if there is one."
+                "{remedy}", "Set the correction as printed, where one is advised."
             )
             advice = re.sub(r"\{[^}]*\}", "…", advice)
             lines.append(f"### {code}\n\n{entry['meaning']}\n\n**To do.** {advice}\n")
