@@ -28,7 +28,9 @@ def notes_page() -> str:
         if heading:
             lines.append(f"## {heading}\n")
         elif "item" not in entry:
-            advice = re.sub(r"\{remedy\}", "the correction as printed", entry["advice"])
+            advice = entry["advice"].replace(
+                "{remedy}", "Set the correction as printed, where one is advised."
+            )
             advice = re.sub(r"\{[^}]*\}", "…", advice)
             lines.append(f"### {code}\n\n{entry['meaning']}\n\n**To do.** {advice}\n")
     return "\n".join(lines)

@@ -241,7 +241,7 @@ def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) ->
         Where a mass comes from -> that mass; the one that is used is the first.
     carried_kg
         What the plates carry over steps, as
-        `pipeline.trial.plate_faults.weight_of_steps` gives it.
+        `pipeline.trial.findings.evidence.weight_of_steps` gives it.
 
     Returns
     -------
@@ -295,7 +295,7 @@ def roughly_weighed(recording: Recording, unknown: MassUnknownError) -> float:
     """Guess the body mass by the load of all plates while they carry most [kg].
 
     It is within a tenth for somebody who walks over them, near enough to find the steps that weigh
-    better (`pipeline.trial.plate_faults.weight_of_steps`). Where nobody is on them, the
+    better (`pipeline.trial.findings.evidence.weight_of_steps`). Where nobody is on them, the
     error is raised that says that the mass is unknown.
     """
     markers, plates = recording.markers, recording.plates
