@@ -21,6 +21,8 @@ NOISE_HELD_OUT: Final = 0.35
 frames, and in those to which the size was not fitted."""
 MIN_FALL: Final = 0.03
 """Of the whitened residual: a correction that changes less is not worth typing."""
+MIN_COUNTED: Final = 10
+"""Frames under load that count, to be halved; else a fault leaves them out, and all are halved."""
 QUANTILE_95: Final = 1.96
 
 
@@ -67,7 +69,7 @@ def _of_samples(chain: Chain) -> Iterator[Finding]:
     for plate, kind in dict.fromkeys((fault.plate, fault.kind) for fault in chain.raw_faults):
         channels = tuple(f for f in chain.raw_faults if (f.plate, f.kind) == (plate, kind))
         unwrap = [f"{plate}: unwrap {fault.channel}" for fault in channels]
-        correction = try_mendings(chain, unwrap) if kind == "wraps" else None
+        correction = try_mendings(chain, unwrap, certain=True) if kind == "wraps" else None
         yield Finding(kind, (plate,), channels=channels, correction=correction)
 
 
@@ -124,10 +126,14 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     return _tried(chain, chains, first, every, None), chains[0]
 
 
-def try_mendings(chain: Chain, mendings: Sequence[str]) -> Correction:
-    """Try corrections whose size the residual did not give."""
-    mended = chain.mended(mendings)
-    return _tried(chain, [mended, mended], np.zeros(len(chain.time), bool), tuple(mendings), None)
+def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False) -> Correction:
+    """Try corrections whose size the residual did not give.
+
+    Those of a fault that is certain help wherever they make no axis larger.
+    """
+    mended, fitted_to = chain.mended(mendings), np.zeros(len(chain.time), bool)
+    fall = 0.0 if certain else MIN_FALL
+    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall)
 
 
 def _later(chain: Chain, delay_s: float) -> Chain:
@@ -138,7 +144,9 @@ def _later(chain: Chain, delay_s: float) -> Chain:
 def _first_half(evidence: Evidence, plates: Sequence[int]) -> Mask:
     """Give the first half of the frames in which some plates are loaded, and before, (T,)."""
     load = np.abs(np.nan_to_num(evidence.wrenches[[*plates], :, 2])).max(axis=0)
-    frames = np.flatnonzero(load > LOADED * evidence.weight_n)
+    loaded = load > LOADED * evidence.weight_n
+    counted = loaded & evidence.carried
+    frames = np.flatnonzero(counted if np.count_nonzero(counted) >= MIN_COUNTED else loaded)
     middle = frames[len(frames) // 2] if len(frames) else len(load) // 2
     return np.asarray(np.arange(len(load)) < middle)
 
@@ -149,6 +157,7 @@ def _tried(
     fitted_to: Mask,
     mendings: tuple[str, ...],
     plate_delay_s: float | None,
+    least_fall: float = MIN_FALL,
 ) -> Correction:
     """Compare residuals before and after; the second chain has sizes by the other frames alone."""
     # frames that count once it is corrected: some faults leave frames out
@@ -169,7 +178,7 @@ def _tried(
         after=tuple(after),
         held_out_before=tuple(held_out[0]),
         held_out_after=tuple(held_out[1]),
-        helps=bool(corrected_there < (1 - MIN_FALL) * there and not worse.any()),
+        helps=bool(corrected_there <= (1 - least_fall) * there and not worse.any()),
     )
 
 
