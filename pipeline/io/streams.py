@@ -573,6 +573,10 @@ def _settle(
     return there[kept], times[kept], reasons
 
 
+MIN_FILLING: Final = 3
+"""Of samples of chunks that fill missing frames: a single one is a repeated one beside a loss."""
+
+
 def _repeated(stamps: Array, values: Array, again: Mask, period: float) -> Mask:
     """Find samples, (N,), that came before; equal ones of a chunk with one stamp did not."""
     begins = np.append(True, np.diff(stamps) != 0)
@@ -588,7 +592,8 @@ def _repeated(stamps: Array, values: Array, again: Mask, period: float) -> Mask:
     # those of a chunk fill the frames that are missing without them
     others = stamps[~candidate]
     gap = np.diff(others, append=others[-1])[np.cumsum(~candidate)[candidate] - 1]
-    if 2 * np.count_nonzero(gap > MAX_STEP_FRAMES * period) <= len(gap):
+    filling = np.count_nonzero(gap > MAX_STEP_FRAMES * period)
+    if filling < MIN_FILLING or 2 * filling <= len(gap):
         repeated[order[candidate]] = True
     return np.asarray(repeated)
 

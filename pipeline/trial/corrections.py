@@ -96,9 +96,15 @@ def mendings_of(fitted: Fitted, plates: Sequence[Plate]) -> tuple[str, ...]:
         case "exchanged":
             return (f"{number}: exchange {others[0]}",)
         case "moved":
-            moves = zip("xy", size, strict=True)
-            return tuple(f"{number}: move {a} {m:.3f}" for a, m in moves if abs(m) > MIN_MOVE_M)
+            typed = zip("xy", size, _typed_moves(fitted), strict=True)
+            return tuple(f"{number}: move {axis} {m:.3f}" for axis, m, sure in typed if sure)
     return ()
+
+
+def _typed_moves(fitted: Fitted) -> Mask:
+    """Say which parts of a move are long and sure enough to be typed, (2,)."""
+    sure_m = QUANTILE_95 * np.sqrt(np.diag(fitted.covariance))
+    return np.asarray(np.abs(fitted.size) > np.maximum(MIN_MOVE_M, sure_m))
 
 
 def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
@@ -111,8 +117,8 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     view = View.of(evidence, mass_is_stated=chain.mass.is_stated, frames=first)
     in_half = fit(view, hypothesis)
     if hypothesis.kind == "moved":  # along the axes that are typed
-        typed = np.abs(fitted.size) > MIN_MOVE_M
-        in_half = in_half._replace(size=np.where(typed, in_half.size, 0.0))
+        size = np.where(_typed_moves(fitted), in_half.size, 0.0)
+        in_half = in_half._replace(size=size, covariance=0 * in_half.covariance)
     sizes = fitted, in_half
     if hypothesis.kind == "all_late":
         before_s = chain.settings.plate_delay_s or 0.0

@@ -62,7 +62,7 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
     if chain.carried_kg is not None:
         yield Note.of("mass_carried", mass_kg=chain.carried_kg)
     if not other:
-        yield from _of_masses(chain)
+        yield from _of_masses(chain, None if faults else chain.carried_kg)
     yield from chain.gait.doubts
     yield from chain.window.notes
 
@@ -76,12 +76,12 @@ def _of_delay(chain: Chain) -> Iterator[Note]:
         yield Note.of("plate_delay", delay_s=late.seconds, uncertainty_s=late.uncertainty_s)
 
 
-def _of_masses(chain: Chain) -> Iterator[Note]:
+def _of_masses(chain: Chain, carried_kg: float | None) -> Iterator[Note]:
     """Say that masses differ; with the faults of plates that this may be instead."""
-    masses = differing_masses(chain.mass.known_kg, chain.carried_kg)
+    masses = differing_masses(chain.mass.known_kg, carried_kg)
     places = chain.ground.plates
     instead: tuple[Fitted, ...] = ()
-    if masses and chain.carried_kg is not None and chain.stands_still:
+    if masses and carried_kg is not None and chain.stands_still:
         instead = instead_of_mass(chain.evidence, mass_is_stated=chain.mass.is_stated)
     faults = [str(note_of(finding_of(each, places), places, chain.time)) for each in instead]
     for note in masses:

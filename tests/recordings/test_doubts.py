@@ -125,8 +125,12 @@ def test_of_two_steps_one_fault_is_named_with_its_plate(shared_data, fault, code
     for name in ("HC030", "HC031"):
         trial, known = recorded(child(name), shared_data)
         found = doubts(fault(trial), **known)
-        own = {name for name in found if name.startswith("plate")}
-        assert own == {code}
+        named = {name for name in found if name.startswith("plate")}
+        if named == {"plates_unclear"}:  # a place, or the gain of a moment
+            assert code == "plate_elsewhere"
+            assert f"plate {plate}: centre of pressure displaced" in found["plates_unclear"].text
+            continue
+        assert named == {code}
         assert found[code].values.get("plate") == plate
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from hbm.body import BALL_ABOVE_SOLE, Body
 from hbm.motion import Motion
@@ -32,6 +33,9 @@ from the ankle, by the length of the foot."""
 HEALTHY_SD: Final = np.array([0.033, 0.025, 0.040, 0.0075, 0.0125, 0.004])
 """Standard deviation of the residual of healthy walks with all markers, by body weight and by body
 weight × stature: forward, left, up, and about the same axes."""
+MIN_FOOT_MPS: Final = 0.3
+STANDS_S: Final = 0.4
+"""Speed of an ankle that swings or goes with a belt, and for how long none does in double support."""
 MIN_WEIGHING_S: Final = 0.35
 """Of a stretch that the plates carry: over it, the change of the vertical velocity divided by the
 time is known to 0.03 m/s², a third of a percent of gravity."""
@@ -125,6 +129,14 @@ class Evidence:
             weight_n=weight_n,
             covariance=np.diag(deviation**2) + unseen_covariance(body, motion, carried),
         )
+
+    @property
+    def walking(self) -> Mask:
+        """Frames around which a foot moves, (T,): who stands has the same error in all frames."""
+        speed = np.linalg.norm(np.gradient(self.ankle, self.time, axis=0), axis=-1).max(axis=1)
+        around = 2 * round(STANDS_S / self.step_s) + 1
+        moves = np.nan_to_num(speed) > MIN_FOOT_MPS
+        return np.asarray(maximum_filter1d(moves.astype(float), around) > 0)
 
     @property
     def step_s(self) -> float:

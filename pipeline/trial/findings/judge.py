@@ -193,7 +193,8 @@ class View:
     @classmethod
     def of(cls, evidence: Evidence, *, mass_is_stated: bool, frames: Mask | None = None) -> "View":
         """Choose the frames, all that carry or some of them, (T,)."""
-        use = evidence.carried if frames is None else evidence.carried & frames
+        use = evidence.carried & evidence.walking
+        use &= np.ones(len(use), bool) if frames is None else frames
         known: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & (
             np.ones(len(evidence.time), bool) if frames is None else frames
         )

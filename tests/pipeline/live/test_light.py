@@ -99,7 +99,7 @@ def test_a_light_says_how_many_faults_it_does_not_name():
 def test_every_reason_for_which_frames_are_not_used_and_every_kind_has_a_sentence():
     assert set(OF_FRAMES) == set(DOES_NOT_COUNT) - {Quality.BRIDGED}  # of which live is no frame
     assert set(OF_SENSORS) == set(SensorFault)
-    assert {kind.code for kind in Kind} <= set(catalogue())
+    assert {kind.note_code for kind in Kind} <= set(catalogue())
 
 
 @given(

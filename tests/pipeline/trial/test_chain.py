@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.campaign.plate_doubts import amplified, exchanged, moved, turned, wrapped
 
 from compensation import PlateCalibration, PlateCalibrations
 from hbm.segments import SegmentOverride
@@ -18,6 +17,7 @@ from pipeline.trial.findings.words import note_of
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.process import result_of
+from tests.campaign.plants import amplified, channel, exchanged, moved, overflowing, turned
 from tests.overground_walk import simulate_overground
 from tests.pipeline.equality import assert_identical
 
@@ -196,7 +196,7 @@ def stating(chain, mendings):
     [
         lambda walk: amplified(walk, 2, 0, -1.0),
         lambda walk: amplified(walk, 1, 0, 0.35),
-        lambda walk: wrapped(walk, 1, 4, 0.6),
+        lambda walk: channel(walk, 1, 4, overflowing(0.6)),
         lambda walk: turned(walk, 1, 180, corners=False),
         lambda walk: exchanged(walk, 0, 1),
         lambda walk: moved(walk, 0, np.array([0.1, 0.0, 0.0])),
