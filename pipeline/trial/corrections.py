@@ -121,6 +121,8 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
         in_half = in_half._replace(size=size, covariance=0 * in_half.covariance)
     sizes = fitted, in_half
     if hypothesis.kind == "all_late":
+        if chain.inputs.laboratory.plates is not None:
+            return None  # their calibration has the delay
         before_s = chain.settings.plate_delay_s or 0.0
         late_s = [round(before_s + float(each.size[0]), 3) for each in sizes]
         chains = [_later(chain, each) for each in late_s]

@@ -35,7 +35,7 @@ HEALTHY_SD: Final = np.array([0.033, 0.025, 0.040, 0.0075, 0.0125, 0.004])
 weight × stature: forward, left, up, and about the same axes."""
 MIN_FOOT_MPS: Final = 0.3
 STANDS_S: Final = 0.4
-"""Speed of an ankle that swings or goes with a belt, and for how long none does in double support."""
+"""Speed of an ankle that swings or goes with a belt, and how long none does in double support."""
 MIN_WEIGHING_S: Final = 0.35
 """Of a stretch that the plates carry: over it, the change of the vertical velocity divided by the
 time is known to 0.03 m/s², a third of a percent of gravity."""
