@@ -218,7 +218,7 @@ def check_trial(
     ['accelerometer_turned', 'calibration_range_exceeded']
     """
     faults = sensor_faults(model, accelerations, range_g)
-    return tuple(Note.of(fault, **values) for fault, values in faults.items())
+    return tuple(Note.of(fault.value, **values) for fault, values in faults.items())
 
 
 def sensor_faults(
@@ -253,7 +253,7 @@ def faulty_sensors(model: InertiaModel, accelerations: Array, range_g: float) ->
     """Name the sensors that are dead, clipped, turned or swapped; parameters as `check_trial`."""
     faults = sensor_faults(model, accelerations, range_g)
     return tuple(
-        Note.of(fault, **values)
+        Note.of(fault.value, **values)
         for fault, values in faults.items()
         if fault is not SensorFault.BEYOND_RANGE
     )

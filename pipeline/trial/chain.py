@@ -156,8 +156,9 @@ class Chain:
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> chain = Chain(Inputs(recording=walk, subject=pipeline.Subject(sex="male")), Settings())
+    >>> body, pose = chain.body, chain.pose
     >>> higher = chain.changed(settings=Settings(cutoff_hz=8.0))
-    >>> higher.body is chain.body, higher.pose is chain.pose
+    >>> higher.body is body, higher.pose is pose
     (True, False)
     """
 
