@@ -177,7 +177,8 @@ class Chain:
         other = type(self)(replace(self.inputs, **others), settings, jobs=self.jobs)
         altered = {name for name in stages if stages[name] is not self.__dict__.get(name)}
         altered |= {*_differing(self.inputs, other.inputs)}
-        altered |= {f"settings.{name}" for name, value in settings if value != self._setting(name)}
+        before = dict(self.settings)
+        altered |= {f"settings.{name}" for name, value in settings if value != before[name]}
         other._given = self._given | stages.keys()
         for name in DEPENDS_ON.keys() & self.__dict__.keys():
             if name in self._given or altered.isdisjoint(_all_of(name, other._given)):
@@ -187,21 +188,15 @@ class Chain:
 
     def mended(self, mendings: Sequence[str]) -> Self:
         """Give the chain with mended plates, in the trial and where the subject was weighed."""
-        inputs, static = self.inputs, self.inputs.static
-        recording = replace(
-            inputs.recording, plates=mended_plates(inputs.recording.plates, mendings)
-        )
-        if static is not None and {p.number for p in static.plates} >= {
-            p.number for p in recording.plates
-        }:
+        recording, static = self.inputs.recording, self.inputs.static
+        numbers = {plate.number for plate in recording.plates}
+        recording = replace(recording, plates=mended_plates(recording.plates, mendings))
+        if static is not None and numbers <= {plate.number for plate in static.plates}:
             static = replace(static, plates=mended_plates(static.plates, mendings))
         mended = self.changed(recording=recording, static=static)
         if mended.mass.mass_kg != self.mass.mass_kg:
             return mended
         return self.changed(recording=recording, static=static, body=self.body)
-
-    def _setting(self, name: str) -> object:
-        return getattr(self.settings, name)
 
     # What the trial is of: mass and body
 

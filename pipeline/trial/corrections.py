@@ -23,9 +23,6 @@ MIN_FALL: Final = 0.03
 """Of the whitened residual: a correction that changes less is not worth typing."""
 MIN_COUNTED: Final = 10
 """Frames under load that count, to be halved; else a fault leaves them out, and all are halved."""
-QUANTILE_95: Final = 1.96
-
-
 MOST_FAULTS: Final = 3
 SURELY: Final = 2 * LIMIT
 """Evidence of a fault that is named though its correction does not help in other frames."""
@@ -76,10 +73,9 @@ def _of_samples(chain: Chain) -> Iterator[Finding]:
 def finding_of(fitted: Fitted, plates: Sequence[Plate]) -> Finding:
     """Give a fault of plates with their numbers and 95 % intervals."""
     hypothesis, size = fitted.hypothesis, fitted.size.tolist()
-    interval = QUANTILE_95 * np.sqrt(np.diag(fitted.covariance))
     numbers = tuple(plates[k].number for k in hypothesis.plates)
     what = hypothesis.kind, numbers, hypothesis.what
-    return Finding(*what, tuple(size), tuple(interval.tolist()), fitted.evidence)
+    return Finding(*what, tuple(size), tuple(fitted.interval.tolist()), fitted.evidence)
 
 
 def mendings_of(fitted: Fitted, plates: Sequence[Plate]) -> tuple[str, ...]:
@@ -103,8 +99,7 @@ def mendings_of(fitted: Fitted, plates: Sequence[Plate]) -> tuple[str, ...]:
 
 def _typed_moves(fitted: Fitted) -> Mask:
     """Say which parts of a move are long and sure enough to be typed, (2,)."""
-    sure_m = QUANTILE_95 * np.sqrt(np.diag(fitted.covariance))
-    return np.asarray(np.abs(fitted.size) > np.maximum(MIN_MOVE_M, sure_m))
+    return np.asarray(np.abs(fitted.size) > np.maximum(MIN_MOVE_M, fitted.interval))
 
 
 def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
@@ -130,8 +125,10 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     every, there = (mendings_of(each, evidence.plates) for each in sizes)
     if not every:
         return None
-    chains = [chain.mended(every), chain.mended(there)]
-    return _tried(chain, chains, first, every, None), chains[0]
+    mended = chain.mended(every)
+    # a fault without a size is corrected alike in every part
+    in_others = mended if there == every else chain.mended(there)
+    return _tried(chain, [mended, in_others], first, every, None), mended
 
 
 def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False) -> Correction:

@@ -239,12 +239,6 @@ class PlateDelay(NamedTuple):
     uncertainty_s: float
     why_unknown: str = ""
 
-    @property
-    def is_long(self) -> bool:
-        """Whether the plates are surely later, or earlier, than instruments usually are."""
-        surely_s = abs(self.seconds) - self.uncertainty_s
-        return abs(self.seconds) > MAX_DELAY_S and surely_s > MAX_DELAY_S / 2
-
 
 def plate_delay(loads: Loads, best: str, counts: Mask, settings: Settings) -> PlateDelay:
     """Estimate how much later a trial's plates are than its markers, from its inverse dynamics.
