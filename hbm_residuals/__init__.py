@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from pipeline.config.schema import Treadmill as Treadmill
     from pipeline.config.study import read_study as read_study
     from pipeline.live.session import rehearse as rehearse
-    from pipeline.trial.ground.calibration_recording import fit_calibration as fit_calibration
-    from pipeline.trial.ground.calibration_recording import plate_samples as plate_samples
+    from pipeline.trial.ground.calibrations import fit_calibration as fit_calibration
+    from pipeline.trial.ground.calibrations import plate_samples as plate_samples
     from pipeline.trial.ground.calibrations import read_calibration as read_calibration
     from pipeline.trial.ground.laboratory import Laboratory as Laboratory
 

@@ -22,7 +22,7 @@ from pipeline.trial.ground.accelerometers import (
     stated_accelerometers,
 )
 from pipeline.trial.ground.belts import belt_axes
-from pipeline.trial.ground.calibration_recording import read_empty
+from pipeline.trial.ground.calibrations import read_empty
 
 Progress = Callable[[str, int, int], None]
 RATE_HZ: Final = 100.0

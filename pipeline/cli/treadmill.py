@@ -76,11 +76,10 @@ def fit(
     from pipeline.report.laboratory import BEYOND, beyond_range, calibration_part
     from pipeline.run.job import file_digest
     from pipeline.trial.ground import accelerometers
-    from pipeline.trial.ground import calibration_recording as of_empty
-    from pipeline.trial.ground.corrected_plates import with_corrected_plates
-    from pipeline.trial.ground.laboratory import Laboratory
+    from pipeline.trial.ground import calibrations as of_empty
+    from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
     from pipeline.trial.ground.platform import command_delay
-    from pipeline.trial.ground.uncertainty import uncertainty_limits
+    from pipeline.trial.ground.wrenches import uncertainty_limits
 
     console = PlainConsole()
     if out.is_dir():
@@ -297,8 +296,7 @@ def check(
     from pipeline.report.laboratory import add_check, calibration_in_use, check_part
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import stated_accelerometers
-    from pipeline.trial.ground.calibration_recording import read_empty
-    from pipeline.trial.ground.calibrations import check_recording, read_laboratory
+    from pipeline.trial.ground.calibrations import check_recording, read_empty, read_laboratory
 
     plates = read_plate_correction(plate_calibration) if plate_calibration else None
     channels = stated_accelerometers(request.accelerometer)

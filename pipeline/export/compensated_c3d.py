@@ -18,8 +18,7 @@ from pipeline.io.input_file import describe_error
 from pipeline.io.read import file_format
 from pipeline.io.recording import Compensation, Recording
 from pipeline.run.job import file_digest
-from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, plate_delays_s, with_corrected_plates
 from pipeline.trial.ground.platform import moved_corners, platform_pose, pose_at, turned_to_lab
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.study_files import read_study_file, read_study_laboratory

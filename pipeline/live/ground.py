@@ -17,11 +17,14 @@ from pipeline.io import units
 from pipeline.io.recording import Plate
 from pipeline.io.streams import over_short_losses
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.ground.accelerometers import RealtimeAccelerometers, sensor_delays_s
+from pipeline.trial.ground.accelerometers import FILTER, RealtimeAccelerometers, sensor_delays_s
 from pipeline.trial.ground.belts import RealtimeBelts, belt_side
-from pipeline.trial.ground.calibration_recording import FILTER
-from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
-from pipeline.trial.ground.laboratory import Laboratory, models_of_plates
+from pipeline.trial.ground.laboratory import (
+    Laboratory,
+    models_of_plates,
+    plate_delays_s,
+    relative_delays_s,
+)
 from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
 
 

@@ -25,8 +25,7 @@ from pipeline.live.ground import PLATE_UNITS, AnalogStreams, SampleBuffer
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import Arrivals, Samples, StatedPlate, StreamDescription
 from pipeline.trial.ground.calibrations import read_calibration
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
 from pipeline.trial.ground.platform import LEVEL
 from pipeline.trial.study_files import read_body_files, read_study_laboratory
 from pipeline.trial.subject import (

@@ -22,10 +22,14 @@ from pipeline.config.study import Study
 from pipeline.figures.residuals import component_figure, legend_below
 from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
-from pipeline.trial.ground.calibration_recording import plate_samples, setup_of
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.accelerometers import (
+    accelerations,
+    fastest_belt,
+    mean_belt_speed,
+    setup_of,
+)
+from pipeline.trial.ground.calibrations import plate_samples
+from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
 from pipeline.trial.ground.platform import empty_pose, turned_rad
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.study_files import read_study_file

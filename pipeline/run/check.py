@@ -35,10 +35,9 @@ from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import BY_PLATES, SIDES, choose_method, foot_swings, gait_events
 from pipeline.trial.ground.accelerometers import mean_belt_speed
 from pipeline.trial.ground.belts import belt_wrenches
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
 from pipeline.trial.ground.platform import platform_pose
-from pipeline.trial.ground.uncertainty import uncertainty_limits
+from pipeline.trial.ground.wrenches import uncertainty_limits
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.plate_units import require_units, reversed_plates
 from pipeline.trial.quality import Quality, flagged, settled_frames

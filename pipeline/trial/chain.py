@@ -39,8 +39,12 @@ from pipeline.trial.gait.events import (
     foot_swings,
     other_events,
 )
-from pipeline.trial.ground.corrected_plates import corrections_used, with_corrected_plates
-from pipeline.trial.ground.laboratory import BoundLaboratory, bind
+from pipeline.trial.ground.laboratory import (
+    BoundLaboratory,
+    bind,
+    corrections_used,
+    with_corrected_plates,
+)
 from pipeline.trial.ground.platform import in_lab, uncompensated_motion
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches, plate_loads
 from pipeline.trial.inputs import Inputs

@@ -11,7 +11,7 @@ from pipeline.trial.findings.finding import Finding
 from pipeline.trial.findings.judge import Fitted, instead_of_mass
 from pipeline.trial.findings.words import note_of, remedy_of
 from pipeline.trial.gait.contact import ambiguous_contacts, far_from_feet
-from pipeline.trial.ground.uncertainty import uncertainty_notes
+from pipeline.trial.ground.wrenches import uncertainty_notes
 from pipeline.trial.plate_units import reversed_plates
 from pipeline.trial.quality import carried_notes
 from pipeline.trial.subject import ON_PLATES, differing_masses

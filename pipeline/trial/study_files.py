@@ -1,18 +1,24 @@
 """Files of a study, read as the study states it; labels to rename that no file has."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from compensation import Calibration
 from hbm.segments import SegmentOverride
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments, require_file
+from pipeline.io.input_file import last_written
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Fact, Recording, saying
-from pipeline.trial.ground.calibrations import read_belts, read_calibration, read_check
+from pipeline.trial.ground.belts import fit_belts
+from pipeline.trial.ground.calibrations import (
+    belts_alone,
+    check_recording,
+    read_calibration,
+    read_empty,
+)
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.plate_units import reversed_plates
 
@@ -69,8 +75,13 @@ def read_body_files(
     )
 
 
+_laboratories: dict[Hashable, Laboratory] = {}
+
+
 def read_study_laboratory(study: Study) -> Laboratory:
     """Read a study's treadmill and plates with their calibrations, as far as they are stated.
+
+    What is fitted is fitted once in a process, however often it is asked for, until a file changes.
 
     Raises
     ------
@@ -78,21 +89,28 @@ def read_study_laboratory(study: Study) -> Laboratory:
         If a calibration cannot be read or fitted, or was fitted to otherwise corrected plates.
     """
     treadmill, stated = study.file.treadmill, study.stated
-    file = study.file.plates.calibration
-    plates = read_plate_correction(study.path(file)) if file else None
-    calibration: Calibration | None = None
+    plates_file = study.file.plates.calibration
+    files = [study.path(name) for name in (*treadmill.files, plates_file) if name]
+    versions = tuple((file, last_written(file)) for file in files)
+    key = treadmill.model_dump_json(), plates_file, stated, versions
+    if key in _laboratories:
+        return _laboratories[key]
+    plates = read_plate_correction(study.path(plates_file)) if plates_file else None
+    laboratory = Laboratory(treadmill, plates=plates)
     if treadmill.calibration:
-        beside = tuple(map(study.path, treadmill.beside))
-        path = study.path(treadmill.calibration)
-        calibration = read_calibration(path, treadmill, stated, plates, beside)
-    laboratory = Laboratory(treadmill, calibration, plates=plates)
-    if treadmill.belt is not None:
-        belts, notes = read_belts(study.path(treadmill.belt.calibration), laboratory, stated)
-        laboratory = replace(laboratory, belts=belts, notes=notes)
-    if not treadmill.check or calibration is None:
-        return laboratory
-    found = read_check(study.path(treadmill.check), laboratory, stated)
-    return replace(laboratory, notes=(*laboratory.notes, *found.notes))
+        path, beside = study.path(treadmill.calibration), map(study.path, treadmill.beside)
+        calibration = read_calibration(path, treadmill, stated, plates, tuple(beside))
+        laboratory = replace(laboratory, calibration=calibration)
+    forward = plates is None
+    if (belt := treadmill.belt) is not None:
+        recording = read_empty(study.path(belt.calibration), stated, any_forward=forward)
+        alone, notes = belts_alone(recording, laboratory)
+        laboratory = replace(laboratory, belts=fit_belts(alone, belt), notes=notes)
+    if treadmill.check:
+        recording = read_empty(study.path(treadmill.check), stated, any_forward=forward)
+        notes = check_recording(recording, laboratory).notes
+        laboratory = replace(laboratory, notes=(*laboratory.notes, *notes))
+    return _laboratories.setdefault(key, laboratory)
 
 
 def with_unused_renames(recording: Recording, *others: Recording | None) -> Recording:

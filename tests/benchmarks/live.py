@@ -17,7 +17,7 @@ from hbm.markers import Markers
 from hbm.signals.resampling import interpolate
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.live.chain import LiveChain
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from tests.benchmarks.live_loopback import sent_and_received

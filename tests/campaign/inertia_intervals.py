@@ -24,10 +24,9 @@ from hbm.spatial import WRENCH_COMPONENTS, shift_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory, bind
-from pipeline.trial.ground.uncertainty import sum_deviation
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.wrenches import ground_wrenches, sum_deviation
 from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (

@@ -24,7 +24,7 @@ from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
-from pipeline.trial.ground.calibration_recording import fit_calibration, plate_samples
+from pipeline.trial.ground.calibrations import fit_calibration, plate_samples
 from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (

@@ -1,21 +1,26 @@
 """Signals of instruments: channels in SI units, speeds of the belts, and accelerometers."""
 
 import re
+from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 import numpy as np
 
-from compensation import Sensor, dynamic_channels
+from compensation import Sensor, Setup, dynamic_channels
+from hbm.signals.filtering import Method
 from hbm.signals.resampling import Convolution, resample
+from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2, angle_in_rad, length_in_m, speed_in_mps
 
+FILTER: Final[Method] = "zero_phase"
+"""A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
 MAX_HELD_S: Final = 0.5
 """At either end, over which the nearest known value is used: no delay is longer."""
 BELT: Final = re.compile(r"belt|treadmill", re.IGNORECASE)
@@ -45,6 +50,16 @@ def read_channel(
     return analog.time, values * scale
 
 
+def _channels_in(recording: Recording, unit_in_si: Callable[[str], float]) -> list[str]:
+    """Name the analog channels in a unit of which `unit_in_si` gives one in SI."""
+    analog, names = recording.analog, list[str]()
+    for name, unit in zip(analog.names, analog.units, strict=True) if analog else ():
+        with suppress(ValueError):
+            unit_in_si(unit)
+            names.append(name)
+    return names
+
+
 def belt_speed(recording: Recording, channel: str) -> Array:
     """Give a belt's speed, (N,) [m/s], from a channel in a unit of speed."""
     return read_channel(recording, channel, speed_in_mps)[1]
@@ -61,12 +76,12 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     if analog is None:
         return None
     stated = treadmill.belt.speed_channels if treadmill.belt is not None else ()
-    known = [name for name in stated if name in analog.names] or [
+    channels = [name for name in stated if name in analog.names] or [
         name
-        for name, unit in zip(analog.names, analog.units, strict=True)
-        if BELT.search(name) and not NOT_BELT.search(name) and _is_unit(unit, speed_in_mps)
+        for name in _channels_in(recording, speed_in_mps)
+        if BELT.search(name) and not NOT_BELT.search(name)
     ]
-    speeds = np.abs([belt_speed(recording, name) for name in known])
+    speeds = np.abs([belt_speed(recording, name) for name in channels])
     speeds[~np.isfinite(speeds)] = np.nan
     if np.isnan(speeds).all():  # also of no channels
         return None
@@ -75,13 +90,11 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
 
 def find_commands(recording: Recording) -> Platform:
     """Find the channels of the commanded motion: "sway" in a length, "pitch" in an angle."""
-    analog = recording.analog
-    found: dict[str, str] = {}
-    for word, unit_in_si in (("sway", length_in_m), ("pitch", angle_in_rad)):
-        for name, unit in zip(*((analog.names, analog.units) if analog else ((), ())), strict=True):
-            if word in name.lower() and _is_unit(unit, unit_in_si):
-                found.setdefault(f"{word}_channel", name)
-    return Platform.model_validate(found)
+    lengths, angles = (_channels_in(recording, in_si) for in_si in (length_in_m, angle_in_rad))
+    return Platform(
+        sway_channel=next((name for name in lengths if "sway" in name.lower()), None),
+        pitch_channel=next((name for name in angles if "pitch" in name.lower()), None),
+    )
 
 
 def mean_belt_speed(found: tuple[Array, Array] | None) -> float | None:
@@ -94,14 +107,6 @@ def mean_belt_speed(found: tuple[Array, Array] | None) -> float | None:
     with np.errstate(over="ignore"):
         mean = float(np.nanmean(found[1] ** 4) ** 0.25)
     return mean if np.isfinite(mean) else None
-
-
-def _is_unit(unit: str, unit_in_si: Callable[[str], float]) -> bool:
-    try:
-        unit_in_si(unit)
-    except ValueError:
-        return False
-    return True
 
 
 def hold_ends(time: Array, values: Array, what: str) -> Array:
@@ -139,17 +144,16 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
     is one of acceleration or whose name contains "acc". A ValueError that lists the channels where
     there is none with all three axes.
     """
-    analog = recording.analog
-    names = analog.names if analog is not None else ()
-    units = analog.units if analog is not None else ()
-    found: dict[str, dict[str, str]] = {}
-    for name, unit in zip(names, units, strict=True):
+    names = recording.analog.names if recording.analog is not None else ()
+    in_unit = _channels_in(recording, acceleration_in_mps2)
+    axes_of = defaultdict[str, dict[str, str]](dict)
+    for name in names:
         match = CHANNEL.fullmatch(name)
-        if match and (ACCELEROMETER.search(name) or _is_unit(unit, acceleration_in_mps2)):
-            found.setdefault(match["sensor"], {})[match["axis"].lower()] = name
+        if match and (ACCELEROMETER.search(name) or name in in_unit):
+            axes_of[match["sensor"]][match["axis"].lower()] = name
     sensors = {
         sensor: (axes["x"], axes["y"], axes["z"])
-        for sensor, axes in found.items()
+        for sensor, axes in axes_of.items()
         if len(axes) == 3
     }
     if not sensors:
@@ -200,6 +204,23 @@ def accelerations(recording: Recording, treadmill: Treadmill) -> tuple[Array, Ar
     return channels[0][0], np.stack([values for _, values in channels]).T
 
 
+def without_gaps(*signals: Array) -> list[Array]:
+    """Give the samples at which all of some signals (N, K) are known, every channel in one piece.
+
+    Fits sum over samples again and again, which then takes a tenth of the time.
+    """
+    known = np.isfinite(np.hstack(signals)).all(axis=1)
+    return [signal.T.compress(known, axis=1).T for signal in signals]
+
+
+def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
+    """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
+    rate = float(1 / np.median(np.diff(recording.plates[0].time)))
+    return Setup(
+        tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz, filter_method=FILTER
+    )
+
+
 def sensor_delays_s(treadmill: Treadmill, sensors: Sequence[Sensor]) -> tuple[float, ...]:
     """Give how much later each is than the plates: as a calibration found, else as stated [s]."""
     stated = treadmill.accelerometer_delay_s or 0.0
@@ -207,9 +228,19 @@ def sensor_delays_s(treadmill: Treadmill, sensors: Sequence[Sensor]) -> tuple[fl
     return found or (stated,) * len(treadmill.accelerometers)
 
 
+def _undelayed(
+    readings: Array, delays_s: Sequence[float], read: Callable[[Array, float], Array]
+) -> Array:
+    """Read each sensor ahead by its delay [s]; where all have the same one, all together."""
+    groups = len(delays_s) if len(set(delays_s)) > 1 else 1
+    parts = np.split(readings, groups, axis=1)
+    return np.hstack([read(*part) for part in zip(parts, delays_s[:groups], strict=True)])
+
+
 def at_plate_times(
     clock: Array,
     readings: Array,
+    filtered: Array,
     plate_times: Sequence[Array],
     delays_s: Sequence[float],
     lags_s: Sequence[float] = (),
@@ -217,29 +248,21 @@ def at_plate_times(
     """Give what the accelerometers felt at the samples of each plate, (M, k (1 + lags)) [m/s²].
 
     The readings (N, k) at times of the clock (N,) have their sensors' delays undone; of a dynamic
-    model, differences over the lags follow. NaN where unknown. Plates of equal times share one
-    array.
+    model, differences of the filtered readings over the lags follow. NaN where unknown. Plates of
+    equal times share one array.
     """
-    kinds = [readings]
-    if lags_s:
-        rate_hz = (len(clock) - 1) / float(clock[-1] - clock[0])
-        kinds = np.split(dynamic_channels(readings, rate_hz, lags_s), 1 + len(lags_s), axis=1)
+    channels = dynamic_channels(filtered, mean_rate_hz(clock), lags_s)
+    kinds = [readings, *np.split(channels, 1 + len(lags_s), axis=1)[1:]]
 
-    def at(values: Array, time: Array) -> Array:
-        if len(set(delays_s)) == 1:
-            return resample(clock, values, time + delays_s[0])
-        parts = zip(np.split(values, len(delays_s), axis=1), delays_s, strict=True)
-        return np.hstack([resample(clock, part, time + delay) for part, delay in parts])
+    def felt(time: Array) -> Array:
+        def read(of_sensors: Array, delay_s: float) -> Array:
+            return resample(clock, of_sensors, time + delay_s)
 
-    felt: list[Array] = []
-    for number, time in enumerate(plate_times):
-        same = [k for k in range(number) if np.array_equal(plate_times[k], time)]
-        if same:
-            felt.append(felt[same[0]])
-            continue
-        found = [at(kind, time) for kind in kinds]
-        felt.append(np.hstack(found) if lags_s else found[0])
-    return felt
+        return np.hstack([_undelayed(kind, delays_s, read) for kind in kinds])
+
+    different = {time.tobytes(): time for time in plate_times}
+    at = {key: felt(time) for key, time in different.items()}
+    return [at[time.tobytes()] for time in plate_times]
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,15 +312,10 @@ class RealtimeAccelerometers:
         for lag_s in self.lags_s:
             later, earlier = (self._readings(time, readings, at + s) for s in (lag_s, -lag_s))
             kinds.append(later - 2 * now + earlier)
-        return np.hstack(kinds) if self.lags_s else now
+        return np.hstack(kinds)
 
     def _readings(self, time: Array, readings: Array, at: Array) -> Array:
-        evaluate = partial(Convolution.evaluate, self.resampling)
-        delays_s = self.delays_s
-        if len(set(delays_s)) == 1:
-            return evaluate(time, readings, at + delays_s[0])
-        each = [
-            evaluate(time, readings[:, 3 * k : 3 * k + 3], at + delay_s)
-            for k, delay_s in enumerate(delays_s)
-        ]
-        return np.concatenate(each, axis=1)
+        def read(of_sensors: Array, delay_s: float) -> Array:
+            return self.resampling.evaluate(time, of_sensors, at + delay_s)
+
+        return _undelayed(readings, self.delays_s, read)

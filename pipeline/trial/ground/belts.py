@@ -11,14 +11,13 @@ from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, belt_acceleration
-from hbm.signals.filtering import Method
+from compensation import BeltModel, belt_acceleration, fit_belt
+from hbm.signals.filtering import Method, low_pass
 from hbm.signals.resampling import Convolution, interpolate
 from hbm.spatial import Array
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.accelerometers import belt_speed
-from pipeline.trial.ground.calibration_recording import FILTER
+from pipeline.trial.ground.accelerometers import FILTER, belt_speed
 
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""
@@ -188,3 +187,32 @@ def belt_accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tu
         acceleration = belt_acceleration(speed, rate_hz, belt.cutoff_hz, FILTER)
         result.append((plate, (model_time, interpolate(clock, acceleration, model_time))))
     return result
+
+
+FILTER_EDGE_S: Final = 0.5
+"""Left out at both ends of the calibration, where the low-pass has no neighbours."""
+
+
+def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
+    """Fit what accelerating belts add to their empty plates: one model per plate, at 100 Hz.
+
+    Belts accelerate at random, nobody is on them, and the platform is at rest. A ValueError where a
+    channel is missing or the fit is not possible.
+    """
+    if not recording.plates:
+        raise ValueError(
+            f"{recording.source.name}: the belt calibration needs plates: {recording.why_no_plates}"
+        )
+    models = []
+    for plate, (time, acceleration) in belt_accelerations(recording, belt):
+        pitch_moment = plate.wrench_in_plate[:, 3:] @ belt_side(plate)
+        filtered = low_pass(pitch_moment, plate.rate_hz, belt.cutoff_hz, FILTER)
+        moment = interpolate(plate.time, filtered, time)
+        inside = (time > time[0] + FILTER_EDGE_S) & (time < time[-1] - FILTER_EDGE_S)
+        inside &= np.isfinite(moment)
+        try:
+            model = fit_belt(acceleration[inside], moment[inside] - moment[inside].mean())
+        except ValueError as error:
+            raise ValueError(f"{recording.source.name}: plate {plate.number}: {error}") from error
+        models.append(model)
+    return tuple(models)

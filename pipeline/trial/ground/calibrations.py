@@ -1,69 +1,406 @@
-"""Calibrations of a laboratory: read from a file, or made of recordings of its empty treadmill.
+"""Calibrations of a laboratory: fitted to recordings of its empty treadmill, read, and checked.
 
 That of the moving platform, that of accelerating belts, and the check of the first on another day.
 """
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, TypeVar, cast
+from typing import Final
 
 import numpy as np
 
 from compensation import (
-    BeltModel,
     Calibration,
-    fit_belt,
+    InertiaModel,
+    Sensor,
+    Setup,
+    estimate_delay,
+    find_sensors,
+    fit_trials,
     from_json,
-    to_json,
+    refuse_unusable,
 )
-from compensation.inertia.quality import DayCheck, check_another_day
-from compensation.inertia.sensors import faulty_sensors
+from compensation.delay import MODEL_ERROR_S
+from compensation.inertia.choice import Samples, choose, weigh_beside
+from compensation.inertia.fit import LAGS_S
+from compensation.inertia.model_error import residual_correlation
+from compensation.inertia.quality import MIN_LOAD_N, DayCheck, check_another_day
+from compensation.inertia.sensors import QUANTILE_95, faulty_sensors, noise_for_fit
 from hbm.notes import Note
-from hbm.signals.filtering import low_pass
-from hbm.signals.resampling import interpolate
+from hbm.signals.resampling import resample
+from hbm.signals.samples import mean_rate_hz
+from hbm.spatial import Array
 from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
-from pipeline.config.schema import Belt, Platform, Treadmill
-from pipeline.io.input_file import last_written, naming, read_text
+from pipeline.config.schema import Platform, Treadmill
+from pipeline.io.input_file import FileFault, naming, read_text
+from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
-from pipeline.trial.ground.belts import belt_accelerations, belt_side
-from pipeline.trial.ground.calibration_recording import (
-    FILTER,
-    fit_calibration,
-    plate_samples,
-    read_empty,
+from pipeline.trial.ground.accelerometers import (
+    accelerations,
+    at_plate_times,
+    fastest_belt,
+    mean_belt_speed,
+    sensor_delays_s,
+    setup_of,
+    without_gaps,
 )
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import (
+    BELTS_UNKNOWN,
+    BESIDE,
+    PLATES_NAME,
+    PLATES_SHA256,
     Laboratory,
     bind,
     channels_of,
-    plate_models,
+    relative_delays_s,
     require_same_plates,
+    with_corrected_plates,
 )
 from pipeline.trial.ground.wrenches import plate_artefacts, sensor_notes
 
-FILTER_EDGE_S: Final = 0.5
-"""Left out at both ends of the calibration, where the low-pass has no neighbours."""
+LOAD_S: Final = 2.0
+"""Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
+than a stride, so that steps count as well as standing."""
+STEP_S: Final = 0.2
+MAX_STEP_N: Final = 50.0
+"""A step on a plate is longer and heavier; vibration and drift of an empty one are less."""
+MIN_BESIDE_S: Final = 10.0
+"""Some strides: less says little of how people shake the platform."""
+AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
+"""One choice with each of the file's axes as the vertical one."""
+MIN_COSINE_LEVEL: Final = 0.7
+"""Of the angle between a level plate's normal and the vertical, about 45°."""
 
 
-Made = TypeVar("Made")
-_made: dict[Hashable, object] = {}
+def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
+    """Read a recording of the empty treadmill, of any format.
+
+    Marker set and label prefix are those of a subject and do not count. Without stated axes any
+    directions are taken in which the plates lie level: nothing shows which way is forward, and a
+    calibration in the plates' own axes does not need it. A correction of its plates is in the lab's
+    axes and does (`any_forward`). A ValueError or OSError where the file cannot be read, or what is
+    to be calibrated is subtracted from its plates.
+    """
+    read = _read_with_any_axes if any_forward else read_recording
+    recording = read(path, replace(stated, marker_set=None, label_prefix=None))
+    if recording.compensation is not None:
+        raise ValueError(
+            f"{path.name}: its plates are compensated, by {recording.compensation.software}; a "
+            "calibration needs the original recording"
+        )
+    return recording
 
 
-def once_in_a_process(
-    make: Callable[[], Made], what: str, files: Sequence[Path], laboratory: Laboratory, of: Stated
-) -> Made:
-    """Give what is made of files for a laboratory, made anew only where one of all that changes."""
-    treadmill = laboratory.treadmill.model_dump_json(exclude={"platform"})
-    known = None if laboratory.calibration is None else to_json(laboratory.calibration)
-    versions = tuple(map(last_written, files))
-    key = what, tuple(files), versions, treadmill, known, laboratory.plates, of
-    if key not in _made:
-        _made[key] = make()
-    return cast(Made, _made[key])
+def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
+    try:
+        return read_recording(path, stated)
+    except ValueError as first:
+        for axes in AXES_BY_VERTICAL if stated.axes is None else ():
+            try:
+                recording = read_recording(path, replace(stated, axes=axes, axes_by=""))
+            except ValueError:
+                continue
+            if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
+                return replace(recording, stated=stated, axes=())  # nobody stated these axes
+        raise first
+
+
+def plate_samples(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: Sequence[Sensor],
+    correction: PlateCorrection | None,
+    lags_s: Sequence[float] = (),
+) -> Samples:
+    """Give the specific force of all accelerometers and the wrench of every plate, both filtered.
+
+    Parameters
+    ----------
+    recording
+        Its plates are corrected already.
+    treadmill
+        Channels of the accelerometers, and the cut-off of the filter.
+    sensors
+        Of a calibration; their delays are undone.
+    correction
+        Of the plates, whose delays are undone; None without one.
+    lags_s
+        Of a dynamic model [s]: differences over them follow the readings.
+
+    Returns
+    -------
+    dict
+        "plate N" -> specific force along the sensors' axes, (T, 3 S) [m/s²], and the wrench about
+        the plate's centre in its own axes, (T, 6) [N, N·m], at its samples where both are known.
+
+    Raises
+    ------
+    ValueError
+        If a channel is missing, or its unit is unknown.
+
+    Notes
+    -----
+    notebooks/02_what_the_platform_does_to_your_plates.py is an example.
+    """
+    clock, readings = accelerations(recording, treadmill)
+    setup, plates = setup_of(recording, treadmill), recording.plates
+    filtered, delays_s = setup.low_pass(readings, clock), sensor_delays_s(treadmill, sensors)
+    times = [plate.time for plate in plates]
+    every = at_plate_times(clock, filtered, filtered, times, delays_s, lags_s)
+    wrenches, samples = wrenches_in_time(recording, setup, correction), {}
+    for plate, felt, wrench in zip(plates, every, wrenches, strict=True):
+        both = without_gaps(felt, wrench)
+        if not len(both[0]):
+            raise ValueError(
+                f"{recording.source.name}: plate {plate.number} has no samples at which the "
+                "accelerometers are known"
+            )
+        samples[f"plate {plate.number}"] = both[0], both[1]
+    return samples
+
+
+def empty_plates(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: Sequence[Sensor],
+    correction: PlateCorrection | None,
+    models: Mapping[str, InertiaModel],
+) -> Samples:
+    """Give the samples of those plates that nobody was on, with the lags of a dynamic model.
+
+    The recording is as it was read; a load is seen by the static models of a calibration. A
+    ValueError where it was recorded otherwise than the calibration, is short, or somebody was on a
+    plate for a while, or on every plate.
+    """
+    if not recording.plates:
+        raise ValueError(
+            f"a recording beside an empty plate needs plates: {recording.why_no_plates}"
+        )
+    setup = setup_of(recording, treadmill)
+    recording, empty = with_corrected_plates(recording, correction), {}
+    every = plate_samples(recording, treadmill, sensors, correction, LAGS_S)
+    for name, (felt, wrench) in every.items():
+        if (model := models.get(name)) is None:
+            continue
+        model.require(setup)
+        force = model.compensate(felt[:, : len(model.acceleration_mean)], wrench)[:, 2]
+        if len(force) < MIN_BESIDE_S * setup.rate_hz:
+            raise ValueError(
+                f"{len(force) / setup.rate_hz:.1f} s are too short, expected {MIN_BESIDE_S:g} s "
+                "or more; record a minute"
+            )
+        if (np.abs(_means(force, setup, LOAD_S)) > MIN_LOAD_N).all():
+            continue
+        steps = _means(force, setup, STEP_S)
+        highest = float(np.abs(steps - np.median(steps)).max())
+        if highest > MAX_STEP_N:
+            raise ValueError(
+                f"somebody was on {name} for a part of the time ({highest:.0f} N over "
+                f"{STEP_S:g} s, expected {MAX_STEP_N:g} N at most of an empty plate); record "
+                "people who stay on the other plate or on the boards all the time"
+            )
+        empty[name] = felt, wrench
+    if not empty:
+        raise ValueError(
+            "somebody was on every plate; a recording beside the empty plate leaves one plate empty"
+        )
+    return empty
+
+
+def _means(force: Array, setup: Setup, length_s: float) -> Array:
+    """Give the means of parts of about a length, (parts,)."""
+    parts = max(len(force) // round(length_s * setup.rate_hz), 1)
+    return np.array([part.mean() for part in np.array_split(force, parts)])
+
+
+def wrenches_in_time(
+    recording: Recording, setup: Setup, correction: PlateCorrection | None
+) -> list[Array]:
+    """Give the low-passed plates (N, 6), each read ahead by how much later it is than the first."""
+    return [
+        resample(plate.time, setup.low_pass(plate.wrench_in_plate, plate.time), plate.time + late_s)
+        for plate, late_s in zip(
+            recording.plates, relative_delays_s(recording.plates, correction), strict=True
+        )
+    ]
+
+
+MODEL: Final = "inertia_model"
+WEIGHT: Final = "weight_of_beside"
+"""Keys that say which model compensates trials, and how recordings of people weigh, and why."""
+MIN_APART_S: Final = 0.0005
+"""Between two plates: a tenth of a delay that matters, of 5 ms."""
+
+
+def fit_calibration(
+    recording: Recording,
+    treadmill: Treadmill,
+    plates: PlateCorrection | None = None,
+    beside: Sequence[Recording] = (),
+    checks: Sequence[Recording] = (),
+) -> Calibration:
+    """Fit what the empty plates of a moving treadmill measure to its accelerations.
+
+    Parameters
+    ----------
+    recording
+        The empty treadmill, moving.
+    treadmill
+        Names of its accelerometers' channels and the cut-off for the fit.
+    plates
+        The correction of its plates, which are corrected before the fit, and brought to the first
+        one's clock where it states their delays.
+    beside
+        Recordings in which people are on the treadmill, but not on every plate. Plates that stay
+        empty are fitted to them too.
+    checks
+        The same, by whose empty plates static and dynamic model are compared; they are not fitted.
+
+    Returns
+    -------
+    Calibration
+        One model per plate, named "plate 1", "plate 2", …, and dynamic ones where they are stated
+        or chosen. Its sensors' delays are against the first plate. Its provenance names the
+        correction, which plates were empty in what, and in which recordings the speed of the belts
+        is unknown.
+
+    Raises
+    ------
+    ValueError
+        If there are no plates or accelerometers, the fit is not possible, or somebody was on a
+        plate for a part of a recording, or on all plates.
+    """
+    if not recording.plates:
+        raise ValueError(
+            f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
+        )
+    every = recording, *beside
+    _refuse_repeated(*every, *checks)
+    source, recording = recording.source.name, with_corrected_plates(recording, plates)
+    setup, k = setup_of(recording, treadmill), 3 * len(treadmill.accelerometers)
+    sensors = _sensors(recording, treadmill, plates)
+    samples = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
+    noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in samples.items()}
+    belts = [mean_belt_speed(fastest_belt(one, treadmill)) for one in every]
+
+    def fitted(trials: Sequence[tuple[str, Samples]], weight: float) -> dict[str, InertiaModel]:
+        models = {}
+        for name, noise in noises.items():
+            rows = [n for n, (_, plates_empty) in enumerate(trials) if name in plates_empty]
+            of_plate = [trials[n][1][name] for n in rows]
+            speeds = [speed for n in rows if (speed := belts[n]) is not None]
+            models[name] = fit_trials(
+                [(felt[:, :k], wrench) for felt, wrench in of_plate],
+                setup,
+                noise,
+                belts_mps=speeds if len(speeds) == len(rows) else (),
+                beside_weight=weight,
+            )
+        return models
+
+    def read(one: Recording) -> tuple[str, Samples]:
+        with naming(one.source):
+            return one.source.name, empty_plates(one, treadmill, sensors, plates, static)
+
+    trials, weight, provenance = [(source, samples)], 1.0, {"recording": source}
+    static = fitted(trials, weight)
+    refuse_unusable(static)
+    if beside:
+        trials += map(read, beside)
+        weight, provenance[WEIGHT] = weigh_beside(trials, k, setup.rate_hz)
+        provenance[BESIDE] = "; ".join(
+            f"{name}: {', '.join(empty)} empty" for name, empty in trials[1:]
+        )
+        static = fitted(trials, weight)
+    if unknown := [one.source.name for one, mps in zip(every, belts, strict=True) if mps is None]:
+        provenance[BELTS_UNKNOWN] = ", ".join(unknown)
+    compared = [read(one) for one in checks]
+    provenance[MODEL], dynamic = choose(trials, static, compared, treadmill.inertia_model, weight)
+    if plates is not None:
+        provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
+    joint = _joint_correlation(recording, samples, dynamic or static, setup.rate_hz)
+    return Calibration(static, provenance, sensors, joint, dynamic)
+
+
+def _refuse_repeated(*recordings: Recording) -> None:
+    """Refuse a recording that is given twice: it would seem to confirm itself."""
+    for number, one in enumerate(recordings):
+        for other in recordings[:number]:
+            if len(one.plates) == len(other.plates) and all(
+                np.array_equal(a.wrench_in_plate, b.wrench_in_plate, equal_nan=True)
+                for a, b in zip(one.plates, other.plates, strict=True)
+            ):
+                raise FileFault(
+                    f"{one.source.name}: is the same recording as {other.source.name}; give each "
+                    "recording once"
+                )
+
+
+def plates_timed_apart(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: tuple[Sensor, ...],
+    plates: PlateCorrection | None = None,
+) -> tuple[Note, ...]:
+    """Warn of plates that are later or earlier than the first, as the accelerometers show.
+
+    Parameters are those of `fit_calibration`, and the sensors that it found; what the correction
+    states of the plates' delays is taken into account.
+    """
+    recording = with_corrected_plates(recording, plates)
+    rate_hz = setup_of(recording, treadmill).rate_hz
+    samples = plate_samples(recording, treadmill, sensors, plates)
+    try:
+        first, *others = (estimate_delay(*of_plate, rate_hz) for of_plate in samples.values())
+    except ValueError:
+        return ()
+    notes = []
+    for plate, late in zip(recording.plates[1:], others, strict=True):
+        apart_s = late.seconds - first.seconds
+        errors_s = late.standard_error, first.standard_error, MODEL_ERROR_S, MODEL_ERROR_S
+        interval_s = QUANTILE_95 * float(np.linalg.norm(errors_s))
+        if abs(apart_s) > max(interval_s, MIN_APART_S):
+            values = {"plate": plate.number, "delay_s": apart_s, "interval_s": interval_s}
+            notes.append(Note.of("plates_timed_apart", **values))
+    return tuple(notes)
+
+
+def _joint_correlation(
+    recording: Recording, samples: Samples, models: Mapping[str, InertiaModel], rate_hz: float
+) -> Array | None:
+    """Give the correlation of what is left of all plates; None where their clocks differ."""
+    left = [
+        models[name].compensate(felt[:, : len(models[name].gain) - 1], wrench)
+        for name, (felt, wrench) in samples.items()
+    ]
+    clocks = {plate.time.tobytes() for plate in recording.plates}
+    if len(clocks) > 1 or len({*map(len, left)}) > 1:
+        return None
+    both = np.hstack(left)
+    return residual_correlation(both - both.mean(axis=0), rate_hz)
+
+
+def _sensors(
+    recording: Recording, treadmill: Treadmill, correction: PlateCorrection | None
+) -> tuple[Sensor, ...]:
+    """Find the sensors' delays against the plates, and their noise."""
+    clock, readings = accelerations(recording, treadmill)
+    setup, first = setup_of(recording, treadmill), recording.plates[0].time
+    filtered, stated_s = setup.low_pass(readings, clock), sensor_delays_s(treadmill, ())
+    (felt,) = at_plate_times(clock, filtered, filtered, [first], stated_s)
+    wrenches = wrenches_in_time(recording, setup, correction)
+    same_clock = [
+        wrench
+        for plate, wrench in zip(recording.plates, wrenches, strict=True)
+        if np.array_equal(plate.time, first)
+    ]
+    (complete,), (felt, *same_clock) = without_gaps(readings), without_gaps(felt, *same_clock)
+    sensors = find_sensors(felt, np.hstack(same_clock), complete, setup, mean_rate_hz(clock))
+    if (delay_s := treadmill.accelerometer_delay_s) is None:
+        return sensors
+    return tuple(replace(sensor, delay_s=delay_s, delay_error_s=0.0) for sensor in sensors)
 
 
 def read_calibration(
@@ -91,7 +428,7 @@ def read_calibration(
     Returns
     -------
     Calibration
-        One model per plate. A recording is fitted once in a process, however often it is asked for.
+        One model per plate.
 
     Raises
     ------
@@ -111,30 +448,19 @@ def read_calibration(
     >>> list(pipeline.read_calibration("lab.json", rear).plates)
     ['plate 1']
     """
-    path = Path(path)
-    if path.suffix.lower() == ".json":
-        with naming(path):
+    path, forward = Path(path), plates is None
+    with naming(path):
+        if path.suffix.lower() == ".json":
             calibration = from_json(read_text(path))
             channels_of(calibration)  # refuses damaged ones
             _require_as_stated(calibration, treadmill)
             require_same_plates(calibration, plates)
-        return calibration
-    files = path, *map(Path, beside)
-
-    def fitted() -> Calibration:
-        forward = plates is None
+            return calibration
         recording, *others = (
-            read_empty(file, as_stated(stated), any_forward=forward) for file in files
+            read_empty(Path(file), as_stated(stated), any_forward=forward)
+            for file in (path, *beside)
         )
-        try:
-            return fit_calibration(recording, treadmill, plates, others)
-        except ValueError as error:
-            text = str(error)
-            known = any(file.name in text for file in files)
-            raise ValueError(text if known else f"{path.name}: {text}") from error
-
-    laboratory = Laboratory(treadmill, plates=plates)
-    return once_in_a_process(fitted, "fit", files, laboratory, as_stated(stated))
+        return fit_calibration(recording, treadmill, plates, others)
 
 
 def _require_as_stated(calibration: Calibration, treadmill: Treadmill) -> None:
@@ -173,8 +499,7 @@ def read_laboratory(
             f"'hbm calibration fit {file.name} -o lab.json'"
         )
     calibration = read_calibration(file, Treadmill(), plates=plates)
-    with naming(file):
-        channels = channels_of(calibration)
+    channels, setup = channels_of(calibration), next(iter(calibration.plates.values())).setup
     if not channels:
         raise ValueError(
             f"{file.name}: the calibration does not name its channels; fit it again with "
@@ -185,9 +510,8 @@ def read_laboratory(
             f"{file.name}: the calibration has the accelerometers {', '.join(channels)}, "
             f"--accelerometer names {', '.join(accelerometers)}; name all of them and no others"
         )
-    setup = next(iter(calibration.plates.values())).setup
     treadmill = Treadmill(
-        accelerometers={s: (accelerometers or channels)[s] for s in channels},
+        accelerometers={sensor: (accelerometers or channels)[sensor] for sensor in channels},
         accelerometer_unit=calibration.provenance.get("accelerometer_unit") or None,
         cutoff_hz=(setup and setup.cutoff_hz) or 20.0,
         platform=Platform(markers=platform_markers) if platform_markers else None,
@@ -205,72 +529,24 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
     doubtful. A ValueError where an accelerometer is faulty, and as of `plate_artefacts`.
     """
     recording = with_corrected_plates(recording, laboratory.plates)
+    file, analog = recording.source.name, recording.analog
     if laboratory.calibration is None:
         return recording, ()
     channels = {name for names in laboratory.treadmill.accelerometers.values() for name in names}
-    present = set() if recording.analog is None else set(recording.analog.names)
-    if not channels <= present:
-        missing = Note.of("belts_without_accelerometers", recording=recording.source.name)
-        return recording, (missing,)
-    file = recording.source.name
+    if analog is None or not channels <= {*analog.names}:
+        return recording, (Note.of("belts_without_accelerometers", recording=file),)
     with naming(recording.source):
-        platform = bind(recording, replace(laboratory, belts=()))
-        if faults := sensor_notes(platform, faulty_sensors):
+        lab = bind(recording, laboratory)
+        if faults := sensor_notes(lab, faulty_sensors):
             raise ValueError(f"the belts' calibration needs its accelerometers: {faults[0]}")
-        artefacts, _ = plate_artefacts(recording, platform.laboratory)
-    doubts = tuple(map(str, sensor_notes(platform)))
+        artefacts, _ = plate_artefacts(recording, laboratory)
     plates = tuple(
         replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
         for plate, artefact in zip(recording.plates, artefacts, strict=True)
     )
+    doubts = tuple(map(str, sensor_notes(lab)))
     notes = (Note.of("belts_recording_doubtful", recording=file, doubts=doubts),) if doubts else ()
     return replace(recording, plates=plates), notes
-
-
-def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
-    """Fit what accelerating belts add to their empty plates: one model per plate, at 100 Hz.
-
-    Belts accelerate at random, nobody is on them, and the platform is at rest. A ValueError where a
-    channel is missing or the fit is not possible.
-    """
-    if not recording.plates:
-        raise ValueError(
-            f"{recording.source.name}: the belt calibration needs plates: {recording.why_no_plates}"
-        )
-    models = []
-    for plate, (time, acceleration) in belt_accelerations(recording, belt):
-        pitch_moment = plate.wrench_in_plate[:, 3:] @ belt_side(plate)
-        filtered = low_pass(pitch_moment, plate.rate_hz, belt.cutoff_hz, FILTER)
-        moment = interpolate(plate.time, filtered, time)
-        inside = (time > time[0] + FILTER_EDGE_S) & (time < time[-1] - FILTER_EDGE_S)
-        inside &= np.isfinite(moment)
-        try:
-            model = fit_belt(acceleration[inside], moment[inside] - moment[inside].mean())
-        except ValueError as error:
-            raise ValueError(f"{recording.source.name}: plate {plate.number}: {error}") from error
-        models.append(model)
-    return tuple(models)
-
-
-def read_belts(
-    path: Path, laboratory: Laboratory, stated: Stated
-) -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
-    """Fit the belt models to a recording of the empty treadmill; once in a process.
-
-    The laboratory has the belts as stated, the correction of the plates, and the calibration of the
-    platform by which trials are compensated. No models where no belts are stated; notes are those
-    of `belts_alone`.
-    """
-    belt = laboratory.treadmill.belt
-    if belt is None:
-        return (), ()
-
-    def fitted() -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
-        recording = read_empty(path, stated, any_forward=laboratory.plates is None)
-        alone, notes = belts_alone(recording, laboratory)
-        return fit_belts(alone, belt), notes
-
-    return once_in_a_process(fitted, "belts", (path,), laboratory, stated)
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,47 +571,26 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> Calibration
     if not recording.plates:
         raise ValueError(f"{file}: the check needs plates: {recording.why_no_plates}")
     recording = with_corrected_plates(recording, laboratory.plates)
-    models = plate_models(recording, laboratory)  # refuses other plates, sensors or rates
-    treadmill, calibration = laboratory.treadmill, laboratory.calibration
+    lab, calibration = bind(recording, laboratory), laboratory.calibration
     assert calibration is not None
-    _, readings = accelerations(recording, treadmill)
-    seen = readings[np.isfinite(readings).all(axis=1)]
-    if faults := faulty_sensors(models[0], seen, treadmill.accelerometer_range_g):
+    if faults := sensor_notes(lab, faulty_sensors):
         return CalibrationCheck(False, faults)
-    belts_mps, checked = mean_belt_speed(fastest_belt(recording, treadmill)), {}
-    samples = plate_samples(recording, treadmill, calibration.sensors, laboratory.plates)
-    for plate in recording.plates:
-        name = f"plate {plate.number}"
-        model, (felt, wrench) = calibration.plates[name], samples[name]
+    belts_mps, checked = mean_belt_speed(lab.belts), {}
+    samples = plate_samples(recording, laboratory.treadmill, lab.sensors, laboratory.plates)
+    for name, (felt, wrench) in samples.items():
         with naming(recording.source):
-            checked[name] = check_another_day(model, felt, wrench, belts_mps)
+            checked[name] = check_another_day(calibration.plates[name], felt, wrench, belts_mps)
     faulty = [f"{name}: {', '.join(one.faults)}" for name, one in checked.items() if one.faults]
     if faulty:
         note = Note.of("calibration_outdated", recording=file, faults=faulty)
         return CalibrationCheck(False, (note,), checked)
-    left, by_new = (
-        np.max([np.linalg.norm(np.split(each, 2), axis=1) for each in of_plates], axis=0)
-        for of_plates in (
-            [one.left for one in checked.values()],
-            [one.left_by_new_fit for one in checked.values()],
-        )
-    )
-    note = Note.of(
-        "calibration_still_valid",
-        recording=file,
-        force_n=left[0],
-        moment_nm=left[1],
-        new_force_n=by_new[0],
-        new_moment_nm=by_new[1],
-    )
+    # the largest force and moment of any plate: by the calibration, and by a new fit
+    sizes = [
+        np.linalg.norm(np.reshape([one.left, one.left_by_new_fit], (2, 2, 3)), axis=2)
+        for one in checked.values()
+    ]
+    (force_n, moment_nm), (new_force_n, new_moment_nm) = np.max(sizes, axis=0)
+    values = {"force_n": force_n, "moment_nm": moment_nm}
+    values |= {"new_force_n": new_force_n, "new_moment_nm": new_moment_nm}
+    note = Note.of("calibration_still_valid", recording=file, **values)
     return CalibrationCheck(True, (note,), checked)
-
-
-def read_check(path: Path, laboratory: Laboratory, stated: Stated) -> CalibrationCheck:
-    """Read a recording of another day and compare it with a calibration; once in a process."""
-
-    def checked() -> CalibrationCheck:
-        recording = read_empty(path, stated, any_forward=laboratory.plates is None)
-        return check_recording(recording, laboratory)
-
-    return once_in_a_process(checked, "check", (path,), laboratory, stated)

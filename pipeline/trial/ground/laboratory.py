@@ -1,32 +1,122 @@
-"""A laboratory's treadmill: as stated, with its calibration, and bound to a recording."""
+"""A laboratory's plates and treadmill: corrected, with their calibrations, and in a recording."""
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, Calibration, InertiaModel, Sensor, Setup
+from compensation import BeltModel, Calibration, InertiaModel, PlateCalibration, Sensor, Setup
 from hbm.notes import Note
 from hbm.signals.filtering import Method
+from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Settings, Treadmill
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import (
+    FILTER,
     RealtimeAccelerometers,
     accelerations,
     at_plate_times,
     fastest_belt,
     sensor_delays_s,
-)
-from pipeline.trial.ground.calibration_recording import (
-    FILTER,
-    PLATES_NAME,
-    PLATES_SHA256,
     setup_of,
 )
-from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
+
+MAX_SHIFT_M: Final = 0.1
+"""Between a plate's centre in a file and in its calibration: cameras set up anew move it by
+millimetres, the plate beside it is half a metre away."""
+
+
+PLATES_NAME: Final = "plate_calibration"
+PLATES_SHA256: Final = "plate_calibration_sha256"
+"""Keys of a calibration's provenance that name the correction of its plates."""
+BESIDE: Final = "beside"
+BELTS_UNKNOWN: Final = "belts_unknown"
+"""Those of the recordings of people beside empty plates, and of unknown speed of the belts."""
+
+
+def with_corrected_plates(recording: Recording, correction: PlateCorrection | None) -> Recording:
+    """Correct the plates of a recording of any kind; without a correction it stays as it is.
+
+    Each wrench stays in its plate's own axes, samples keep their times (`plate_delays_s` gives
+    their delays), and a note says what was corrected. A ValueError where the file's plates are
+    corrected or compensated already, or a plate is not where its calibration has it.
+
+    A plate that moves is corrected in its own frame, as it stands with the platform in neutral:
+    cells, amplifiers and their calibration move with it. The inertia of its belt assembly is a load
+    on the cells like any other, so that it is subtracted afterwards, by a model that was fitted to
+    equally corrected plates.
+    """
+    if correction is None or not recording.plates:
+        return recording
+    file, done = recording.source.name, recording.compensation
+    if done is not None:
+        raise ValueError(
+            f"{file}: its plates are compensated or corrected already, by {done.software}; leave "
+            f"{correction.name} out, or give the original recording"
+        )
+    plates = {plate.number: plate for plate in recording.plates}
+    corrections, notes = corrections_used(recording.plates, correction), [*recording.notes]
+    for one in corrections:
+        plate = plates[one.plate]
+        apart_m = float(np.linalg.norm(plate.center - one.center))
+        if np.isfinite(plate.corners).all() and apart_m > MAX_SHIFT_M:
+            raise ValueError(
+                f"{file}: plate {plate.number} lies {apart_m:.2f} m from where {correction.name} "
+                "has it; are its plates numbered as in the recordings of the weights, and is the "
+                "lab's origin the same?"
+            )
+        wrench = one.correct_in_plate(plate.wrench_in_plate, plate.rotation, plate.center)
+        plates[one.plate] = replace(plate, wrench_in_plate=wrench)
+    if corrections:
+        unexamined = [f"{c} of plate {one.plate}" for one in corrections for c in one.unexamined]
+        note = Note.of(
+            "plates_corrected",
+            plates=[str(one.plate) for one in corrections],
+            calibration=correction.name,
+            delays_s={f"plate {one.plate}": one.delay_s or 0.0 for one in corrections},
+            unexamined=unexamined or ["nothing"],
+        )
+        notes.append(note)
+    if missing := [str(number) for number in plates if correction.calibrations.of(number) is None]:
+        notes.append(Note.of("plates_not_corrected", plates=missing, calibration=correction.name))
+    return replace(recording, plates=tuple(plates.values()), notes=tuple(notes))
+
+
+def plate_delays_s(
+    plates: Sequence[Plate], correction: PlateCorrection | None, stated_s: float | None
+) -> list[float]:
+    """Give how much later each plate is than the cameras, by its calibration or as stated [s].
+
+    A ValueError where both are stated and differ.
+    """
+    if correction is None:
+        return [stated_s or 0.0 for _ in plates]
+    return [correction.delay_s(plate.number, stated_s) for plate in plates]
+
+
+def relative_delays_s(plates: Sequence[Plate], correction: PlateCorrection | None) -> list[float]:
+    """Give how much later each plate is than the first, as their calibration states it [s].
+
+    A plate whose delay it does not state is as late as the cameras. What is stated beside it, of
+    all plates alike, does not count here: a calibration of accelerometers and the trials that use
+    it have to be timed alike.
+    """
+    delays_s = plate_delays_s(plates, correction, None)
+    return [delay_s - delays_s[0] for delay_s in delays_s]
+
+
+def corrections_used(
+    plates: Sequence[Plate], correction: PlateCorrection | None
+) -> list[PlateCalibration]:
+    """Give the calibrations of those plates that have one."""
+    if correction is None:
+        return []
+    known = (correction.calibrations.of(plate.number) for plate in plates)
+    return [one for one in known if one is not None]
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
@@ -82,38 +172,13 @@ class Laboratory:
 
     def filters(self, settings: Settings) -> tuple[tuple[Method, float], ...]:
         """Give method and cut-off [Hz] of every low-pass between a recording and its residuals."""
-        found = [(settings.filter, settings.cutoff_hz)]
-        if settings.filter == "realtime":  # compensation waits for no later sample
-            return tuple(found)
-        if self.calibration is not None:
-            found.append((FILTER, self.treadmill.cutoff_hz))
-        if self.treadmill.belt is not None:
-            found.append((FILTER, self.treadmill.belt.cutoff_hz))
-        return tuple(found)
-
-
-def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaModel]:
-    """Give the inertia model that compensates each plate of a trial; none without a calibration.
-
-    A ValueError where the calibration was made for other plates, sensors, channels or rates;
-    sensors may have exchanged their channels since.
-    """
-    calibration, treadmill = laboratory.calibration, laboratory.treadmill
-    if calibration is None:
-        return []
-    file, fitted = recording.source.name, channels_of(calibration)
-    present = recording.analog.names if recording.analog is not None else ()
-    for sensor, channels in treadmill.accelerometers.items():
-        then = tuple(fitted.get(sensor, channels))
-        exchanged = channels in fitted.values()
-        if then != channels and set(then) <= set(present) and not exchanged:
-            raise ValueError(
-                f"{file}: accelerometer {sensor} was {', '.join(then)} in the calibration, which "
-                f"this recording has too, but {', '.join(channels)} is given; recording and "
-                "calibration need the same channels"
-            )
-    numbers = [plate.number for plate in recording.plates]
-    return models_of_plates(calibration, numbers, setup_of(recording, treadmill), file)
+        filters: list[tuple[Method, float]] = [(settings.filter, settings.cutoff_hz)]
+        live = settings.filter == "realtime"  # then compensation waits for no later sample
+        if self.calibration is not None and not live:
+            filters.append((FILTER, self.treadmill.cutoff_hz))
+        if self.treadmill.belt is not None and not live:
+            filters.append((FILTER, self.treadmill.belt.cutoff_hz))
+        return tuple(filters)
 
 
 def channels_of(calibration: Calibration) -> dict[str, tuple[str, str, str]]:
@@ -137,9 +202,9 @@ class BoundLaboratory:
         How much later each plate is than the markers [s].
     models
         Inertia model of each plate; empty without a calibration of the platform.
-    readings, filtered
-        Times (N,) [s] and readings (N, k) [m/s²] of the accelerometers, as recorded and through the
-        low-pass of the calibration; None without one.
+    readings
+        Times (N,) [s] and readings (N, k) [m/s²] of the accelerometers; None without a calibration
+        of the platform.
     belts
         Times (N,) [s] and speed (N,) [m/s] of the fastest belt; None where it is unknown, or
         without a calibration of the platform.
@@ -150,7 +215,6 @@ class BoundLaboratory:
     delays_s: tuple[float, ...]
     models: tuple[InertiaModel, ...] = ()
     readings: tuple[Array, Array] | None = None
-    filtered: tuple[Array, Array] | None = None
     belts: tuple[Array, Array] | None = None
 
     @property
@@ -187,22 +251,26 @@ class BoundLaboratory:
             return np.zeros((0, 0))
         return calibration.correlation_of([f"plate {p.number}" for p in self.recording.plates])
 
-    def felt(self, times: Sequence[Array], method: Method) -> list[Array]:
+    def felt(
+        self, times: Sequence[Array], method: Method = FILTER, *, low_passed: bool = True
+    ) -> list[Array]:
         """Give what the accelerometers felt for each plate at its own times (T,), (T, K) [m/s²].
 
-        They are read as for the first plate. In real time they pass no low-pass: the wrenches do,
-        later.
+        They are read as for the first plate, through the low-pass of the calibration or, but for
+        the differences of a dynamic model, without. In real time they pass no low-pass: the
+        wrenches do, later.
         """
         assert self.readings is not None
-        assert self.filtered is not None
+        clock, readings = self.readings
         late = relative_delays_s(self.recording.plates, self.laboratory.plates)
         earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
-        if method != "realtime":
-            return at_plate_times(*self.filtered, earlier, self.sensor_delays_s, self.lags_s)
-        assert self.recording.analog is not None
-        rates_hz = self.recording.analog.rate_hz, self.recording.markers.rate_hz
-        live = RealtimeAccelerometers.of(self.sensor_delays_s, self.lags_s, *rates_hz)
-        return [live.felt(*self.readings, at) for at in earlier]
+        if method == "realtime":
+            rates_hz = mean_rate_hz(clock), self.recording.markers.rate_hz
+            live = RealtimeAccelerometers.of(self.sensor_delays_s, self.lags_s, *rates_hz)
+            return [live.felt(clock, readings, at) for at in earlier]
+        filtered = setup_of(self.recording, self.laboratory.treadmill).low_pass(readings, clock)
+        sensed = filtered if low_passed else readings
+        return at_plate_times(clock, sensed, filtered, earlier, self.sensor_delays_s, self.lags_s)
 
 
 def bind(
@@ -211,25 +279,30 @@ def bind(
     """Look up a laboratory's instruments in a recording whose plates are corrected.
 
     The stated delay [s] holds for all plates. A ValueError where the plates are compensated
-    already, the calibration does not fit, a channel is missing, or two different delays are stated.
+    already, a channel is missing, two different delays are stated, or the calibration was made for
+    other plates, sensors, channels or rates; sensors may have exchanged their channels since.
     """
     require_uncompensated(recording, laboratory)
-    treadmill = laboratory.treadmill
+    treadmill, calibration = laboratory.treadmill, laboratory.calibration
     delays_s = tuple(plate_delays_s(recording.plates, laboratory.plates, plate_delay_s))
-    if laboratory.calibration is None:
+    if calibration is None:
         return BoundLaboratory(recording, laboratory, delays_s)
-    clock, readings = accelerations(recording, treadmill)
-    models = tuple(plate_models(recording, laboratory))
-    filtered = clock, setup_of(recording, treadmill).low_pass(readings, clock)
-    return BoundLaboratory(
-        recording,
-        laboratory,
-        delays_s,
-        models,
-        (clock, readings),
-        filtered,
-        fastest_belt(recording, treadmill),
-    )
+    readings, file = accelerations(recording, treadmill), recording.source.name
+    fitted = channels_of(calibration)
+    present = recording.analog.names if recording.analog is not None else ()
+    for sensor, channels in treadmill.accelerometers.items():
+        then = tuple(fitted.get(sensor, channels))
+        exchanged = channels in fitted.values()
+        if then != channels and set(then) <= set(present) and not exchanged:
+            raise ValueError(
+                f"{file}: accelerometer {sensor} was {', '.join(then)} in the calibration, which "
+                f"this recording has too, but {', '.join(channels)} is given; recording and "
+                "calibration need the same channels"
+            )
+    numbers, setup = [plate.number for plate in recording.plates], setup_of(recording, treadmill)
+    models = tuple(models_of_plates(calibration, numbers, setup, file))
+    belts = fastest_belt(recording, treadmill)
+    return BoundLaboratory(recording, laboratory, delays_s, models, readings, belts)
 
 
 def models_of_plates(

@@ -1,24 +1,40 @@
-"""Ground: samples of plates, accelerometers, belts and platform to wrenches of every plate."""
+"""Ground: samples of plates, accelerometers, belts and platform to wrenches of every plate.
+
+How uncertain compensated wrenches are, too. It is that of the compensation alone: noise of plates
+and accelerometers, what the calibration's model does not explain of motion and belt speed like the
+trial's, the uncertainty of its gains, and the zero of the plates. Body, markers, the platform's
+pose and accelerating belts are not in it.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from compensation import InertiaModel, PlatformPose, check_trial
-from compensation.inertia.model_error import SLOW_HZ
+from compensation import Calibration, InertiaModel, PlatformPose, check_trial
+from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
-from hbm.spatial import Array, Mask
+from hbm.spatial import WRENCH_COMPONENTS, Array, Mask, transform_wrench
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.accelerometers import at_plate_times, hold_ends, mean_belt_speed
+from pipeline.trial.ground.accelerometers import (
+    FILTER,
+    hold_ends,
+    mean_belt_speed,
+    setup_of,
+    without_gaps,
+)
 from pipeline.trial.ground.belts import belt_wrenches
-from pipeline.trial.ground.calibration_recording import FILTER, samples_of, setup_of
-from pipeline.trial.ground.corrected_plates import relative_delays_s
-from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory, bind
+from pipeline.trial.ground.laboratory import (
+    BELTS_UNKNOWN,
+    BESIDE,
+    BoundLaboratory,
+    Laboratory,
+    bind,
+)
 from pipeline.trial.ground.platform import (
     LEVEL,
     NEUTRAL_FRAMES,
@@ -28,12 +44,10 @@ from pipeline.trial.ground.platform import (
     platform_pose,
     received_frames,
 )
-from pipeline.trial.ground.uncertainty import (
-    Spread,
-    sum_deviation,
-    uncertainty_limits,
-    wrench_spread,
-)
+
+MAX_FASTER: Final = 1.05
+"""Factor by which belts may run faster than in the calibration: their vibration then has 1.2 times
+the variance that is expected."""
 
 
 def plate_artefacts(
@@ -48,26 +62,23 @@ def plate_artefacts(
     channel is missing, or the prediction is unknown within the trial or for more than 0.5 s at one
     of its ends.
     """
-    plates, treadmill = recording.plates, laboratory.treadmill
-    times = [plate.time for plate in plates]
-    added: list[tuple[list[Array], str]] = []
-    notes: list[Note] = []
-    if laboratory.calibration is not None:
-        lab = bind(recording, laboratory)
-        late = relative_delays_s(plates, laboratory.plates)
-        felt = _felt_unfiltered(lab, [t - late_s for t, late_s in zip(times, late, strict=True)])
-        predicted = [_predicted(model, one) for model, one in zip(lab.models, felt, strict=True)]
-        added.append((predicted, "the acceleration"))
-        notes = [*laboratory.calibration.notes, *sensor_notes(lab)]
-    if laboratory.belts and treadmill.belt is not None:
-        of_belts = belt_wrenches(recording, laboratory.belts, treadmill.belt, times)
-        added.append((of_belts, "the belts' acceleration"))
-    artefacts = [np.zeros((len(time), 6)) for time in times]
-    for wrenches, what in added:
+    times = [plate.time for plate in recording.plates]
+    artefacts, notes = [np.zeros((len(time), 6)) for time in times], tuple[Note, ...]()
+
+    def add(wrenches: Sequence[Array], what: str) -> None:
         for artefact, time, wrench in zip(artefacts, times, wrenches, strict=True):
             with naming(recording.source):
                 artefact += hold_ends(time, wrench, what)
-    return artefacts, tuple(notes)
+
+    if laboratory.calibration is not None:
+        lab = bind(recording, laboratory)
+        felt = zip(lab.models, lab.felt(times, low_passed=False), strict=True)
+        predicted = [channels @ model.gain[:-1] + model.gain[-1] for model, channels in felt]
+        add(predicted, "the acceleration")
+        notes = *laboratory.calibration.notes, *sensor_notes(lab)
+    if laboratory.belts and (belt := laboratory.treadmill.belt) is not None:
+        add(belt_wrenches(recording, laboratory.belts, belt, times), "the belts' acceleration")
+    return artefacts, notes
 
 
 def sensor_notes(
@@ -76,26 +87,49 @@ def sensor_notes(
 ) -> tuple[Note, ...]:
     """Say what is doubtful about a trial's accelerations, or what another check finds in them."""
     assert lab.readings is not None
-    readings = lab.readings[1]
-    seen = samples_of(readings, np.isfinite(readings).all(axis=1))
-    return check(lab.models[0], seen, lab.laboratory.treadmill.accelerometer_range_g)
+    (readings,) = without_gaps(lab.readings[1])
+    return check(lab.models[0], readings, lab.laboratory.treadmill.accelerometer_range_g)
 
 
-def _felt_unfiltered(lab: BoundLaboratory, times: Sequence[Array]) -> list[Array]:
-    """Give the accelerations at plates' times: readings unfiltered, differences filtered."""
-    assert lab.readings is not None
-    assert lab.filtered is not None
-    felt = at_plate_times(*lab.readings, times, lab.sensor_delays_s)
-    if not lab.lags_s:
-        return felt
-    filtered = at_plate_times(*lab.filtered, times, lab.sensor_delays_s, lab.lags_s)
-    both = zip(felt, filtered, strict=True)
-    return [np.hstack([one, other[:, one.shape[1] :]]) for one, other in both]
+class Spread(NamedTuple):
+    """One standard deviation of a plate's compensated wrench, due to the compensation alone.
+
+    Attributes
+    ----------
+    sd
+        Of its components without the plate's zero, in the plate's axes about its centre, (T, 6)
+        [N, N·m]; NaN where the acceleration is unknown.
+    zero
+        Of its zero, the same in all frames, (6,) [N, N·m].
+    rotation, center
+        Orientation and place of the plate in the lab, (T, 3, 3) and (T, 3) [m], or (1, 3, 3) and
+        (1, 3) where it stands still.
+    """
+
+    sd: Array
+    zero: Array
+    rotation: Array
+    center: Array
 
 
-def _predicted(model: InertiaModel, felt: Array) -> Array:
-    """Predict the wrench that a platform's motion adds, (N, 6); NaN where it is unknown."""
-    return np.asarray(felt @ model.gain[:-1] + model.gain[-1])
+def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -> Array:
+    """Give one standard deviation of the sum of some plates' wrenches, in lab axes, (T, 6).
+
+    The correlation is between all of their components but the zeros, which are independent,
+    (6 P, 6 P); moments are about a point in the lab, (T, 3) or (3,) [m]. NaN where an acceleration,
+    the pose or the point is unknown.
+    """
+    changes = [
+        transform_wrench(np.eye(6), s.rotation[:, None], (s.center - point)[:, None]).T
+        for s in spreads
+    ]
+    variance = np.empty((6, len(spreads[0].sd)))
+    for row, of_row in enumerate(variance):
+        both = [(change[row], spread) for change, spread in zip(changes, spreads, strict=True)]
+        moving = np.concatenate([factors * spread.sd.T for factors, spread in both])
+        of_row[:] = (moving * (correlation @ moving)).sum(axis=0)
+        of_row += sum(spread.zero**2 @ factors**2 for factors, spread in both)
+    return np.sqrt(variance).T
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,8 +251,7 @@ def ground_wrenches(
                 resample(p.time, low_pass(p.wrench_in_plate, p.time), t)
                 for p, t in zip(plates, times, strict=True)
             ]
-        each = zip(lab.models, felt, plain, strict=True)
-        variants["compensated"] = [_compensated(*one) for one in each]
+        variants["compensated"] = list(map(_compensated, lab.models, felt, plain))
         notes += _compensation_notes(lab, method)
     if laboratory.belts and belt is not None:
         added = belt_wrenches(recording, laboratory.belts, belt, times, method)
@@ -228,31 +261,38 @@ def ground_wrenches(
 
     pose, pose_notes = platform_pose(recording, platform, time, at_markers)
     notes += pose_notes
-    marked = pose is not None and platform is not None and bool(platform.markers)
     if pose is None and lab.models:
         notes.append(Note.of("platform_pose", source=LEVEL))
-    if live and marked:
-        later = (np.cumsum(received_frames(recording)) > NEUTRAL_FRAMES)[:, None]
-        variants = {
-            name: [np.where(later, wrench, np.nan) for wrench in wrenches]
-            for name, wrenches in variants.items()
-        }
-    if marked and lab.models:
-        assert pose is not None
-        readings = felt[0][:, : len(lab.models[0].acceleration_mean)]
-        late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
-        notes += plates_note(late, lab.delays_s[0])
+    if pose is not None and platform is not None and platform.markers:
+        if live:
+            later = (np.cumsum(received_frames(recording)) > NEUTRAL_FRAMES)[:, None]
+            variants = {
+                name: [np.where(later, wrench, np.nan) for wrench in wrenches]
+                for name, wrenches in variants.items()
+            }
+        if lab.models:
+            readings = felt[0][:, : len(lab.models[0].acceleration_mean)]
+            late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
+            notes += plates_note(late, lab.delays_s[0])
     belts_mps = None if lab.belts is None else interpolate(*lab.belts, times[0])
-    rates_hz = cutoff_hz, recording.markers.rate_hz
+    # up to 6 Hz the noise is that below 6 Hz, else all that passed the calibration's filter, which
+    # is more than what is left
+    slow, rate_hz = cutoff_hz <= SLOW_HZ, recording.markers.rate_hz
+    spreads = [
+        Spread(
+            sd=model.uncertainty(channels, slow, rate_hz, zero=False, belts_mps=belts_mps),
+            zero=np.zeros(6) if model.model_error is None else model.model_error.zero,
+            rotation=plate.rotation[None] if pose is None else pose.rotation @ plate.rotation,
+            center=plate.center[None] if pose is None else pose.to_lab(plate.center),
+        )
+        for model, plate, channels in zip(lab.models, plates, felt, strict=False)
+    ]
     return Ground(
         plates=plates,
         in_plates=variants,
         variants={name: in_lab(wrenches, plates, pose) for name, wrenches in variants.items()},
         pose=pose,
-        spreads=tuple(
-            wrench_spread(model, acceleration, plate, pose, *rates_hz, belts_mps)
-            for model, plate, acceleration in zip(lab.models, plates, felt, strict=False)
-        ),
+        spreads=tuple(spreads),
         correlation=lab.correlation,
         accelerations=tuple(felt),
         belts=tuple(added),
@@ -264,18 +304,57 @@ def _compensation_notes(lab: BoundLaboratory, method: Method) -> list[Note]:
     """Say how plates were compensated by accelerometers, and what is doubtful about it."""
     treadmill, calibration = lab.laboratory.treadmill, lab.laboratory.calibration
     assert calibration is not None
-    low_pass = (
-        f"with plates low-passed as in the calibration ({FILTER}, {treadmill.cutoff_hz:g} Hz)"
-    )
+    low_pass = "in real time, without a low-pass before"
+    if method != "realtime":
+        cutoff = f"{FILTER}, {treadmill.cutoff_hz:g} Hz"
+        low_pass = f"with plates low-passed as in the calibration ({cutoff})"
     how = Note.of(
         "plates_compensated",
         model="dynamic" if lab.lags_s else "static",
         accelerometers=tuple(treadmill.accelerometers),
-        low_pass="in real time, without a low-pass before" if method == "realtime" else low_pass,
+        low_pass=low_pass,
         delay_s={sensor.name: sensor.correction_s for sensor in lab.sensors},
     )
     limits = uncertainty_limits(mean_belt_speed(lab.belts), calibration)
     return [*calibration.notes, *sensor_notes(lab), how, *limits, *lab.laboratory.notes]
+
+
+def uncertainty_limits(speed: float | None, calibration: Calibration) -> tuple[Note, ...]:
+    """Say where a calibration does not know what people, or belts as fast as a trial's, leave.
+
+    The speed [m/s] is that of `mean_belt_speed`. Models of earlier versions, which know of noise
+    alone, do not count.
+    """
+    errors = [model.model_error for model in calibration.in_use.values()]
+    fastest = [error.fastest_mps for error in errors if error is not None]
+    if not fastest:
+        return ()
+    slowest = min((mps for mps in fastest if mps is not None), default=np.inf)
+    left_out, made = [], calibration.provenance
+    if BESIDE not in made:
+        left_out.append("what people shake (no recording of people beside an empty plate)")
+    if None in fastest:
+        recordings = made.get(BELTS_UNKNOWN, made.get("recording", "its recording"))
+        left_out.append(f"belts faster than in {recordings}, whose speed is unknown")
+    elif speed is None:
+        left_out.append(f"belts faster than {slowest:.3g} m/s (no channel with their speed)")
+    if calibration.correlation is None and len(calibration.plates) > 1:
+        left_out.append("how the plates' errors go together (they were sampled at other times)")
+    notes = [Note.of("uncertainty_limited", left_out=left_out)] if left_out else []
+    if speed is not None and speed > max(MAX_FASTER * slowest, RUNNING_MPS):
+        values = {"speed_mps": speed, "calibrated_mps": slowest}
+        notes.append(Note.of("uncertainty_belts_faster", **values))
+    return tuple(notes)
+
+
+def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:
+    """Say how uncertain residuals are due to the compensation, (T, 6); nothing for no frames."""
+    if not len(residual_sd):
+        return ()
+    rms = dict(zip(WRENCH_COMPONENTS, np.sqrt(np.mean(residual_sd**2, axis=0)), strict=True))
+    force = {component: rms[component] for component in WRENCH_COMPONENTS[:3]}
+    moment = {component: rms[component] for component in WRENCH_COMPONENTS[3:]}
+    return (Note.of("compensation_uncertainty", force_n=force, moment_nm=moment),)
 
 
 def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:
@@ -318,9 +397,8 @@ def plate_loads(lab: BoundLaboratory) -> tuple[PlateLoad, ...]:
     """
     plates = lab.recording.plates
     forces = [plate.wrench_in_plate[:, :3] @ plate.rotation[2] for plate in plates]
-    if lab.filtered is not None:
-        times = [plate.time for plate in plates]
-        felt = at_plate_times(*lab.filtered, times, lab.sensor_delays_s, lab.lags_s)
+    if lab.models:
+        felt = lab.felt([plate.time for plate in plates])
         for k, (model, plate) in enumerate(zip(lab.models, plates, strict=True)):
             gain = model.gain[:, :3] @ plate.rotation[2]
             forces[k] = forces[k] - (felt[k] @ gain[:-1] + gain[-1])

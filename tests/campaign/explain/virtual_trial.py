@@ -12,7 +12,7 @@ from compensation.protocol import platform_signal
 from hbm.spatial import Array
 from pipeline.config.schema import Platform, Subject, Treadmill
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (

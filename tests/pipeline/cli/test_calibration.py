@@ -15,7 +15,7 @@ from pipeline.config.study import read_study
 from pipeline.live.preparation import prepare
 from pipeline.run.check import check_study
 from pipeline.run.store import read_trial
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.virtual_lab.faults import BeltFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill

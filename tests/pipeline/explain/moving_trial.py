@@ -9,7 +9,7 @@ import numpy as np
 import pipeline
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.explain.linearise import result_chain
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import lab
 

@@ -15,9 +15,8 @@ from pipeline.export.compensated_c3d import (
 )
 from pipeline.io.c3d.read import read_c3d
 from pipeline.run.job import file_digest
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.calibrations import fit_calibration
+from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
 from pipeline.trial.ground.platform import platform_pose, pose_at
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_recording, process_trial

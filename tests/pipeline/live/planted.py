@@ -10,7 +10,7 @@ from pipeline.live.chain import LiveFrame
 from pipeline.live.monitor import Monitor
 from pipeline.live.replay import recorded_streams
 from pipeline.live.session import rehearse
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.viewer.live import Board

@@ -9,7 +9,7 @@ from compensation import BeltModel
 from hbm.coordinates import LIMBS
 from pipeline.config.schema import Belt, Platform, Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality

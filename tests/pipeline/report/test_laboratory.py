@@ -34,7 +34,7 @@ from pipeline.report.laboratory import (
     read_checks,
     write_laboratory,
 )
-from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
+from pipeline.trial.ground.calibrations import fit_calibration, read_empty
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill

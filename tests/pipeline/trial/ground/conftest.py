@@ -2,7 +2,7 @@
 
 import pytest
 
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import TREADMILL
 

@@ -10,9 +10,8 @@ from compensation import Signal, belt_signals, pitch_and_sway_signals, validatio
 from hbm.signals.filtering import low_pass
 from pipeline.config.schema import Belt, Treadmill
 from pipeline.io.c3d.read import read_c3d
-from pipeline.trial.ground.belts import belt_axes, belt_wrenches
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.calibrations import belts_alone, fit_belts
+from pipeline.trial.ground.belts import belt_axes, belt_wrenches, fit_belts
+from pipeline.trial.ground.calibrations import belts_alone, fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults

@@ -9,12 +9,13 @@ import pytest
 
 from compensation import Calibration, to_json
 from hbm.markers import Markers
-from pipeline.config.schema import Treadmill
+from pipeline.config.schema import Condition, StudyFile, Treadmill
+from pipeline.config.study import Study
 from pipeline.io.stated import Stated
 from pipeline.trial.ground import laboratory
-from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
-from pipeline.trial.ground.calibrations import read_calibration
+from pipeline.trial.ground.calibrations import fit_calibration, read_calibration, read_empty
 from pipeline.trial.ground.laboratory import bind
+from pipeline.trial.study_files import read_study_laboratory
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import TREADMILL
@@ -60,13 +61,18 @@ def test_a_stated_delay_that_is_not_that_of_the_calibration_is_refused(tmp_path,
 
 
 def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path):
+    def fitted(**changes):
+        treadmill = TREADMILL.model_copy(update={"calibration": "empty.c3d", **changes})
+        file = StudyFile(treadmill=treadmill, conditions={"level": Condition()})
+        return read_study_laboratory(Study(tmp_path, file, {}, None)).calibration
+
     path = tmp_path / "empty.c3d"
     lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0)), path)
-    first = read_calibration(path, TREADMILL)
-    assert read_calibration(path, TREADMILL.model_copy(update={"platform": None})) is first
-    assert read_calibration(path, TREADMILL.model_copy(update={"cutoff_hz": 10.0})) is not first
+    first = fitted()
+    assert fitted() is first
+    assert fitted(cutoff_hz=10.0) is not first
     lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0, seed=2)), path)
-    assert read_calibration(path, TREADMILL) is not first
+    assert fitted() is not first
 
 
 @pytest.mark.parametrize("name", ["empty.json", "empty.c3d"])

@@ -9,10 +9,14 @@ from compensation import estimate_delay
 from hbm.signals.filtering import low_pass
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
-from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
-from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.wrenches import plate_artefacts
+from pipeline.trial.ground.calibrations import fit_calibration, plates_timed_apart
+from pipeline.trial.ground.laboratory import (
+    Laboratory,
+    bind,
+    plate_delays_s,
+    with_corrected_plates,
+)
+from pipeline.trial.ground.wrenches import plate_artefacts, plate_loads
 from pipeline.trial.process import process_recording
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import TREADMILL, ground_of
@@ -84,7 +88,7 @@ def test_on_a_moving_platform_too_where_its_calibration_is_of_plates_corrected_a
     assert max(largest_difference(corrected, right).values()) < 1e-9
 
 
-def thesis_delays(motion, duration_s=20.0, seed=0):
+def thesis_delays(motion, duration_s=20.0, seed=0, delays_s=(0.004, 0.002)):
     """As in the thesis, 4 ms on the left and 2 ms on the right; accelerometers are 5 ms late."""
     one, two = (
         lab.on_platform(
@@ -94,7 +98,7 @@ def thesis_delays(motion, duration_s=20.0, seed=0):
             accelerometer_delay_s=0.005,
             seed=seed,
         )
-        for late in (0.004, 0.002)
+        for late in delays_s
     )
     return replace(one, plates=(one.plates[0], two.plates[1]))
 
@@ -140,6 +144,16 @@ def test_artefacts_are_of_the_plates_own_clocks(timed):
     for artefact, plate in zip(artefacts, recording.plates, strict=True):
         late = estimate_delay(artefact, plate.wrench_in_plate, 1000.0)
         assert late.seconds == pytest.approx(0, abs=3e-4)
+
+
+def test_loads_are_of_the_plates_own_clocks():
+    """Of empty plates only their noise is left, of 0.5 N, however late one of them is."""
+    delays_s = (0.004, 0.03)
+    recording = thesis_delays(lab.shaken(20.0), delays_s=delays_s)
+    known = correction_of(recording, change=False, delays=delays_s)
+    calibration = fit_calibration(recording, TREADMILL, known)
+    for load in plate_loads(bind(recording, Laboratory(TREADMILL, calibration, plates=known))):
+        assert np.nanstd(load.force) < 0.6
 
 
 @pytest.mark.parametrize(

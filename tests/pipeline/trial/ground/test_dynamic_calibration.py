@@ -12,8 +12,7 @@ import pytest
 
 from compensation import to_json
 from pipeline.config.schema import Treadmill
-from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.calibrations import read_calibration
+from pipeline.trial.ground.calibrations import fit_calibration, read_calibration
 from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.wrenches import plate_artefacts, plate_loads
 from tests.pipeline import lab

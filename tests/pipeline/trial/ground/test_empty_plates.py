@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Treadmill
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import notes_on

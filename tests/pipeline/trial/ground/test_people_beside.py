@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 from hbm import Markers
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Analog, Plate, Recording
-from pipeline.trial.ground.calibration_recording import fit_calibration, plate_samples
+from pipeline.trial.ground.calibrations import fit_calibration, plate_samples
 from tests.flexible_treadmill import BOARDS, RATE_HZ, RUNNING, WALKING, FlexibleTreadmill
 
 SEED = 0

@@ -7,9 +7,9 @@ import pytest
 
 from hbm.signals.filtering import low_pass
 from hbm.spatial import rotation_about, transform_wrench
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.uncertainty import Spread, sum_deviation
+from pipeline.trial.ground.wrenches import Spread, sum_deviation
 from pipeline.trial.residuals import residual_table
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import TREADMILL, ground_of

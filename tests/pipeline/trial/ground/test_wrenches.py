@@ -10,7 +10,7 @@ from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Platform, Treadmill
-from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import ON_MARKERS, TREADMILL, ground_of
