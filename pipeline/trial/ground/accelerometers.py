@@ -214,7 +214,13 @@ def without_gaps(*signals: Array) -> list[Array]:
 
 
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
-    """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
+    """Give how a recording's plates and accelerometers were recorded and are to be filtered.
+
+    A ValueError where there are no plates.
+    """
+    if not recording.plates:
+        file, why = recording.source.name, recording.why_no_plates
+        raise ValueError(f"{file}: compensation needs plates: {why}")
     rate = float(1 / np.median(np.diff(recording.plates[0].time)))
     return Setup(
         tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz, filter_method=FILTER

@@ -39,10 +39,8 @@ def belt_axes(plate: Plate) -> Array:
     corners = (plate.corners - plate.center) @ plate.rotation
     along = max(np.diff(corners[:3], axis=0), key=lambda side: float(np.linalg.norm(side)))
     along = along / np.linalg.norm(along)
-    if along[np.argmax(np.abs(along))] < 0:
-        along = -along
-    up = plate.rotation[2]
-    side = np.cross(up, along)
+    along = along * np.sign(along[np.argmax(np.abs(along))])
+    side = np.cross(plate.rotation[2], along)
     side /= np.linalg.norm(side)
     return np.column_stack([along, side, np.cross(along, side)])
 
@@ -68,12 +66,14 @@ def belt_wrenches(
             f"{len(models)}"
         )
     if method == "realtime":
-        channels = [name for name, _ in zip(cycle(belt.speed_channels), plates, strict=False)]
-        speeds = np.column_stack([belt_speed(recording, name) for name in channels])
         assert recording.analog is not None
-        first_s = float(recording.markers.time[0])
+        clock, channels = (
+            recording.analog.time,
+            zip(cycle(belt.speed_channels), plates, strict=False),
+        )
+        speeds = np.column_stack([belt_speed(recording, channel) for channel, _ in channels])
         belts = RealtimeBelts(models, recording.analog.rate_hz)
-        moments = belts.moments(recording.analog.time, speeds, times, first_s)
+        moments = belts.moments(clock, speeds, times, float(recording.markers.time[0]))
     else:
         every = zip(models, times, belt_accelerations(recording, belt), strict=True)
         moments = [
@@ -98,11 +98,9 @@ class RealtimeBelts:
     """
 
     def __init__(self, models: Sequence[BeltModel], rate_hz: float) -> None:
-        self.models, self.first_s, self.next_step = models, np.nan, 0
-        self.steps, self.found = list[int](), list[list[float]]()
-        self.resampling = Convolution.between(rate_hz, MODEL_RATE_HZ)
-        self.states = [model.at_rest for model in models]
-        self.known = [0] * len(models)
+        self.models, self.resampling = models, Convolution.between(rate_hz, MODEL_RATE_HZ)
+        self.states, self.known = [model.at_rest for model in models], [0] * len(models)
+        self.first_s, self.next_step, self.newest = np.nan, 0, list[list[float]]()
 
     @property
     def ahead_s(self) -> float:
@@ -111,30 +109,6 @@ class RealtimeBelts:
         advance = max(model.advance for model in self.models)
         between_s = BETWEEN_STEPS.reach_s + BETWEEN_STEPS.step_s
         return to_step_s + advance / MODEL_RATE_HZ + between_s
-
-    def accelerations(self, time: Array, speeds: Array, steps: Array) -> Array:
-        """Give the belts' accelerations at steps, (G,), from speeds, (N, P) [m/s]: (G, P) [m/s²].
-
-        They are central differences over one sample, as of `compensation.belt_acceleration`; NaN
-        where unknown.
-        """
-        at, half_s = self.first_s + steps / MODEL_RATE_HZ, self.resampling.step_s
-        later, earlier = (self.resampling.evaluate(time, speeds, at + s) for s in (half_s, -half_s))
-        return np.asarray((later - earlier) / (2 * half_s))
-
-    def step(self, acceleration: Array) -> list[float]:
-        """Give each belt's moment, as many steps ago as its model reads ahead [N·m], or NaN."""
-        moments = []
-        for k, model in enumerate(self.models):
-            moment = np.nan
-            if np.isnan(acceleration[k]):
-                self.states[k], self.known[k] = model.at_rest, 0
-            else:
-                self.known[k] += 1
-                if self.known[k] > model.advance:
-                    moment, self.states[k] = model.step(float(acceleration[k]), self.states[k])
-            moments.append(moment)
-        return moments
 
     def moments(
         self, time: Array, speeds: Array, at: Sequence[Array], first_s: float
@@ -148,27 +122,37 @@ class RealtimeBelts:
             self.first_s = first_s
             start_s = time[0] - first_s if len(time) else 0.0
             self.next_step = int(np.ceil(start_s * MODEL_RATE_HZ))
-        self._advance(time, speeds, max(float(instants[-1]) for instants in at))
-        steps, every = np.array(self.steps, int), np.reshape(self.found, (-1, len(self.models)))
-        found = []
-        for model, moments, instants in zip(self.models, every.T, at, strict=True):
-            step_times = self.first_s + (steps - model.advance) / MODEL_RATE_HZ
-            found.append(BETWEEN_STEPS.evaluate(step_times, moments[:, None], instants)[:, 0])
-        del self.steps[:-KEPT_STEPS], self.found[:-KEPT_STEPS]
-        return found
-
-    def _advance(self, time: Array, speeds: Array, until_s: float) -> None:
-        """Run the models as far as an instant needs, and samples reach."""
+        half_s, until_s = self.resampling.step_s, max(float(instants[-1]) for instants in at)
         last = int(np.floor((until_s + self.ahead_s - self.first_s) * MODEL_RATE_HZ))
-        reach_s = self.resampling.step_s + self.resampling.reach_s
         for step in range(self.next_step, last + 1):
-            at = self.first_s + step / MODEL_RATE_HZ
-            if at > until_s and (not len(time) or at + reach_s > time[-1]):
+            at_s = self.first_s + step / MODEL_RATE_HZ
+            reached_s = at_s + half_s + self.resampling.reach_s
+            if at_s > until_s and (not len(time) or reached_s > time[-1]):
                 break
-            acceleration = self.accelerations(time, speeds, np.array([float(step)]))[0]
-            self.steps.append(step)
-            self.found.append(self.step(acceleration))
+            # central difference over one sample, as of `compensation.belt_acceleration`
+            around = np.array([at_s - half_s, at_s + half_s])
+            earlier, later = self.resampling.evaluate(time, speeds, around)
+            self.newest.append(self._step((later - earlier) / (2 * half_s)))
             self.next_step = step + 1
+        steps = np.arange(self.next_step - len(self.newest), self.next_step)
+        every, moments = np.reshape(self.newest, (-1, len(self.models))), []
+        for k, (model, instants) in enumerate(zip(self.models, at, strict=True)):
+            step_times = self.first_s + (steps - model.advance) / MODEL_RATE_HZ
+            moments.append(BETWEEN_STEPS.evaluate(step_times, every[:, [k]], instants)[:, 0])
+        del self.newest[:-KEPT_STEPS]
+        return moments
+
+    def _step(self, acceleration: Array) -> list[float]:
+        """Give each belt's moment, as many steps ago as its model reads ahead [N·m], or NaN."""
+        moments = [np.nan] * len(self.models)
+        for k, model in enumerate(self.models):
+            if np.isnan(acceleration[k]):
+                self.states[k], self.known[k] = model.at_rest, 0
+                continue
+            self.known[k] += 1
+            if self.known[k] > model.advance:
+                moments[k], self.states[k] = model.step(float(acceleration[k]), self.states[k])
+        return moments
 
 
 def belt_side(plate: Plate) -> Array:

@@ -10,23 +10,13 @@ from typing import Final
 
 import numpy as np
 
-from compensation import (
-    Calibration,
-    InertiaModel,
-    Sensor,
-    Setup,
-    estimate_delay,
-    find_sensors,
-    fit_trials,
-    from_json,
-    refuse_unusable,
-)
+from compensation import Calibration, InertiaModel, Sensor, Setup, estimate_delay, from_json
 from compensation.delay import MODEL_ERROR_S
 from compensation.inertia.choice import Samples, choose, weigh_beside
-from compensation.inertia.fit import LAGS_S
+from compensation.inertia.fit import LAGS_S, fit_trials
 from compensation.inertia.model_error import residual_correlation
-from compensation.inertia.quality import MIN_LOAD_N, DayCheck, check_another_day
-from compensation.inertia.sensors import QUANTILE_95, faulty_sensors, noise_for_fit
+from compensation.inertia.quality import MIN_LOAD_N, DayCheck, check_another_day, refuse_unusable
+from compensation.inertia.sensors import QUANTILE_95, faulty_sensors, find_sensors, noise_for_fit
 from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.signals.samples import mean_rate_hz
@@ -174,10 +164,6 @@ def empty_plates(
     ValueError where it was recorded otherwise than the calibration, is short, or somebody was on a
     plate for a while, or on every plate.
     """
-    if not recording.plates:
-        raise ValueError(
-            f"a recording beside an empty plate needs plates: {recording.why_no_plates}"
-        )
     setup = setup_of(recording, treadmill)
     recording, empty = with_corrected_plates(recording, correction), {}
     every = plate_samples(recording, treadmill, sensors, correction, LAGS_S)
@@ -272,14 +258,10 @@ def fit_calibration(
         If there are no plates or accelerometers, the fit is not possible, or somebody was on a
         plate for a part of a recording, or on all plates.
     """
-    if not recording.plates:
-        raise ValueError(
-            f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
-        )
+    setup, k = setup_of(recording, treadmill), 3 * len(treadmill.accelerometers)
     every = recording, *beside
     _refuse_repeated(*every, *checks)
     source, recording = recording.source.name, with_corrected_plates(recording, plates)
-    setup, k = setup_of(recording, treadmill), 3 * len(treadmill.accelerometers)
     sensors = _sensors(recording, treadmill, plates)
     samples = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
     noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in samples.items()}
@@ -567,12 +549,10 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> Calibration
         If it was recorded with other plates, sensors or rates than the calibration, or shows
         nothing: a platform at rest, somebody on the boards.
     """
-    file = recording.source.name
-    if not recording.plates:
-        raise ValueError(f"{file}: the check needs plates: {recording.why_no_plates}")
-    recording = with_corrected_plates(recording, laboratory.plates)
-    lab, calibration = bind(recording, laboratory), laboratory.calibration
+    file, calibration = recording.source.name, laboratory.calibration
     assert calibration is not None
+    recording = with_corrected_plates(recording, laboratory.plates)
+    lab = bind(recording, laboratory)
     if faults := sensor_notes(lab, faulty_sensors):
         return CalibrationCheck(False, faults)
     belts_mps, checked = mean_belt_speed(lab.belts), {}

@@ -6,19 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation import (
-    Delay,
-    PlatformPose,
-    check_pose,
-    commanded_pose,
-    estimate_delay,
-    fit_pose,
-    interpolate_pose,
-    neutral_markers,
-    pose_delay,
-    specific_force,
-    to_lab,
-)
+import compensation
+from compensation import Delay, PlatformPose
 from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.signals.samples import stretches, without_short_gaps
@@ -79,13 +68,11 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
     of `platform_pose` for what is stated.
     """
     names = recording.markers.names
-    candidates = [Platform(markers=names)] if len(names) >= MIN_MARKERS else []
-    for platform in [stated] if stated else [*candidates, find_commands(recording)]:
-        if not platform.markers and not platform.channels:
-            continue
+    by_markers = Platform(markers=names if len(names) >= MIN_MARKERS else ())
+    for platform in [stated] if stated else [by_markers, find_commands(recording)]:
         try:
             pose, _ = platform_pose(recording, platform, recording.markers.time)
-        except ValueError:
+        except ValueError:  # also where there is nothing by which it would be known
             if stated:
                 raise
             continue
@@ -111,11 +98,8 @@ def uncompensated_motion(recording: Recording, body_markers: Sequence[str]) -> t
     """
     markers, names = recording.markers, recording.markers.names
     others = [k for k, name in enumerate(names) if name not in body_markers]
-    on_platform = replace(
-        markers,
-        names=tuple(names[k] for k in others),
-        position=markers.position[:, others],
-    )
+    left_over = tuple(names[k] for k in others)
+    on_platform = replace(markers, names=left_over, position=markers.position[:, others])
     pose = empty_pose(replace(recording, markers=on_platform))
     if pose is None:
         return ()
@@ -133,7 +117,7 @@ def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPo
     Before and after the markers it is the nearest known one, for 0.5 s at most; a ValueError where
     it has a gap or is unknown for longer.
     """
-    between = interpolate_pose(pose, recording.markers.time, time)
+    between = compensation.interpolate_pose(pose, recording.markers.time, time)
     values = np.hstack([between.rotation.reshape(-1, 9), between.position])
     with naming(recording.source):
         values = hold_ends(time, values, "the platform's pose")
@@ -157,7 +141,7 @@ def in_lab(
         transform_wrench(wrench, plate.rotation, plate.center)
         for wrench, plate in zip(wrenches, plates, strict=True)
     ]
-    return neutral if pose is None else [to_lab(wrench, pose) for wrench in neutral]
+    return neutral if pose is None else [compensation.to_lab(wrench, pose) for wrench in neutral]
 
 
 def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
@@ -198,16 +182,16 @@ def _pose_from_markers(
             f"platform markers {', '.join(hidden)} are not seen in the first {NEUTRAL_FRAMES} "
             "frames, which show the platform in neutral; name others"
         )
-    fit = fit_pose(position, neutral_markers(first), MAX_MARKER_ERROR_M)
+    fit = compensation.fit_pose(position, compensation.neutral_markers(first), MAX_MARKER_ERROR_M)
     lost = ~received & without_short_gaps(received, time, MAX_LOST_S)
     if lost.any():
         there = PlatformPose(fit.pose.rotation[received], fit.pose.position[received])
-        between = interpolate_pose(there, time[received], time[lost])
+        between = compensation.interpolate_pose(there, time[received], time[lost])
         rotation, place = fit.pose.rotation.copy(), fit.pose.position.copy()
         rotation[lost], place[lost] = between.rotation, between.position
         fit = fit._replace(pose=PlatformPose(rotation, place))
     note = Note.of("platform_pose", source=f"by the markers {', '.join(markers)}")
-    return fit.pose, (note, *check_pose(fit, markers, MAX_MARKER_ERROR_M))
+    return fit.pose, (note, *compensation.check_pose(fit, markers, MAX_MARKER_ERROR_M))
 
 
 def _commanded_pose(
@@ -227,7 +211,7 @@ def _commanded_pose(
     sway = command(platform.sway_channel, length_in_m)
     pitch = command(platform.pitch_channel, angle_in_rad)
     known = np.isfinite(sway) & np.isfinite(pitch)
-    pose = commanded_pose(sway[known], pitch[known], platform.pivot_m)
+    pose = compensation.commanded_pose(sway[known], pitch[known], platform.pivot_m)
     rotation, position = np.full((len(time), 3, 3), np.nan), np.full((len(time), 3), np.nan)
     rotation[known], position[known] = pose.rotation, pose.position
     pivot = ", ".join(f"{value:g}" for value in platform.pivot_m)
@@ -256,7 +240,8 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
     part = slice(inside[0], inside[-1] + 1)
     there = PlatformPose(pose.rotation[part], pose.position[part])
     try:
-        late = estimate_delay(felt[part], specific_force(there, rate_hz), rate_hz)
+        force = compensation.specific_force(there, rate_hz)
+        late = compensation.estimate_delay(felt[part], force, rate_hz)
     except ValueError:
         return None
     if not late.standard_error < MAX_ERROR_S:
@@ -294,7 +279,7 @@ def command_delay(recording: Recording, markers: tuple[str, ...], commands: Plat
     there, then = (
         PlatformPose(one.rotation[part], one.position[part]) for one in (commanded, pose)
     )
-    late = pose_delay(there, then, recording.markers.rate_hz)
+    late = compensation.pose_delay(there, then, recording.markers.rate_hz)
     return Note.of(
         "platform_command_delay",
         delay_s=late.seconds,
