@@ -18,7 +18,12 @@ from pipeline.io.input_file import describe_error
 from pipeline.io.read import file_format
 from pipeline.io.recording import Compensation, Recording
 from pipeline.run.job import file_digest
-from pipeline.trial.ground.laboratory import Laboratory, plate_delays_s, with_corrected_plates
+from pipeline.trial.ground.laboratory import (
+    Laboratory,
+    bind,
+    plate_delays_s,
+    with_corrected_plates,
+)
 from pipeline.trial.ground.platform import moved_corners, platform_pose, pose_at, turned_to_lab
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
@@ -122,7 +127,7 @@ def write_compensated(
             f"{recording.source.name}: would be written over the original; name another folder"
         )
     corrected = with_corrected_plates(recording, laboratory.plates)
-    artefacts, doubts = plate_artefacts(corrected, laboratory)
+    artefacts, doubts = plate_artefacts(bind(corrected, laboratory))
     notes = (*corrected.notes[len(recording.notes) :], *doubts)
     corners: list[Array] = []
     changes = [

@@ -29,7 +29,7 @@ from pipeline.trial.ground.accelerometers import (
     setup_of,
 )
 from pipeline.trial.ground.calibrations import plate_samples
-from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
+from pipeline.trial.ground.laboratory import Laboratory, bind, with_corrected_plates
 from pipeline.trial.ground.platform import empty_pose, turned_rad
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.study_files import read_study_file
@@ -194,7 +194,7 @@ def measure_empty(
     before = {name: wrench for name, (_, wrench) in samples.items()}
     models = calibration.in_use
     after = {name: models[name].compensate(*of_plate) for name, of_plate in samples.items()}
-    artefacts, _ = plate_artefacts(recording, laboratory)
+    artefacts, _ = plate_artefacts(bind(recording, laboratory))
     spectra = {}
     for plate, artefact in zip(recording.plates, artefacts, strict=True):
         wrench = plate.wrench_in_plate

@@ -206,15 +206,12 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
     time_s = {side: np.diff(spans)[:, 0] for side, spans in joint_spans(result).items()}
     for variant, of_sides in joint_curves(result).items():
         for side, curves in of_sides.items():
-            of_side = variant == "compensated", side
-            rows += [(*of_side, *row) for row in quantities(curves, time_s[side])]
-            count, percents = curves.shape[:2]
-            values = curves.reshape(count * percents, len(CYCLE_COLUMNS) - 4).astype(np.float32)
-            part = pd.DataFrame(values, columns=CYCLE_COLUMNS[4:])
-            part["compensated"], part["side"] = of_side
-            part["cycle"] = np.repeat(np.arange(1, count + 1), percents)
-            part["percent"] = np.tile(np.arange(percents), count)
-            parts.append(part[[*CYCLE_COLUMNS]])
+            compensated, (count, percents) = variant == "compensated", curves.shape[:2]
+            rows += [(compensated, side, *row) for row in quantities(curves, time_s[side])]
+            cycle = np.repeat(np.arange(1, count + 1), percents)
+            names = compensated, side, cycle, np.tile(np.arange(percents), count)
+            values = curves.reshape(count * percents, -1).T.astype(np.float32)
+            parts.append(pd.DataFrame(dict(zip(CYCLE_COLUMNS, (*names, *values), strict=True))))
     summary = pd.DataFrame(rows, columns=COLUMNS)
     cycles = pd.concat(parts[1:] or parts, ignore_index=True)
     return with_name(summary, result, condition), with_name(cycles, result, condition)

@@ -132,12 +132,8 @@ def windows(result: TrialResult) -> tuple[Window, ...]:
 
 def counted(result: TrialResult) -> Mask:
     """Give whether each frame counts: it is in the headline window and valid, (T,)."""
-    return _counted(result, windows(result)[0])
-
-
-def _counted(result: TrialResult, window: Window) -> Mask:
-    inside = frames_within(result.motion.time, {"": window.spans}, None)
-    return np.asarray(inside & result.counts)
+    spans = windows(result)[0].spans
+    return np.asarray(frames_within(result.motion.time, {"": spans}, None) & result.counts)
 
 
 def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
@@ -186,11 +182,10 @@ def _of_cycles(
 
 
 def with_name(table: pd.DataFrame, result: TrialResult, condition: str) -> pd.DataFrame:
-    """Put the trial's name before the columns of a table, which is changed."""
+    """Put the trial's name before the columns of a table."""
     names = result.subject.id, condition, result.recording, result.session
-    for name, value in reversed([*zip(TRIAL_COLUMNS, names, strict=True)]):
-        table.insert(0, name, value)
-    return table
+    named = table.assign(**dict(zip(TRIAL_COLUMNS, names, strict=True)))
+    return named[[*TRIAL_COLUMNS, *table.columns]]
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
@@ -264,15 +259,14 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
 
 def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
     """Summarise the residuals of one variant over one window."""
-    time, counts = result.motion.time, _counted(result, window)
-    inside = frames_within(time, {"": window.spans}, None)
-    with_data = [counts[(time >= start) & (time < stop)].any() for start, stop in window.spans]
-    weight = result.body.mass * GRAVITY_MPS2
-    percent = weight * np.repeat([1.0, result.body.height_m], 3) / 100
+    inside = frames_within(result.motion.time, {"": window.spans}, None)
+    counts = inside & result.counts
+    percent = result.body.mass * GRAVITY_MPS2 * np.repeat([1.0, result.body.height_m], 3) / 100
     value = reported(result.variants[variant].residual[counts])
     rms = np.sqrt(np.mean(value**2, axis=0))
-    of_cycles = [rms**2 for *_, rms, _, count, _ in _of_cycles(result, variant, window) if count]
-    rms_of_cycles = np.nan if result.span or not of_cycles else np.sqrt(np.mean(of_cycles, axis=0))
+    cycles = () if result.span else _of_cycles(result, variant, window)
+    of_cycles = [rms_of_one**2 for *_, rms_of_one, _, count, _ in cycles if count]
+    rms_of_cycles = np.sqrt(np.mean(of_cycles, axis=0)) if of_cycles else np.nan
     spread = np.full(len(AXES), np.nan)
     if variant == "compensated" and result.uncertainty is not None:
         spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
@@ -290,7 +284,7 @@ def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
             "sd": value.std(axis=0),
             "peak": np.abs(value).max(axis=0),
             "rms_percent": rms / percent,
-            "n_cycles": 0 if result.span else sum(with_data),
+            "n_cycles": len(of_cycles),
             "n_frames": np.count_nonzero(counts),
             "valid_share": np.count_nonzero(counts) / np.count_nonzero(inside),
             "compensation_sd": spread,

@@ -229,13 +229,10 @@ class TrialResult:
     def __post_init__(self) -> None:
         if not self.variants:
             raise ValueError(f"{self.source.name}: no variant of the plates' wrenches")
-        frames = len(self.motion.time)
-        for name, count in (
-            ("markers have", len(self.markers.time)),
-            ("the quality has", len(self.quality)),
-        ):
-            if count != frames:
-                raise ValueError(f"{self.source.name}: {name} {count} frames, the motion {frames}")
+        frames = len(self.motion.time), len(self.markers.time), len(self.quality)
+        if len({*frames}) > 1:
+            counts = "the motion has {} frames, the markers have {}, the quality has {}"
+            raise ValueError(f"{self.source.name}: {counts.format(*frames)}")
         self.quality.setflags(write=False)
 
     @property

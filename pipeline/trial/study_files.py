@@ -97,18 +97,19 @@ def read_study_laboratory(study: Study) -> Laboratory:
         return _laboratories[key]
     plates = read_plate_correction(study.path(plates_file)) if plates_file else None
     laboratory = Laboratory(treadmill, plates=plates)
+
+    def read(name: str) -> Recording:
+        return read_empty(study.path(name), stated, any_forward=plates is None)
+
     if treadmill.calibration:
         path, beside = study.path(treadmill.calibration), map(study.path, treadmill.beside)
         calibration = read_calibration(path, treadmill, stated, plates, tuple(beside))
         laboratory = replace(laboratory, calibration=calibration)
-    forward = plates is None
     if (belt := treadmill.belt) is not None:
-        recording = read_empty(study.path(belt.calibration), stated, any_forward=forward)
-        alone, notes = belts_alone(recording, laboratory)
+        alone, notes = belts_alone(read(belt.calibration), laboratory)
         laboratory = replace(laboratory, belts=fit_belts(alone, belt), notes=notes)
     if treadmill.check:
-        recording = read_empty(study.path(treadmill.check), stated, any_forward=forward)
-        notes = check_recording(recording, laboratory).notes
+        notes = check_recording(read(treadmill.check), laboratory).notes
         laboratory = replace(laboratory, notes=(*laboratory.notes, *notes))
     return _laboratories.setdefault(key, laboratory)
 
@@ -118,8 +119,8 @@ def with_unused_renames(recording: Recording, *others: Recording | None) -> Reco
 
     Others are its calibration pose and further files; None where there is none.
     """
-    every = [recording, *(other for other in others if other is not None)]
-    facts = unused_renames(each.labels_absent for each in every)
+    files = [file for file in (recording, *others) if file is not None]
+    facts = unused_renames(file.labels_absent for file in files)
     notes = (*recording.notes, *(fact.note for fact in facts))
     return replace(recording, facts=(*recording.facts, *facts), notes=notes)
 

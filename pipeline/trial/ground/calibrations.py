@@ -5,6 +5,7 @@ That of the moving platform, that of accelerating belts, and the check of the fi
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Final
 
@@ -308,16 +309,17 @@ def fit_calibration(
 
 def _refuse_repeated(*recordings: Recording) -> None:
     """Refuse a recording that is given twice: it would seem to confirm itself."""
-    for number, one in enumerate(recordings):
-        for other in recordings[:number]:
-            if len(one.plates) == len(other.plates) and all(
-                np.array_equal(a.wrench_in_plate, b.wrench_in_plate, equal_nan=True)
-                for a, b in zip(one.plates, other.plates, strict=True)
-            ):
-                raise FileFault(
-                    f"{one.source.name}: is the same recording as {other.source.name}; give each "
-                    "recording once"
-                )
+    for other, one in combinations(recordings, 2):
+        plates = zip(one.plates, other.plates, strict=False)
+        same = [
+            np.array_equal(plate.wrench_in_plate, twin.wrench_in_plate, equal_nan=True)
+            for plate, twin in plates
+        ]
+        if len(one.plates) == len(other.plates) and all(same):
+            raise FileFault(
+                f"{one.source.name}: is the same recording as {other.source.name}; give each "
+                "recording once"
+            )
 
 
 def plates_timed_apart(
@@ -521,7 +523,7 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
         lab = bind(recording, laboratory)
         if faults := sensor_notes(lab, faulty_sensors):
             raise ValueError(f"the belts' calibration needs its accelerometers: {faults[0]}")
-        artefacts, _ = plate_artefacts(recording, laboratory)
+        artefacts, _ = plate_artefacts(lab)
     plates = tuple(
         replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
         for plate, artefact in zip(recording.plates, artefacts, strict=True)

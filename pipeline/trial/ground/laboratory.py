@@ -218,6 +218,11 @@ class BoundLaboratory:
     belts: tuple[Array, Array] | None = None
 
     @property
+    def setup(self) -> Setup:
+        """How plates and accelerometers were recorded and are filtered."""
+        return setup_of(self.recording, self.laboratory.treadmill)
+
+    @property
     def sensors(self) -> tuple[Sensor, ...]:
         """The accelerometers as the calibration found them; none without a calibration."""
         calibration = self.laboratory.calibration
@@ -268,7 +273,7 @@ class BoundLaboratory:
             rates_hz = mean_rate_hz(clock), self.recording.markers.rate_hz
             live = RealtimeAccelerometers.of(self.sensor_delays_s, self.lags_s, *rates_hz)
             return [live.felt(clock, readings, at) for at in earlier]
-        filtered = setup_of(self.recording, self.laboratory.treadmill).low_pass(readings, clock)
+        filtered = self.setup.low_pass(readings, clock)
         sensed = filtered if low_passed else readings
         return at_plate_times(clock, sensed, filtered, earlier, self.sensor_delays_s, self.lags_s)
 

@@ -157,7 +157,12 @@ def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
     return np.asarray((moved - plate.center) @ plate.rotation)
 
 
-def received_frames(recording: Recording) -> Mask:
+def after_neutral(recording: Recording) -> Mask:
+    """Find the frames after those that show the platform in neutral, (T,)."""
+    return np.asarray(np.cumsum(_received(recording)) > NEUTRAL_FRAMES)
+
+
+def _received(recording: Recording) -> Mask:
     """Find the frames that hold any marker, (T,): the others were lost."""
     return np.asarray(np.isfinite(recording.markers.position).any(axis=(1, 2)))
 
@@ -172,7 +177,7 @@ def _pose_from_markers(
             f"{recording.source.name}: platform markers {', '.join(missing)} are not in the "
             f"file; markers there: {', '.join(names)}"
         )
-    received, time = received_frames(recording), recording.markers.time
+    received, time = _received(recording), recording.markers.time
     position = recording.markers.position[:, [names.index(name) for name in markers]]
     first = position[received][:NEUTRAL_FRAMES]
     seen = np.isfinite(first.sum(axis=2))
@@ -249,12 +254,15 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
     return Delay(-late.seconds, late.standard_error)
 
 
-def plates_note(late: Delay | None, stated_s: float) -> tuple[Note, ...]:
+def plates_note(
+    pose: PlatformPose, felt: Array, rate_hz: float, stated_s: float
+) -> tuple[Note, ...]:
     """Say how much later plates are than the platform's markers; nothing where unknown.
 
-    `late` is beside what is stated; more than its interval and 1 ms is a warning.
+    Parameters are those of `plate_marker_delay`, and the delay that is stated; more beside it than
+    the interval and 1 ms is a warning.
     """
-    if late is None:
+    if (late := plate_marker_delay(pose, felt, rate_hz)) is None:
         return ()
     interval_s = QUANTILE_95 * late.standard_error
     beyond = abs(late.seconds) > interval_s + MIN_BEYOND_S

@@ -19,40 +19,18 @@ from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask, transform_wrench
 from pipeline.io.input_file import naming
-from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.accelerometers import (
-    FILTER,
-    hold_ends,
-    mean_belt_speed,
-    setup_of,
-    without_gaps,
-)
+from pipeline.io.recording import Plate
+from pipeline.trial.ground.accelerometers import hold_ends, mean_belt_speed, without_gaps
 from pipeline.trial.ground.belts import belt_wrenches
-from pipeline.trial.ground.laboratory import (
-    BELTS_UNKNOWN,
-    BESIDE,
-    BoundLaboratory,
-    Laboratory,
-    bind,
-)
-from pipeline.trial.ground.platform import (
-    LEVEL,
-    NEUTRAL_FRAMES,
-    in_lab,
-    plate_marker_delay,
-    plates_note,
-    platform_pose,
-    received_frames,
-)
+from pipeline.trial.ground.laboratory import BELTS_UNKNOWN, BESIDE, BoundLaboratory
+from pipeline.trial.ground.platform import LEVEL, after_neutral, in_lab, plates_note, platform_pose
 
 MAX_FASTER: Final = 1.05
 """Factor by which belts may run faster than in the calibration: their vibration then has 1.2 times
 the variance that is expected."""
 
 
-def plate_artefacts(
-    recording: Recording, laboratory: Laboratory
-) -> tuple[list[Array], tuple[Note, ...]]:
+def plate_artefacts(lab: BoundLaboratory) -> tuple[list[Array], tuple[Note, ...]]:
     """Predict what the platform's motion and accelerating belts add to each plate.
 
     The laboratory has the calibration of its platform, its belts, or both. Per plate at its own
@@ -62,6 +40,7 @@ def plate_artefacts(
     channel is missing, or the prediction is unknown within the trial or for more than 0.5 s at one
     of its ends.
     """
+    recording, laboratory = lab.recording, lab.laboratory
     times = [plate.time for plate in recording.plates]
     artefacts, notes = [np.zeros((len(time), 6)) for time in times], tuple[Note, ...]()
 
@@ -71,7 +50,6 @@ def plate_artefacts(
                 artefact += hold_ends(time, wrench, what)
 
     if laboratory.calibration is not None:
-        lab = bind(recording, laboratory)
         felt = zip(lab.models, lab.felt(times, low_passed=False), strict=True)
         predicted = [channels @ model.gain[:-1] + model.gain[-1] for model, channels in felt]
         add(predicted, "the acceleration")
@@ -246,9 +224,8 @@ def ground_wrenches(
         if not live:
             # both pass the low-pass of the calibration: filtering only one of them would leave
             # the part of the artefact that the filter takes from the other
-            low_pass = setup_of(recording, laboratory.treadmill).low_pass
             plain = [
-                resample(p.time, low_pass(p.wrench_in_plate, p.time), t)
+                resample(p.time, lab.setup.low_pass(p.wrench_in_plate, p.time), t)
                 for p, t in zip(plates, times, strict=True)
             ]
         variants["compensated"] = list(map(_compensated, lab.models, felt, plain))
@@ -265,15 +242,14 @@ def ground_wrenches(
         notes.append(Note.of("platform_pose", source=LEVEL))
     if pose is not None and platform is not None and platform.markers:
         if live:
-            later = (np.cumsum(received_frames(recording)) > NEUTRAL_FRAMES)[:, None]
+            later = after_neutral(recording)
             variants = {
-                name: [np.where(later, wrench, np.nan) for wrench in wrenches]
+                name: [np.where(later[:, None], wrench, np.nan) for wrench in wrenches]
                 for name, wrenches in variants.items()
             }
         if lab.models:
             readings = felt[0][:, : len(lab.models[0].acceleration_mean)]
-            late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
-            notes += plates_note(late, lab.delays_s[0])
+            notes += plates_note(pose, readings, recording.markers.rate_hz, lab.delays_s[0])
     belts_mps = None if lab.belts is None else interpolate(*lab.belts, times[0])
     # up to 6 Hz the noise is that below 6 Hz, else all that passed the calibration's filter, which
     # is more than what is left
@@ -302,16 +278,16 @@ def ground_wrenches(
 
 def _compensation_notes(lab: BoundLaboratory, method: Method) -> list[Note]:
     """Say how plates were compensated by accelerometers, and what is doubtful about it."""
-    treadmill, calibration = lab.laboratory.treadmill, lab.laboratory.calibration
+    calibration, setup = lab.laboratory.calibration, lab.setup
     assert calibration is not None
     low_pass = "in real time, without a low-pass before"
     if method != "realtime":
-        cutoff = f"{FILTER}, {treadmill.cutoff_hz:g} Hz"
+        cutoff = f"{setup.filter_method}, {setup.cutoff_hz:g} Hz"
         low_pass = f"with plates low-passed as in the calibration ({cutoff})"
     how = Note.of(
         "plates_compensated",
         model="dynamic" if lab.lags_s else "static",
-        accelerometers=tuple(treadmill.accelerometers),
+        accelerometers=setup.sensors,
         low_pass=low_pass,
         delay_s={sensor.name: sensor.correction_s for sensor in lab.sensors},
     )

@@ -16,7 +16,7 @@ from pipeline.export.compensated_c3d import (
 from pipeline.io.c3d.read import read_c3d
 from pipeline.run.job import file_digest
 from pipeline.trial.ground.calibrations import fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
+from pipeline.trial.ground.laboratory import Laboratory, bind, with_corrected_plates
 from pipeline.trial.ground.platform import platform_pose, pose_at
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.process import process_recording, process_trial
@@ -84,7 +84,7 @@ def test_read_back_and_low_passed_the_plates_are_our_compensated_ones(
 
 def test_only_what_the_treadmill_adds_is_subtracted(original, recordings, calibrations):
     """Without any filter: what the subject did to the plates is there up to their noise."""
-    artefacts, _ = plate_artefacts(original, calibrations.laboratory)
+    artefacts, _ = plate_artefacts(bind(original, calibrations.laboratory))
     for before, after, artefact in zip(
         original.plates, recordings[None].plates, artefacts, strict=True
     ):
@@ -110,7 +110,7 @@ def test_a_copy_of_wrong_plates_holds_corrected_ones(original, study, tmp_path):
     treadmill, correction = study.file.treadmill, correction_of(original)
     of_right = fit_calibration(empty, treadmill)
     of_wrong = fit_calibration(wrongly_measured(empty), treadmill, correction)
-    artefacts, _ = plate_artefacts(original, Laboratory(treadmill, of_right))
+    artefacts, _ = plate_artefacts(bind(original, Laboratory(treadmill, of_right)))
     calibrations = Calibrations(Laboratory(treadmill, of_wrong, plates=correction))
     written = write_compensated(read_c3d(wrong), calibrations, tmp_path / "copy.c3d")
     copy = read_c3d(written.path)

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Compensation
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.wrenches import plate_artefacts
 from tests.pipeline import lab
 from tests.pipeline.trial.ground.grounds import TREADMILL, ground_of
@@ -29,7 +29,7 @@ def test_after_the_low_pass_the_plates_are_those_that_were_compensated_after_it(
     pitching, laboratory
 ):
     """Filters and gains are linear, so that it makes no difference which comes first."""
-    artefacts, notes = plate_artefacts(pitching, laboratory)
+    artefacts, notes = plate_artefacts(bind(pitching, laboratory))
     columns = [pitching.analog.channel(name) for names in lab.CHANNELS.values() for name in names]
     readings = np.column_stack(columns) * 9.80665
     for plate, artefact in zip(pitching.plates, artefacts, strict=True):
@@ -49,7 +49,7 @@ def test_a_gap_of_an_accelerometer_is_refused_with_its_time(pitching, laboratory
     values[5000:5010, 2] = np.nan
     broken = replace(pitching, analog=replace(pitching.analog, values=values))
     with pytest.raises(ValueError, match=r"walk_0\.c3d: the acceleration has a gap at 5\.000 s"):
-        plate_artefacts(broken, laboratory)
+        plate_artefacts(bind(broken, laboratory))
 
 
 def test_compensated_plates_are_not_compensated_again(pitching, laboratory):

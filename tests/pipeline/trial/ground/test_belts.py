@@ -12,7 +12,7 @@ from pipeline.config.schema import Belt, Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.ground.belts import belt_axes, belt_wrenches, fit_belts
 from pipeline.trial.ground.calibrations import belts_alone, fit_calibration
-from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
@@ -91,7 +91,7 @@ def test_at_the_plates_own_samples_the_same_is_subtracted_and_the_end_is_held(mo
     """The model's last whole interval ends 9 ms before the plates do."""
     recording = pulses
     laboratory = Laboratory(TREADMILL, None, models)
-    artefacts, notes = plate_artefacts(recording, laboratory)
+    artefacts, notes = plate_artefacts(bind(recording, laboratory))
     times = recording.plates[0].time
     for artefact, wrench in zip(
         artefacts, belt_wrenches(recording, models, BELT, [times] * len(models)), strict=True

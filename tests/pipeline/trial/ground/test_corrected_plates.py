@@ -140,7 +140,8 @@ def test_a_calibration_is_fitted_to_plates_of_one_clock(timed):
 def test_artefacts_are_of_the_plates_own_clocks(timed):
     """What copies of C3D files subtract from each plate as it was recorded."""
     recording, known, calibration = timed
-    artefacts, _ = plate_artefacts(recording, Laboratory(TREADMILL, calibration, plates=known))
+    laboratory = Laboratory(TREADMILL, calibration, plates=known)
+    artefacts, _ = plate_artefacts(bind(recording, laboratory))
     for artefact, plate in zip(artefacts, recording.plates, strict=True):
         late = estimate_delay(artefact, plate.wrench_in_plate, 1000.0)
         assert late.seconds == pytest.approx(0, abs=3e-4)

@@ -94,7 +94,7 @@ def test_files_of_compensated_plates_hold_what_trials_are_computed_with(calibrat
     """What is subtracted from unfiltered plates is, after the low-pass, what trials subtract."""
     _, chosen = calibrated
     other = yielding(moving(2))
-    artefacts, _ = plate_artefacts(other, chosen)
+    artefacts, _ = plate_artefacts(bind(other, chosen))
     setup = next(iter(chosen.calibration.plates.values())).setup
     for plate, artefact, wrench in zip(other.plates, artefacts, left(other, chosen), strict=True):
         after = setup.low_pass(plate.wrench_in_plate - artefact, plate.time)
