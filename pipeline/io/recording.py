@@ -202,10 +202,10 @@ class Analog:
         return _rate_hz(self.time)
 
     def channel(self, name: str) -> Array:
-        """Give one channel by name, (N,); a KeyError lists the channels that exist."""
+        """Give one channel by name, (N,); a ValueError lists the channels that exist."""
         if (count := self.names.count(name)) != 1:
             fault = f"{count} analog channels are called" if count else "no analog channel"
-            raise KeyError(f"{fault} {name!r}; present: {listed(self.names)}")
+            raise ValueError(f"{fault} {name!r}; present: {listed(self.names)}")
         return self.values[:, self.names.index(name)]
 
 

@@ -382,8 +382,8 @@ def subject_body(
     if stature is not None and not MIN_STATURE_M <= stature <= MAX_STATURE_M:
         stature = None  # a file that says so has another unit
     stated = {k: w for k in ("knee_width_m", "ankle_width_m") if (w := getattr(subject, k))}
-    recorded = {side: pose.metadata.limbs.get(side, LimbMeasures()) for side in SIDES}
-    limbs = {side: replace(measures, **stated) for side, measures in recorded.items()}
+    recorded = pose.metadata.limbs
+    limbs = {side: replace(recorded.get(side, LimbMeasures()), **stated) for side in SIDES}
     named = marker_sets().get(settings.marker_set or "")
 
     def built(hip: HipRule | dict[str, Array]) -> Body:
@@ -427,10 +427,8 @@ def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:
     """Give how far functional hips are from the regression's; refuse more than pelvises differ."""
     distance_m = {}
     for side in ("right", "left"):
-        hip, expected = (
-            each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, by_regression)
-        )
-        distance_m[side] = float(np.linalg.norm(hip - expected))
+        hips = [each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, by_regression)]
+        distance_m[side] = float(np.linalg.norm(hips[0] - hips[1]))
     largest_m = max(distance_m.values())
     if largest_m > MAX_HIP_DISTANCE_M:
         off = ", ".join(f"{side} {1000 * each:.0f} mm" for side, each in distance_m.items())

@@ -16,6 +16,7 @@ from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.config.schema import Platform, Treadmill
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2, angle_in_rad, length_in_m, speed_in_mps
 
@@ -36,18 +37,15 @@ def read_channel(
     The unit is the stated one, or as the file states it; `unit_in_si` gives one of it in SI. A
     ValueError where there is no such channel, or its unit is unknown.
     """
-    file, analog = recording.source.name, recording.analog
-    if analog is None:
-        raise ValueError(f"{file}: no analog channel {name!r}; there are none")
-    try:
-        values = analog.channel(name)
-    except KeyError as error:
-        raise ValueError(f"{file}: {error.args[0]}") from error
-    try:
-        scale = unit_in_si(unit or analog.units[analog.names.index(name)])
-    except ValueError as error:
-        raise ValueError(f"{file}: channel {name!r}: {error}") from error
-    return analog.time, values * scale
+    analog = recording.analog
+    with naming(recording.source):
+        if analog is None:
+            raise ValueError(f"no analog channel {name!r}; there are none")
+        values, sent = analog.channel(name), analog.units[analog.names.index(name)]
+        try:
+            return analog.time, values * unit_in_si(unit or sent)
+        except ValueError as error:
+            raise ValueError(f"channel {name!r}: {error}") from error
 
 
 def _channels_in(recording: Recording, unit_in_si: Callable[[str], float]) -> list[str]:

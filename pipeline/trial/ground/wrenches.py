@@ -7,7 +7,7 @@ pose and accelerating belts are not in it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -145,11 +145,11 @@ class Ground:
     in_plates: Mapping[str, Sequence[Array]]
     variants: Mapping[str, Sequence[Array]]
     pose: PlatformPose | None
-    spreads: tuple[Spread, ...] = ()
-    correlation: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    accelerations: tuple[Array, ...] = ()
-    belts: tuple[Array, ...] = ()
-    notes: tuple[Note, ...] = ()
+    spreads: tuple[Spread, ...]
+    correlation: Array
+    accelerations: tuple[Array, ...]
+    belts: tuple[Array, ...]
+    notes: tuple[Note, ...]
 
     @property
     def best(self) -> str:

@@ -335,5 +335,5 @@ def test_exchanged_sides_are_named_with_the_options_that_mend_this_file_alone(
 
 def test_of_two_analog_channels_of_one_label_none_is_taken():
     signals = Analog(np.arange(3) / 100, ("Acc", "Acc", "Belt"), ("V",) * 3, np.zeros((3, 3)))
-    with pytest.raises(KeyError, match="2 analog channels are called 'Acc'"):
+    with pytest.raises(ValueError, match="2 analog channels are called 'Acc'"):
         signals.channel("Acc")
