@@ -149,11 +149,8 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
         match = CHANNEL.fullmatch(name)
         if match and (ACCELEROMETER.search(name) or name in in_unit):
             axes_of[match["sensor"]][match["axis"].lower()] = name
-    sensors = {
-        sensor: (axes["x"], axes["y"], axes["z"])
-        for sensor, axes in axes_of.items()
-        if len(axes) == 3
-    }
+    three = {name: axes for name, axes in axes_of.items() if len(axes) == 3}
+    sensors = {name: (axes["x"], axes["y"], axes["z"]) for name, axes in three.items()}
     if not sensors:
         raise ValueError(
             f"{recording.source.name}: no triaxial accelerometer among the analog channels "

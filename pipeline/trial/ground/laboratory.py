@@ -58,10 +58,11 @@ def with_corrected_plates(recording: Recording, correction: PlateCorrection | No
             f"{file}: its plates are compensated or corrected already, by {done.software}; leave "
             f"{correction.name} out, or give the original recording"
         )
-    plates = {plate.number: plate for plate in recording.plates}
-    corrections, notes = corrections_used(recording.plates, correction), [*recording.notes]
-    for one in corrections:
-        plate = plates[one.plate]
+    plates, notes, missing = [*recording.plates], [*recording.notes], list[str]()
+    for k, plate in enumerate(recording.plates):
+        if (one := correction.calibrations.of(plate.number)) is None:
+            missing.append(str(plate.number))
+            continue
         apart_m = float(np.linalg.norm(plate.center - one.center))
         if np.isfinite(plate.corners).all() and apart_m > MAX_SHIFT_M:
             raise ValueError(
@@ -70,8 +71,8 @@ def with_corrected_plates(recording: Recording, correction: PlateCorrection | No
                 "lab's origin the same?"
             )
         wrench = one.correct_in_plate(plate.wrench_in_plate, plate.rotation, plate.center)
-        plates[one.plate] = replace(plate, wrench_in_plate=wrench)
-    if corrections:
+        plates[k] = replace(plate, wrench_in_plate=wrench)
+    if corrections := corrections_used(plates, correction):
         unexamined = [f"{c} of plate {one.plate}" for one in corrections for c in one.unexamined]
         note = Note.of(
             "plates_corrected",
@@ -81,9 +82,9 @@ def with_corrected_plates(recording: Recording, correction: PlateCorrection | No
             unexamined=unexamined or ["nothing"],
         )
         notes.append(note)
-    if missing := [str(number) for number in plates if correction.calibrations.of(number) is None]:
+    if missing:
         notes.append(Note.of("plates_not_corrected", plates=missing, calibration=correction.name))
-    return replace(recording, plates=tuple(plates.values()), notes=tuple(notes))
+    return replace(recording, plates=tuple(plates), notes=tuple(notes))
 
 
 def plate_delays_s(
