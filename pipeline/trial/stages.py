@@ -28,7 +28,7 @@ from hbm.signals.filtering import (
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import PlateContact, Settings
-from pipeline.trial.checks import known_frames, rest_level, shown_frames
+from pipeline.trial.checks import OF_LEGS, known_frames, rest_level, shown_frames
 from pipeline.trial.gait.carried import Support, places_of
 from pipeline.trial.gait.contact import (
     FEET,
@@ -36,7 +36,6 @@ from pipeline.trial.gait.contact import (
     both_stand,
     by_foot,
     feet_of,
-    forces_of_legs,
     share_between_feet,
 )
 from pipeline.trial.ground.wrenches import Ground
@@ -103,13 +102,13 @@ def dynamics_under_feet(
 
     Errors are those of `share_between_feet` and `hbm.dynamics.inverse_dynamics`.
     """
-    motion = pose.motion
+    motion, places = pose.motion, places_of(body, pose.solved.q)
     shared = share_between_feet(
         motion.time,
         ground.variants[ground.best],
-        feet_of(body, pose.solved),
+        feet_of(places),
         settings.contact_threshold_n,
-        standing=both_stand(body, pose.solved),
+        standing=both_stand(places, motion.time),
         numbers=[plate.number for plate in ground.plates],
         stated=contacts,
         method=settings.filter,
@@ -135,8 +134,7 @@ def _filtered(feet: Array, solved: Motion, settings: Settings) -> dict[str, Arra
         unknown = np.isnan(feet).any(axis=(1, 2)) | ~solved.converged
         feet = np.where(unknown[:, None, None], np.nan, feet)
     how = solved.time, settings.cutoff_hz, settings.filter
-    each = (low_pass(feet[:, k], *how) for k in range(2))
-    return dict(zip(FEET, each, strict=True))
+    return {foot: low_pass(feet[:, k], *how) for k, foot in enumerate(FEET)}
 
 
 def frame_quality(
@@ -183,13 +181,7 @@ def _foot_uncertain(ground: Ground, loads: Loads, settings: Settings, time: Arra
     return np.asarray(filtered > MAX_UNCERTAIN_N)
 
 
-def _carried(
-    body: Body,
-    motion: Motion,
-    ground: Ground,
-    loads: Loads,
-    settings: Settings,
-) -> Mask:
+def _carried(body: Body, motion: Motion, ground: Ground, loads: Loads, settings: Settings) -> Mask:
     """Find the frames in which the plates carry the subject, (T,), by `Support`.
 
     What plates read at rest does not count, but in real time.
@@ -198,29 +190,17 @@ def _carried(
     if settings.filter != "realtime":
         weight_n = body.mass * GRAVITY_MPS2
         at_rest = np.array([rest_level(w[:, 2], motion.time, weight_n) or 0.0 for w in best])
-    support = Support(
-        body,
-        [plate.corners for plate in ground.plates],
-        settings.contact_threshold_n,
-        settings.cutoff_hz,
-        settings.filter,
-        at_rest,
-    )
+    support = Support(body, [plate.corners for plate in ground.plates], settings, at_rest)
     platform = None if ground.pose is None else (ground.pose.rotation, ground.pose.position)
-    return support.carried(
-        support.feet(motion.time, places_of(body, motion.q), platform),
-        np.stack(best, axis=1),
-        loads.shared.on,
-        loads.need,
-        loads.measured,
-        platform,
-    )
+    feet = support.feet(motion.time, places_of(body, motion.q), platform)
+    of_plates = np.stack(best, axis=1), loads.shared.on, loads.need, loads.measured
+    return support.carried(feet, *of_plates, platform)
 
 
 def known_forces(dynamics: Mapping[str, Dynamics], quality: Indices) -> dict[str, Dynamics]:
     """Leave out the forces of legs whose load is unknown, and all while filters settle."""
-    unknown = forces_of_legs(~free_of(quality, NO_SUPPORT | Quality.FOOT_UNCERTAIN))
-    unknown |= ~free_of(quality, Quality.SETTLING)[:, None]
+    known_load = free_of(quality, NO_SUPPORT | Quality.FOOT_UNCERTAIN)[:, None]
+    unknown = (~known_load & OF_LEGS) | ~free_of(quality, Quality.SETTLING)[:, None]
     return {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
 
 

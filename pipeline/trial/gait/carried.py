@@ -6,8 +6,7 @@ the motion needs, m(g + a) of the centre of mass.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, transform_wrench
+from pipeline.config.schema import Settings
 from pipeline.trial.gait.events import SIDES
 
 MAX_SPEED: Final = 0.8
@@ -63,8 +63,7 @@ def places_of(body: Body, q: Array) -> Array:
     return joint_positions(body, q, PLACES)
 
 
-@dataclass(frozen=True, slots=True)
-class Feet:
+class Feet(NamedTuple):
     """Where both feet are and how they move, in the axes of the platform.
 
     Attributes
@@ -95,11 +94,9 @@ class Support:
         The subject.
     corners
         Of the plates' surfaces with the platform in neutral, (P, 4, 3) [m]; NaN where unknown.
-    threshold_n
-        Vertical force above which a plate is loaded [N].
-    cutoff_hz, method
-        The filter, which spreads what is missing into other frames. With "realtime" a frame depends
-        on no later one.
+    settings
+        Threshold above which a plate is loaded, and the filter, which spreads what is missing into
+        other frames. With "realtime" a frame depends on no later one.
     at_rest_n
         Vertical force that each plate reads without load, (P,) [N].
 
@@ -124,9 +121,7 @@ class Support:
         self,
         body: Body,
         corners: Sequence[Array],
-        threshold_n: float,
-        cutoff_hz: float,
-        method: Method,
+        settings: Settings,
         at_rest_n: Array | None = None,
     ) -> None:
         corner = np.asarray(corners)
@@ -142,9 +137,10 @@ class Support:
         self.steps = bool(np.ptp(self.level) > MAX_LEVEL_M)
         self.highest = np.max(self.level) + MAX_LEVEL_M
         self.length = np.array([body.lengths[f"{side}_foot"] for side in SIDES])[:, None]
-        self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, threshold_n
+        self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, settings.contact_threshold_n
         self.at_rest_n = np.zeros(len(corner)) if at_rest_n is None else at_rest_n
-        self.method, self.reach_s = method, np.array(SPREAD_PERIODS[method]) / cutoff_hz
+        self.method = settings.filter
+        self.reach_s = np.array(SPREAD_PERIODS[self.method]) / settings.cutoff_hz
         self.reach_s[1] += LASTING_S
         self.time, self.points = np.full(1, -np.inf), np.full((1, 7, 3), np.nan)
         self.ground: Array = np.full((1, 2, 3), np.nan)
@@ -175,9 +171,8 @@ class Support:
         self.time, self.points = time[-1:], points[-1:]
         heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
         sole = (heights - HEIGHTS * self.length).min(axis=2)
-        flat = along[..., :2] * (
-            self.length / np.sqrt((along[..., :2] ** 2).sum(axis=2))[..., None]
-        )
+        level = along[..., :2]
+        flat = level * (self.length / np.sqrt((level**2).sum(axis=2))[..., None])
         across = HALF_WIDTH * flat[..., ::-1] * [-1.0, 1.0]
         above = ball[..., :2]
         outline = [ankle[..., :2] + HEEL * flat, tip[..., :2], above + across, above - across]
@@ -212,22 +207,13 @@ class Support:
         of_foot = (load[:, None] * (on[:, None] == LEFT_AND_RIGHT[:, None])).sum(axis=2)
         ground = self._ground(feet, of_foot)
         lacking = (need > MIN_NEED * self.weight_n) & (measured < MAX_LACKING * need)
-        inside = np.all(_within(feet), axis=1)
-        judged: Mask = np.asarray(lacking | ~inside)
-        if self.method == "zero_phase":
-            judged[:] = True
-        elif not judged.any():
-            self.supported_s = np.full((1, 3), time[-1])
+        if self.method == "realtime" and not lacking.any() and _within(feet).all():
+            self.supported_s = np.full((1, 3), time[-1])  # in a live frame the rest takes long
             return np.asarray(time - self.missing_s > self.reach_s[1] + ROUNDING_S)
-        beside, standing = np.zeros(len(time), bool), np.zeros((len(time), 3), bool)
-        if len(some := np.flatnonzero(judged)):
-            these = Feet(*(getattr(feet, name)[some] for name in Feet.__slots__))
-            at = None if pose is None else (pose[0][some], pose[1][some])
-            loads, grounded = of_foot[some] > self.threshold_n, _grounded(these, ground[some])
-            outside, idle = self._places(these, wrenches[some], load[some], loads, at)
-            beside[some] = (grounded & outside).any(axis=1)
-            standing[some, :2] = grounded & idle
-        standing[:, 2] = measured < MIN_MEASURED * need
+        grounded, loads = _grounded(feet, ground), of_foot > self.threshold_n
+        outside, idle = self._places(feet, wrenches, load, loads, pose)
+        beside = (grounded & outside).any(axis=1)
+        standing = np.column_stack([grounded & idle, measured < MIN_MEASURED * need])
         doubtful = standing & lacking[:, None]
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]

@@ -1,17 +1,12 @@
 """Which foot stood on which plate, contact by contact, by the centre of pressure."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from compensation import center_of_pressure
-from hbm.body import Body
-from hbm.coordinates import COORDINATES
-from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices, Mask
@@ -103,8 +98,6 @@ def pressure_beside(
 
 Foot = Literal["left_foot", "right_foot"]
 FEET: Final[tuple[Foot, Foot]] = ("left_foot", "right_foot")
-LEGS: Final = ("Hip", "Knee", "Ankle", "Foot", "Toe")
-"""Joints of a leg, as the names of their coordinates begin after the side."""
 MIN_STANCE_S: Final = 0.1
 """No foot stands for less: a shorter stretch of pressure near it is noise of a light load."""
 MAX_DOUBTFUL_SHARE: Final = 0.5
@@ -115,8 +108,7 @@ MAX_CONTACTS_NAMED: Final = 8
 """In a note; the frames of all are marked."""
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(NamedTuple):
     """A stretch of frames in which a plate is loaded.
 
     Attributes
@@ -163,19 +155,16 @@ class SharedPlates(NamedTuple):
     contacts: tuple[Contact, ...]
 
 
-def feet_of(body: Body, motion: Motion) -> Array:
-    """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
-    names = [f"{side}_{part}" for side in ("left", "right") for part in ("foot", "toes")]
-    joints = joint_positions(body, motion.q, names)
-    return np.asarray((joints[:, 0::2] + joints[:, 1::2]) / 2)
+def feet_of(places: Array) -> Array:
+    """Give the middle of the left and right foot, ankle to ball, of `places_of`, (T, 2, 3) [m]."""
+    return np.asarray((places[:, 1:3] + places[:, 3:]) / 2)
 
 
-def both_stand(body: Body, motion: Motion) -> Mask:
+def both_stand(places: Array, time: Array) -> Mask:
     """Find the frames in which no foot swings, (T,): part of each is at rest against the other."""
-    names = [f"{side}_{part}" for side in ("left", "right") for part in ("foot", "toes")]
-    velocity = np.gradient(joint_positions(body, motion.q, names), motion.time, axis=0)
+    velocity = np.gradient(places[:, 1:], time, axis=0)
     # ankle and ball of the left foot against both of the right one, wherever the ground moves
-    apart = velocity[:, :2, None] - velocity[:, None, 2:]
+    apart = velocity[:, [0, 2], None] - velocity[:, None, [1, 3]]
     slowest = np.sqrt(np.square(apart).sum(axis=-1)).min(axis=(1, 2))
     fastest = np.nanquantile(slowest, 0.95) if np.isfinite(slowest).any() else np.nan
     return np.asarray(slowest < max(MAX_STANDING * fastest, MIN_SWINGING_MPS))
@@ -321,12 +310,6 @@ def _require_one_foot(before: PlateContact, each: PlateContact) -> None:
         )
 
 
-def forces_of_legs(frames: Mask) -> Mask:
-    """Give which forces are of the legs' coordinates in some frames, (T,) to (T, 46)."""
-    of_leg = np.array([name[1:].startswith(LEGS) for name in COORDINATES])
-    return np.asarray(frames[:, None] & of_leg)
-
-
 def far_from_feet(shared: SharedPlates) -> tuple[Note, ...]:
     """Name plates with pressure far from both feet."""
     notes = []
@@ -410,10 +393,9 @@ def _contacts(
     for start, stop in loaded:
         if time[stop - 1] - time[start] < MIN_STANCE_S:
             continue
-        first = np.flatnonzero(np.diff(on[start:stop], prepend=-1))
+        first = start + np.flatnonzero(np.diff(on[start:stop], prepend=-1))
+        feet, changes = tuple(FEET[k] for k in on[first]), tuple(first[1:].tolist())
         doubtful = bool(np.mean(pressure.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE)
-        feet = tuple(FEET[k] for k in on[start + first])
-        changes = tuple((start + first[1:]).tolist())
         nearest_m = median_of(nearest[start:stop])
         found.append(Contact(number, start, stop, feet, doubtful, nearest_m, changes))
     return found
