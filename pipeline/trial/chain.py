@@ -361,7 +361,7 @@ class Chain:
         weight_n = body.mass * GRAVITY_MPS2
         contacts = self.loads.shared.contacts
         of_plates = plate_events(contacts, plate_loads(self.lab), self.time, weight_n)
-        motion = foot_motion(body, self.time, pose.solved.q, self.ground.pose)
+        motion = foot_motion(body, pose.solved.q, self.ground.pose)
         swings: Swings = foot_swings(trial.markers, body.marker_set)
         method, doubts = choose_method(trial.events, swings, self.settings.events)
         sources = trial.events, of_plates, motion, pose.markers, body.marker_set

@@ -223,7 +223,8 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
 
 def _pelvis_unseen(body: Body, motion: Motion, least_s: float = 0.0) -> Mask:
     """Find the frames, (T,), in which the pelvis shows no marker, at least for some time."""
-    of_pelvis = [body.segment_of[name] == "pelvis" for name in motion.markers]
+    segment_of = body.segment_of
+    of_pelvis = [segment_of[name] == "pelvis" for name in motion.markers]
     unseen: Mask = np.asarray(np.isnan(motion.marker_error[:, of_pelvis]).all(axis=1))
     for start, stop in stretches(unseen):
         if motion.time[stop - 1] - motion.time[start] < least_s:
