@@ -63,6 +63,10 @@ def places_of(body: Body, q: Array) -> Array:
     return joint_positions(body, q, PLACES)
 
 
+PlatformFrames = tuple[Array, Array] | None
+"""Rotation, (T, 3, 3), and position, (T, 3) [m], of a platform; None where it stands still."""
+
+
 class Feet(NamedTuple):
     """Where both feet are and how they move, in the axes of the platform.
 
@@ -97,7 +101,7 @@ class Support:
     settings
         Threshold above which a plate is loaded, and the filter, which spreads what is missing into
         other frames. With "realtime" a frame depends on no later one.
-    at_rest_n
+    rest_n
         Vertical force that each plate reads without load, (P,) [N].
 
     Notes
@@ -118,11 +122,7 @@ class Support:
     """
 
     def __init__(
-        self,
-        body: Body,
-        corners: Sequence[Array],
-        settings: Settings,
-        at_rest_n: Array | None = None,
+        self, body: Body, corners: Sequence[Array], settings: Settings, rest_n: Array | None = None
     ) -> None:
         corner = np.asarray(corners)
         edge = np.roll(corner, -1, axis=1)[..., :2] - corner[..., :2]
@@ -138,7 +138,7 @@ class Support:
         self.highest = np.max(self.level) + MAX_LEVEL_M
         self.length = np.array([body.lengths[f"{side}_foot"] for side in SIDES])[:, None]
         self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, settings.contact_threshold_n
-        self.at_rest_n = np.zeros(len(corner)) if at_rest_n is None else at_rest_n
+        self.rest_n = np.zeros(len(corner)) if rest_n is None else rest_n
         self.method = settings.filter
         self.reach_s = np.array(SPREAD_PERIODS[self.method]) / settings.cutoff_hz
         self.reach_s[1] += LASTING_S
@@ -146,7 +146,7 @@ class Support:
         self.ground: Array = np.full((1, 2, 3), np.nan)
         self.supported_s, self.missing_s = np.full((1, 3), np.inf), np.full(1, -np.inf)
 
-    def feet(self, time: Array, places: Array, pose: tuple[Array, Array] | None = None) -> Feet:
+    def feet(self, time: Array, places: Array, pose: PlatformFrames = None) -> Feet:
         """Give where the feet are in the next frames.
 
         Parameters
@@ -156,8 +156,7 @@ class Support:
         places
             Pelvis, ankles and balls in the lab, (T, 5, 3) [m], as `places_of` gives them.
         pose
-            Rotation, (T, 3, 3), and position, (T, 3) [m], of the platform; None where it stands
-            still.
+            Of the platform at these times.
         """
         if pose is not None:
             places = (places - pose[1][:, None]) @ pose[0]
@@ -186,7 +185,7 @@ class Support:
         on: Indices,
         need: Array,
         measured: Array,
-        pose: tuple[Array, Array] | None = None,
+        pose: PlatformFrames = None,
     ) -> Mask:
         """Judge the next frames.
 
@@ -203,15 +202,15 @@ class Support:
         pose
             As for `feet`.
         """
-        time, load = feet.time, wrenches[..., 2] - self.at_rest_n
+        time, load = feet.time, wrenches[..., 2] - self.rest_n
         of_foot = (load[:, None] * (on[:, None] == LEFT_AND_RIGHT[:, None])).sum(axis=2)
         ground = self._ground(feet, of_foot)
         lacking = (need > MIN_NEED * self.weight_n) & (measured < MAX_LACKING * need)
         if self.method == "realtime" and not lacking.any() and _within(feet).all():
             self.supported_s = np.full((1, 3), time[-1])  # in a live frame the rest takes long
             return np.asarray(time - self.missing_s > self.reach_s[1] + ROUNDING_S)
-        grounded, loads = _grounded(feet, ground), of_foot > self.threshold_n
-        outside, idle = self._places(feet, wrenches, load, loads, pose)
+        grounded = _grounded(feet, ground)
+        outside, idle = self._places(feet, wrenches, of_foot, pose)
         beside = (grounded & outside).any(axis=1)
         standing = np.column_stack([grounded & idle, measured < MIN_MEASURED * need])
         doubtful = standing & lacking[:, None]
@@ -240,30 +239,24 @@ class Support:
         return ground
 
     def _places(
-        self,
-        feet: Feet,
-        wrenches: Array,
-        load: Array,
-        loads: Mask,
-        pose: tuple[Array, Array] | None,
+        self, feet: Feet, wrenches: Array, of_foot: Array, pose: PlatformFrames
     ) -> tuple[Mask, Mask]:
         """Find feet that would stand beside the plates, and over none that is loaded, (T, 2).
 
-        A foot over no plate, or over one whose place is unknown, bears what it `loads`, (T, 2).
+        A foot over no plate, or over one whose place is unknown, bears the load `of_foot`, (T, 2).
         """
+        loaded = wrenches[..., 2] - self.rest_n > self.threshold_n
         if pose is not None:
             back = np.swapaxes(pose[0], -1, -2)
             origin = -(back @ pose[1][..., None])[..., 0]
             wrenches = transform_wrench(wrenches, back[:, None], origin[:, None])
-        loaded = load > self.threshold_n
-        inside = feet.depth > -MARGIN_M
         near = ~(np.abs(feet.sole[..., None] - self.level) >= MAX_LEVEL_M)
         over = (feet.depth[:, :, -1] > 0) & near
-        bears = np.where(over.any(axis=2), (over & loaded[:, None]).any(axis=2), loads)
-        idle = near.any(axis=2) & ~bears
+        over_loaded, loads = (over & loaded[:, None]).any(axis=2), of_foot > self.threshold_n
+        idle = near.any(axis=2) & ~np.where(over.any(axis=2), over_loaded, loads)
         outside = ~_within(feet)
         if self.steps:
-            outside &= ~(np.any(inside, axis=2) & near).any(axis=2)
+            outside &= ~(np.any(feet.depth > -MARGIN_M, axis=2) & near).any(axis=2)
         else:
             outside &= feet.sole < self.highest
         surface = np.repeat(feet.sole.min(axis=1), wrenches.shape[1])

@@ -27,10 +27,6 @@ FOOT_RADIUS_M: Final = 0.13
 """Half of an adult's foot: a load on one foot alone has its pressure nearer to the middle."""
 
 
-Span = tuple[int, int]
-"""First frame of a stretch, and the one after its last."""
-
-
 class Pressure(NamedTuple):
     """The pressure on one plate beside the feet.
 
@@ -232,7 +228,7 @@ def share_between_feet(
     contacts, on, ambiguous = list[Contact](), list[Indices](), list[Mask]()
     for number, wrench in zip(numbers, wrenches, strict=True):
         pressure = pressure_beside(wrench, feet, threshold_n, None if live else standing)
-        loaded = [(int(a), int(b)) for a, b in stretches(pressure.loaded)]
+        loaded = stretches(pressure.loaded).tolist()
         if not live:
             _drop_brief(pressure, loaded, time)
         _overrule(pressure, loaded, time, [each for each in stated if each.plate == number])
@@ -329,7 +325,7 @@ def ambiguous_contacts(shared: SharedPlates, time: Array) -> tuple[Note, ...]:
     return (Note.of("contacts_ambiguous", contacts=len(doubtful), times=times),)
 
 
-def _drop_brief(pressure: Pressure, loaded: Sequence[Span], time: Array) -> None:
+def _drop_brief(pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array) -> None:
     """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
     for start, stop in loaded:
         decided = start + np.flatnonzero(pressure.decided[start:stop])
@@ -344,7 +340,7 @@ def _drop_brief(pressure: Pressure, loaded: Sequence[Span], time: Array) -> None
 
 
 def _overrule(
-    pressure: Pressure, loaded: Sequence[Span], time: Array, stated: Sequence[PlateContact]
+    pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array, stated: Sequence[PlateContact]
 ) -> None:
     """Take the foot of a contact from a person."""
     said: dict[int, PlateContact] = {}
@@ -386,7 +382,7 @@ def _foot_of_frames(pressure: Pressure, live: bool = False) -> Indices:
 
 
 def _contacts(
-    number: int, pressure: Pressure, loaded: Sequence[Span], time: Array, on: Indices
+    number: int, pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array, on: Indices
 ) -> list[Contact]:
     """List the contacts of a plate with their feet."""
     found, nearest = [], pressure.distance.min(axis=1)
@@ -401,7 +397,7 @@ def _contacts(
     return found
 
 
-def _listed(time: Array, stretches: Sequence[Span]) -> str:
+def _listed(time: Array, stretches: Sequence[Sequence[int]]) -> str:
     """Name the times of stretches, the first ones of many."""
     named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:MAX_CONTACTS_NAMED]]
     more = ["…"] if len(stretches) > MAX_CONTACTS_NAMED else []

@@ -147,9 +147,7 @@ def _ground(
 
 def _falls_through(time: Array, value: Array, frame: int) -> float | None:
     """Give when a value first falls to zero from a frame on; None if not within a stride."""
-    after = value[
-        frame : frame + 1 + int(np.searchsorted(time, time[frame] + MIN_STRIDE_S) - frame)
-    ]
+    after = value[frame : 1 + np.searchsorted(time, time[frame] + MIN_STRIDE_S)]
     below = np.flatnonzero(~(after > 0))
     if not len(below) or not np.isfinite(after[below[0]]):
         return None

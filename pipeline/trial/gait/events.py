@@ -118,7 +118,7 @@ def choose_method(
     notes
         ``events_compared`` or ``events_contradicted`` where it would be the file.
     """
-    method = wanted or ("file" if has_strides(of_file) else "auto")
+    method = wanted or ("file" if np.isfinite(_stride_s(of_file, SIDES)) else "auto")
     if method != "file" or not (of_file and len(swings.seen)):
         return method, ()
     counts = counterparts(of_file, swings)
@@ -131,11 +131,6 @@ def choose_method(
         return method, (Note.of("events_compared", **counts),)
     used = 'the file\'s are used, as events = "file" asks' if wanted else "detected ones are used"
     return wanted or "auto", (Note.of("events_contradicted", **counts, used=used),)
-
-
-def has_strides(events: Sequence[Event]) -> bool:
-    """Tell whether some foot strikes at least twice in events."""
-    return any(event_times(events, "foot_strike", side).size >= 2 for side in SIDES)
 
 
 class Swings(NamedTuple):
@@ -218,7 +213,7 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
     events are outside the recording, it is compared with the whole recording.
     """
     recorded, by_feet = (swings.time[0], swings.time[-1]), swings.events
-    stride_s = _stride_s(by_feet, SIDES) if has_strides(by_feet) else 1.0
+    stride_s = float(np.nan_to_num(_stride_s(by_feet, SIDES), nan=1.0))
     inside = _within(in_order(of_file), [recorded])
     outside = len(of_file) - len(inside)
     # the offset and the sides that all events have in common
