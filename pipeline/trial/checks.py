@@ -11,7 +11,6 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.plausibility.labels import (
-    ExchangedSides,
     changed_distances,
     labels_exchanged,
     median_distance,
@@ -53,7 +52,7 @@ class MarkerChecks(NamedTuple):
         Positions that were held.
     """
 
-    sides: tuple[ExchangedSides, ...]
+    sides: tuple[Note, ...]
     exchanged: tuple[Note, ...]
     distances: tuple[Note, ...]
     held: tuple[Note, ...]
@@ -66,7 +65,7 @@ class MarkerChecks(NamedTuple):
     @property
     def notes(self) -> tuple[Note, ...]:
         """All but the distances, which another person's pose may explain."""
-        return (*(each.note for each in self.sides), *self.exchanged, *self.held)
+        return (*self.sides, *self.exchanged, *self.held)
 
 
 def check_markers(body: Body, trial: Recording, pose: Recording) -> MarkerChecks:
@@ -87,7 +86,7 @@ def check_markers(body: Body, trial: Recording, pose: Recording) -> MarkerChecks
     files = {id(each): each for each in (trial, pose)}.values()
     sides = (sides_exchanged(body.marker_set, f.markers, f.source.name) for f in files)
     return MarkerChecks(
-        tuple(each for each in sides if each is not None),
+        tuple(each.note for each in sides if each is not None),
         labels_exchanged(trial.markers, body.markers),
         changed_distances(body, trial.markers),
         repeated_positions(body, trial.markers),

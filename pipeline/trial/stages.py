@@ -9,7 +9,7 @@ forces, and `pipeline.trial.gait.carried.Support` for the quality.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,12 +19,7 @@ from hbm.body import Body
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.markers import Markers
 from hbm.motion import Motion
-from hbm.signals.filtering import (
-    acceleration_lag_s,
-    longest_gap_s,
-    low_pass,
-    over_short_gaps,
-)
+from hbm.signals.filtering import acceleration_lag_s, longest_gap_s, low_pass, over_short_gaps
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import PlateContact, Settings
@@ -47,8 +42,7 @@ MAX_DELAY_S: Final = 0.010
 """No published limit: one frame of a 100 Hz camera."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class Pose(NamedTuple):
     """The markers that were solved, the motion that they show, and the filtered one, T frames.
 
     Over a few lost frames both motions are interpolated.
@@ -66,8 +60,7 @@ def filtered_pose(markers: Markers, solved: Motion, settings: Settings) -> Pose:
     return Pose(markers, replace(solved, q=whole), motion)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Loads:
+class Loads(NamedTuple):
     """The plates under the feet, and the dynamics that follow.
 
     Attributes
