@@ -12,7 +12,7 @@ from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import stretches
-from hbm.spatial import Array, Indices, Mask
+from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
 
@@ -97,7 +97,11 @@ def gait_events(
 
 
 def choose_method(
-    of_file: tuple[Event, ...], swings: "Swings", wanted: EventMethod | None
+    of_file: tuple[Event, ...],
+    swings: "Swings",
+    wanted: EventMethod | None,
+    of_plates: tuple[Event, ...] = (),
+    carried: float = 0.0,
 ) -> tuple[EventMethod, tuple[Note, ...]]:
     """Choose where a trial's gait events come from: not from a file that the feet contradict.
 
@@ -110,17 +114,27 @@ def choose_method(
     wanted
         As in the settings; None is the file's where some foot strikes twice in them and the feet do
         not contradict them, else "auto".
+    of_plates
+        Events where plates carry one foot alone.
+    carried
+        Share of the frames in which the plates carry the subject: plates that miss many steps show
+        other events than the feet.
 
     Returns
     -------
     method
         Where events are to come from.
     notes
-        ``events_compared`` or ``events_contradicted`` where it would be the file.
+        ``events_contradicted``, or ``events_compared`` and those of `check_events`, where it would
+        be the file.
     """
     method = wanted or ("file" if np.isfinite(_stride_s(of_file, SIDES)) else "auto")
-    if method != "file" or not (of_file and len(swings.seen)):
+    if method != "file" or not of_file:
         return method, ()
+    by_plates = {"the plates": of_plates} if carried >= MIN_CARRIED_SHARE else {}
+    doubts = check_events(of_file, by_plates | {"the feet": swings.events})
+    if not len(swings.seen):
+        return method, doubts
     counts = counterparts(of_file, swings)
     _, _, compared, alone, detected, missing = counts.values()
     many = alone > MAX_ALONE_SHARE * compared or missing > MAX_ALONE_SHARE * detected
@@ -128,7 +142,7 @@ def choose_method(
     of_side = ([_stride_s(e, [side]) for e in (of_file, swings.events)] for side in SIDES)
     many |= any(by_file > MAX_STRIDE_RATIO * by_feet for by_file, by_feet in of_side)
     if not many or alone + missing < MIN_EVENTS:
-        return method, (Note.of("events_compared", **counts),)
+        return method, (Note.of("events_compared", **counts), *doubts)
     used = 'the file\'s are used, as events = "file" asks' if wanted else "detected ones are used"
     return wanted or "auto", (Note.of("events_contradicted", **counts, used=used),)
 
@@ -447,12 +461,12 @@ OTHER_SIDE: Final = {"left": "right", "right": "left"}
 def check_events(
     events: Sequence[Event], references: Mapping[str, Sequence[Event]]
 ) -> tuple[Note, ...]:
-    """Find gait events that carry the other side's name, are early, or late.
+    """Find gait events of a file that carry the other side's name, are early, or late.
 
     Parameters
     ----------
     events
-        The events that are used.
+        Of the file.
     references
         Where other events of the same trial come from -> these events; the first that can be
         compared decides.
@@ -473,36 +487,6 @@ def check_events(
         if kinds:
             break
     return ()
-
-
-def other_events(
-    of_plates: tuple[Event, ...], of_feet: tuple[Event, ...], carried: Mask, method: EventMethod
-) -> dict[str, tuple[Event, ...]]:
-    """Give a trial's gait events by its plates and its feet, as far as both can be found.
-
-    Parameters
-    ----------
-    of_plates
-        Events where plates carry one foot alone.
-    of_feet
-        Events by the swings of the feet.
-    carried
-        Frames in which the plates carry the subject, (T,): plates that miss many steps show other
-        events than the feet.
-    method
-        What the events that are compared with these were found by; the same is no reference.
-
-    Returns
-    -------
-    dict[str, tuple of Event]
-        Where they come from -> events.
-    """
-    found = {}
-    if method not in BY_PLATES and np.mean(carried) >= MIN_CARRIED_SHARE:
-        found["the plates"] = of_plates
-    if method != "zeni":
-        found["the feet"] = of_feet
-    return found
 
 
 def _of_other_side(events: Iterable[Event]) -> tuple[Event, ...]:
