@@ -231,14 +231,9 @@ def _pelvis_unseen(body: Body, motion: Motion, least_s: float = 0.0) -> Mask:
     return unseen
 
 
-class MotionChecks(NamedTuple):
-    """What was locked, interpolated, left out or not solved; and what does not fit the body."""
-
-    notes: tuple[Note, ...]
-    misfits: tuple[Note, ...]
-
-
-def check_motion(body: Body, motion: Motion, markers: Markers) -> MotionChecks:
+def check_motion(
+    body: Body, motion: Motion, markers: Markers
+) -> tuple[tuple[Note, ...], tuple[Note, ...]]:
     """Find what was locked, interpolated, left out or not solved in a trial's motion.
 
     Parameters
@@ -252,10 +247,12 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> MotionChecks:
 
     Returns
     -------
-    MotionChecks
-        ``coordinates_held``, ``mass_not_shown``, ``limb_unknown``, ``pelvis_unseen``, ``gaps``,
-        ``interpolated``, ``marker_error_large`` and ``joint_angles_impossible``, where there are
-        any. Samples are missing where a marker has a gap in a frame that was solved.
+    notes
+        ``coordinates_held``, ``mass_not_shown``, ``limb_unknown``, ``pelvis_unseen``, ``gaps`` and
+        ``interpolated``, where there are any. Samples are missing where a marker has a gap in a
+        frame that was solved.
+    misfits
+        What does not fit the body: ``marker_error_large`` and ``joint_angles_impossible``.
     """
     notes, interpolated = [*undetermined_notes(body, motion)], dict[str, int]()
     unseen = _unseen(body, motion)
@@ -279,7 +276,7 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> MotionChecks:
     if interpolated:
         notes.append(Note.of("interpolated", frames=interpolated))
     misfits = (*large_marker_errors(body, motion), *impossible_angles(body, motion))
-    return MotionChecks(tuple(notes), misfits)
+    return tuple(notes), misfits
 
 
 MAX_REST_SHARE: Final = 0.1

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from enum import IntFlag
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -157,14 +157,9 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     return settled
 
 
-class SupportNotes(NamedTuple):
-    """Which frames are left out for want of support, and in which that count it is doubtful."""
-
-    notes: tuple[Note, ...]
-    doubtful: tuple[Note, ...]
-
-
-def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -> SupportNotes:
+def carried_notes(
+    quality: Indices, time: Array, need: Array, measured: Array
+) -> tuple[tuple[Note, ...], tuple[Note, ...]]:
     """Say what plates measure of what the motion needs where frames are left out, or doubtful.
 
     Parameters
@@ -178,8 +173,9 @@ def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -
 
     Returns
     -------
-    SupportNotes
-        ``plates_shared`` and ``frames_not_carried`` where there are such frames;
+    notes
+        ``plates_shared`` and ``frames_not_carried`` where there are such frames.
+    doubtful
         ``carried_in_part`` where, in frames that count, plates measure more than `MAX_DOUBTFUL` too
         little or too much on average over `STEP_S`.
     """
@@ -203,6 +199,6 @@ def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -
     )
     doubtful = counts & (present > 0.5) & (np.abs(carries - needed) > MAX_DOUBTFUL * needed)
     if not doubtful.any():
-        return SupportNotes(tuple(notes), ())
+        return tuple(notes), ()
     size = {"frames": doubtful.sum(), "first_s": time[doubtful][0], "share": share(doubtful)}
-    return SupportNotes(tuple(notes), (Note.of("carried_in_part", **size),))
+    return tuple(notes), (Note.of("carried_in_part", **size),)

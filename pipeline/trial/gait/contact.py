@@ -83,13 +83,8 @@ def pressure_beside(
     if standing is None:
         standing = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < MAX_HEIGHT_DIFFERENCE_M
     under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
-    return Pressure(
-        loaded,
-        distance,
-        (right < left).astype(int),
-        loaded & ~undecided,
-        loaded & (under_none | (undecided & standing)),
-    )
+    uncertain = loaded & (under_none | (undecided & standing))
+    return Pressure(loaded, distance, (right < left).astype(int), loaded & ~undecided, uncertain)
 
 
 Foot = Literal["left_foot", "right_foot"]

@@ -419,13 +419,11 @@ def select_cycles(
         selected = {side: later[side]}
         if side != COUNTED_SIDE:
             notes = (Note.of("cycles_of_left"),)
-    found = sum(len(spans) for spans in selected.values())
-    wanted = condition.cycles
+    wanted, starts = condition.cycles, np.sort(np.concatenate([*selected.values()])[:, 0])
     if wanted is None:
         return selected, notes
-    if found < wanted:
-        return selected, (*notes, Note.of("cycles_missing", found=found, wanted=wanted))
-    starts = np.sort(np.concatenate([spans[:, 0] for spans in selected.values()]))
+    if len(starts) < wanted:
+        return selected, (*notes, Note.of("cycles_missing", found=len(starts), wanted=wanted))
     last = starts[wanted - 1]
     return {side: spans[spans[:, 0] <= last] for side, spans in selected.items()}, notes
 

@@ -1,6 +1,6 @@
 """Gait events of a trial: by the motion of the feet, by the plates, or both."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Final
 
@@ -240,7 +240,7 @@ def _holds(contacts: Sequence[Contact], frames: int) -> Indices:
 
 def _landings(
     holds: Indices, loads: Sequence[PlateLoad], time: Array, weight_n: float
-) -> list[tuple[int, float]]:
+) -> Iterator[tuple[int, float]]:
     """Find when feet come to plates that are free; backwards in time, when they leave them."""
 
     @cache
@@ -250,7 +250,6 @@ def _landings(
         added = [np.interp(first.time, p.time, p.force, np.nan, np.nan) for p in others]
         return PlateLoad(first.number, first.time, first.force + np.sum(added, axis=0))
 
-    landings = []
     holds = holds[np.argsort(holds[:, START], kind="stable")]
     for foot in np.unique(holds[:, FOOT]).tolist():
         of_foot = holds[holds[:, FOOT] == foot]
@@ -266,8 +265,8 @@ def _landings(
             free_s = time[before.max() - 1] + MARGIN_S if len(before) else time[0]
             load = total(frozenset(onto[:, PLATE].tolist()))
             at = _crossing(load, free_s, time[start], time[stop - 1], weight_n)
-            landings += [] if at is None else [(foot, at)]
-    return landings
+            if at is not None:
+                yield foot, at
 
 
 def _crossing(
