@@ -16,7 +16,6 @@ from pipeline.trial.gait.cycles import (
     MIN_PLATFORM_SPEED_MPS,
     NO_SWING,
     cut_cycles,
-    found_cycles,
     motion_stops,
     perturbation_onsets,
     select_cycles,
@@ -160,10 +159,8 @@ def what_counts(
     cycles, selection = select_cycles(usable, rule, onsets) if unit == "cycle" else (usable, ())
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)
     span = counted_span(wanted, cycles, time, settling, counts, min_valid_share)
-    of_sides, every = [*chain(*(left_out[side] for side in cycles))], [*chain(*left_out.values())]
-    found = found_cycles(events, cycles)
-    if unit != "cycle":
-        found = sum(map(len, usable.values())) + len(every)
+    of_sides = [*chain(*(left_out[side] for side in cycles))]
+    found = sum(len(usable[side]) for side in cycles) + len(of_sides)
     counted = Counted(cycles, onsets, part, span, unit, found)
     excluded: tuple[Note, ...] = ()
     if count := len(of_sides):
@@ -172,8 +169,10 @@ def what_counts(
     solved = free_of(quality, Quality.POSE_UNKNOWN)
     of_asked = [*chain(*cut[units[0]][1].values())]
     of_cycles = cycle_shortage(events, of_asked, time, solved, why_no_events, units[0])
-    strikes = () if {*every} == {NO_SWING} else events  # who stands makes no gait cycle
-    shortage, instead = _nothing_counts(wanted, counted, strikes, of_cycles, time, counts, solved)
+    # who stands makes no gait cycle
+    none_found = {*chain(*left_out.values())} <= {NO_SWING}
+    frames = time, counts, solved
+    shortage, instead = _nothing_counts(wanted, counted, none_found, of_cycles, *frames)
     return counted._replace(shortage=shortage, notes=(*excluded, *selection, *of_part, *instead))
 
 
@@ -352,7 +351,7 @@ def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -
 def _nothing_counts(
     wanted: WantedWindow,
     counted: Counted,
-    events: Sequence[Event],
+    none_found: bool,
     shortage: str,
     time: Array,
     counts: Mask,
@@ -369,7 +368,7 @@ def _nothing_counts(
             count = sum(map(len, cycles.values()))
             values = {"reason": shortage, "unit": _nouns(counted.unit, count)}
             return "", (Note.of("steps_for_cycles", count=count, **values),)
-        code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
+        code = "no_gait_cycle" if none_found else "gait_cycles_left_out"
         return "", (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
     frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames are used"
