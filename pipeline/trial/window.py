@@ -169,10 +169,9 @@ def what_counts(
     solved = free_of(quality, Quality.POSE_UNKNOWN)
     of_asked = [*chain(*cut[units[0]][1].values())]
     of_cycles = cycle_shortage(events, of_asked, time, solved, why_no_events, units[0])
-    # who stands makes no gait cycle
-    none_found = {*chain(*left_out.values())} <= {NO_SWING}
-    frames = time, counts, solved
-    shortage, instead = _nothing_counts(wanted, counted, none_found, of_cycles, *frames)
+    none_found = {*chain(*left_out.values())} <= {NO_SWING}  # who stands makes no gait cycle
+    known = time, counts, solved
+    shortage, instead = _nothing_counts(wanted, counted, none_found, of_cycles, *known)
     return counted._replace(shortage=shortage, notes=(*excluded, *selection, *of_part, *instead))
 
 
@@ -230,7 +229,7 @@ def counted_span(
     >>> counted_span(None, {}, time, (1 / 6, 1 / 6), valid, 0.5) is None
     True
     """
-    if wanted in ("cycle", "step", "stance") or (wanted is None and any(map(len, cycles.values()))):
+    if wanted in NOUNS or (wanted is None and any(map(len, cycles.values()))):
         return None
     settled = float(time[0] + settling[0]), float(time[-1] - settling[1])
     if settled[0] >= settled[1]:

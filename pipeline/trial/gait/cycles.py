@@ -54,12 +54,11 @@ def perturbation_onsets(
     ValueError
         If there is neither a pulse channel nor a pose, or no perturbation.
     """
-    name = recording.source.name
-    if condition.pulse_channel is not None:
-        onsets, source = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
+    name, channel = recording.source.name, condition.pulse_channel
+    if channel is not None:
+        onsets, source = pulse_onsets(recording, channel), channel
     elif platform is not None:
-        onsets = motion_onsets(recording.markers.time, platform)
-        source = "the platform's motion"
+        onsets, source = motion_onsets(recording.markers.time, platform), "the platform's motion"
     else:
         raise ValueError(
             f"{name}: a perturbed condition needs a pulse_channel, or the platform's pose"
