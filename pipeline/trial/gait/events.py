@@ -198,7 +198,9 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
         ahead, _, up = np.moveaxis(low_pass(feet, time, EVENT_CUTOFF_HZ, "zero_phase"), 2, 0)
     except ValueError:
         return Swings(time, feet, (), np.empty((0, 2)))
-    ahead = ahead * np.sign(np.nansum(up * np.gradient(ahead, time, axis=0)))
+    # above its lowest place, a foot is higher while it goes ahead: by how far, not where it ends
+    lift = up - np.fmin.reduce(up, axis=0)
+    ahead = ahead * np.sign(np.nansum(lift * np.gradient(ahead, time, axis=0)))
     events = [
         Event(float(at), label, side)
         for side, place in zip(SIDES, ahead.T, strict=True)

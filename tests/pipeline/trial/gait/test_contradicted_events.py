@@ -160,6 +160,18 @@ def test_strikes_are_found_whichever_way_one_faces_turns_or_walks(start, turn, b
         assert np.abs(late).max() < 0.05
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("away_m", [-0.2, 0.2])
+def test_two_strides_in_which_the_pelvis_moves_too_are_seen_the_right_way_round(backwards, away_m):
+    markers = walker_that_turns(0 * TIME, backwards, STRIDE_S)
+    position = markers.position[:275].copy()
+    position[:, :4, 0] += np.linspace(0, away_m, 275)[:, None]
+    part = Markers(TIME[:275], LABELS, position)
+    strikes = event_times(foot_swings(part, marker_sets()["hbm2"]).events, "foot_strike", "left")
+    assert len(strikes) > 0
+    assert np.abs((strikes + STRIDE_S / 2) % STRIDE_S - STRIDE_S / 2).max() < 0.05
+
+
 def test_unmarked_feet_and_a_short_recording_show_no_swing():
     markers = walker_that_turns(0 * TIME, False, STRIDE_S)
     legs = Markers(TIME, LABELS[:4], markers.position[:, :4])
