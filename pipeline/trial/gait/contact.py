@@ -74,8 +74,7 @@ def pressure_beside(
     """
     surface = feet[..., 2].min(axis=1)
     pressure = center_of_pressure(wrench, threshold_n, surface)[:, :2]
-    apart = feet[..., :2] - pressure[:, None]
-    distance = np.sqrt(np.square(apart).sum(axis=-1))
+    distance = np.sqrt(np.square(feet[..., :2] - pressure[:, None]).sum(axis=-1))
     loaded: Mask = np.isfinite(distance).all(axis=1)
     distance = np.where(loaded[:, None], distance, 0.0)
     left, right = distance.T
