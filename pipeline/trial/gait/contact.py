@@ -346,21 +346,17 @@ def _overrule(
                 f"contacts: nobody is on plate {each.plate} at {each.time_s:g} s; it is "
                 f"loaded: {_listed(time, loaded) or 'never'}"
             )
-        contact = _by_one_foot(pressure, frame, *inside[0])
-        _require_one_foot(said.setdefault(contact.start, each), each)
-        pressure.nearer[contact] = SIDES.index(each.foot)
-        pressure.decided[contact] = True
-        pressure.uncertain[contact] = False
-
-
-def _by_one_foot(pressure: Pressure, frame: int, start: int, stop: int) -> slice:
-    """Give the part of a contact around a frame in which the foot does not change, if known."""
-    if np.mean(pressure.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE:
-        return slice(start, stop)
-    foot = _foot_of_frames(pressure)[start:stop]
-    bounds = np.concatenate([[start], start + np.flatnonzero(np.diff(foot)) + 1, [stop]])
-    part = int(np.searchsorted(bounds, frame, side="right"))
-    return slice(int(bounds[part - 1]), int(bounds[part]))
+        start, stop = inside[0]
+        if np.mean(pressure.uncertain[start:stop]) <= MAX_DOUBTFUL_SHARE:
+            # the part of the contact around this frame in which the foot does not change
+            foot = _foot_of_frames(pressure)
+            same = stretches(foot == foot[frame]).tolist()
+            first, last = next((a, b) for a, b in same if a <= frame < b)
+            start, stop = max(start, first), min(stop, last)
+        _require_one_foot(said.setdefault(start, each), each)
+        pressure.nearer[start:stop] = SIDES.index(each.foot)
+        pressure.decided[start:stop] = True
+        pressure.uncertain[start:stop] = False
 
 
 def _foot_of_frames(pressure: Pressure, live: bool = False) -> Indices:
