@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import LAST_Q, LIMBS, MOVING, N_Q, TREE, support
+from hbm.coordinates import LAST_Q, MOVING, N_Q, TREE, support
 from hbm.ik.frame_tracking import FrameSolution
 from hbm.kernels.kernel import OneFrameKernel
 from hbm.kernels.native import kernels
@@ -22,7 +22,7 @@ from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
 from pipeline.live.ground import AnalogStreams, LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.checks import LEGS, MAX_UNSEEN_PELVIS_S
+from pipeline.trial.checks import MAX_UNSEEN_PELVIS_S, OF_LEGS
 from pipeline.trial.gait.carried import PLACES, Feet, Support
 from pipeline.trial.gait.contact import FEET, by_foot, pressure_beside
 from pipeline.trial.ground.laboratory import Laboratory
@@ -78,7 +78,6 @@ class LiveFrame:
 
 CHAINS: Final = [np.array(support(LAST_Q[foot])) for foot in FEET]
 """Coordinates that move each foot."""
-OF_LEGS: Final = np.isin([c.segment for c in TREE], [part for leg in LEGS for part in LIMBS[leg]])
 OF_PLACES: Final = [MOVING.index(segment) for segment in PLACES]
 
 
@@ -187,9 +186,8 @@ class LiveChain:
         step_s, forces = 1 / markers.rate_hz, 12 * len(self.ground.variants)
         self.motion = RealtimeFilter(settings.cutoff_hz, N_Q, step_s)
         self.forces = RealtimeFilter(settings.cutoff_hz, forces, step_s)
-        corners, threshold_n = [plate.corners for plate in plates], settings.contact_threshold_n
-        self.support = Support(body, corners, threshold_n, settings.cutoff_hz, "realtime")
         in_real_time = settings.model_copy(update={"filter": "realtime"})
+        self.support = Support(body, [plate.corners for plate in plates], in_real_time)
         self.settling_s, _ = settling_s(laboratory.filters(in_real_time))
         ready = kernels()
         self.segment_poses = OneFrameKernel(ready.segment_poses, body.geometry)

@@ -31,14 +31,7 @@ from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 from pipeline.trial.findings.judge import Fitted, judge_plates
 from pipeline.trial.findings.raw import RawFault, raw_faults
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
-from pipeline.trial.gait.events import (
-    FoundEvents,
-    Swings,
-    check_events,
-    choose_method,
-    foot_swings,
-    other_events,
-)
+from pipeline.trial.gait.events import FoundEvents, Swings, choose_method, foot_swings
 from pipeline.trial.ground.laboratory import (
     BoundLaboratory,
     bind,
@@ -360,23 +353,22 @@ class Chain:
 
     @cached_property
     def gait(self) -> Gait:
-        """Gait events by the method of the settings, compared with other sources."""
+        """Gait events by the method of the settings; the file's are compared with others."""
         trial, pose, body = self.trial, self.pose, self.body
         weight_n = body.mass * GRAVITY_MPS2
         contacts = self.loads.shared.contacts
         of_plates = plate_events(contacts, plate_loads(self.lab), self.time, weight_n)
-        motion = foot_motion(body, self.time, pose.solved.q, self.ground.pose)
+        motion = foot_motion(body, pose.solved.q, self.ground.pose)
         swings: Swings = foot_swings(trial.markers, body.marker_set)
-        method, doubts = choose_method(trial.events, swings, self.settings.events)
+        carried = float(np.mean(free_of(self.quality, NO_SUPPORT)))
+        wanted = self.settings.events
+        method, doubts = choose_method(trial.events, swings, wanted, of_plates, carried)
         sources = trial.events, of_plates, motion, pose.markers, body.marker_set
         found = detect_events(*sources, method)
-        carried = free_of(self.quality, NO_SUPPORT)
-        reference = other_events(of_plates, swings.events, carried, method)
-        doubts = (*doubts, found.note, *check_events(found.events, reference))
         origin: EventOrigin = "motion" if {*found.events}.isdisjoint(of_plates) else "calibrated"
         if method != "auto":
             origin = method
-        return Gait(found, origin if found.events else "", swings.feet, doubts)
+        return Gait(found, origin if found.events else "", swings.feet, (*doubts, found.note))
 
     @cached_property
     def window(self) -> Counted:

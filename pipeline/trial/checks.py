@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from hbm.body import Body
 from hbm.coordinates import LIMBS, TREE
@@ -12,7 +11,6 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.plausibility.labels import (
-    ExchangedSides,
     changed_distances,
     labels_exchanged,
     median_distance,
@@ -21,23 +19,10 @@ from hbm.plausibility.labels import (
 )
 from hbm.plausibility.motion import impossible_angles, large_marker_errors, undetermined_notes
 from hbm.signals.samples import stretches
-from hbm.spatial import (
-    GRAVITY_MPS2,
-    WRENCH_COMPONENTS,
-    Array,
-    Mask,
-    rotate_wrench,
-    shift_wrench,
-)
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, Mask, rotate_wrench, shift_wrench
 from hbm.spelling import written
 from pipeline.io.recording import Recording
-from pipeline.trial.subject import (
-    MAX_STILL_EXTENT_M,
-    TENTH_S,
-    common_tenths,
-    median_extent,
-    tenths,
-)
+from pipeline.trial.subject import TENTH_S, common_tenths, tenths
 
 LENGTHS: Final = {
     "pelvis width": ((("LASIS", "RASIS"),), 0.010),
@@ -67,7 +52,7 @@ class MarkerChecks(NamedTuple):
         Positions that were held.
     """
 
-    sides: tuple[ExchangedSides, ...]
+    sides: tuple[Note, ...]
     exchanged: tuple[Note, ...]
     distances: tuple[Note, ...]
     held: tuple[Note, ...]
@@ -80,7 +65,7 @@ class MarkerChecks(NamedTuple):
     @property
     def notes(self) -> tuple[Note, ...]:
         """All but the distances, which another person's pose may explain."""
-        return (*(each.note for each in self.sides), *self.exchanged, *self.held)
+        return (*self.sides, *self.exchanged, *self.held)
 
 
 def check_markers(body: Body, trial: Recording, pose: Recording) -> MarkerChecks:
@@ -101,7 +86,7 @@ def check_markers(body: Body, trial: Recording, pose: Recording) -> MarkerChecks
     files = {id(each): each for each in (trial, pose)}.values()
     sides = (sides_exchanged(body.marker_set, f.markers, f.source.name) for f in files)
     return MarkerChecks(
-        tuple(each for each in sides if each is not None),
+        tuple(each.note for each in sides if each is not None),
         labels_exchanged(trial.markers, body.markers),
         changed_distances(body, trial.markers),
         repeated_positions(body, trial.markers),
@@ -152,7 +137,10 @@ def _lengths_apart(there: float, here: float) -> float:
 MAX_UNSEEN_PELVIS_S: Final = 0.1
 """For so long, trunk and thighs show where a pelvis without markers is."""
 MAX_UNSEEN_LIMB_S: Final = 0.2
-LEGS: Final = ("left leg", "right leg")
+SEGMENTS: Final = np.array([coordinate.segment for coordinate in TREE])
+"""That each coordinate moves, (46,)."""
+OF_LEGS: Final = np.isin(SEGMENTS, [*LIMBS["left leg"], *LIMBS["right leg"]])
+"""Coordinates of the legs, (46,)."""
 MAX_MISSING_SHARE: Final = 0.5
 """Of the frames: a joint that more of them do not show has no markers, and no gaps."""
 MIN_HEAVY_SHARE: Final = 0.1
@@ -176,7 +164,7 @@ def known_frames(body: Body, motion: Motion) -> Mask:
         or more: what trunk and thighs say of it is off by up to 10° then.
     """
     solved = motion.converged & np.isfinite(motion.a).all(axis=1)
-    return np.asarray(solved & ~_pelvis_unseen(body, motion))
+    return np.asarray(solved & ~_pelvis_unseen(body, motion, MAX_UNSEEN_PELVIS_S))
 
 
 def shown_frames(body: Body, motion: Motion) -> Mask:
@@ -197,19 +185,13 @@ def shown_frames(body: Body, motion: Motion) -> Mask:
         return, the pose of what they helped to show jumps, and the filters have to settle as beside
         a gap of all markers.
     """
-    unseen, gaps = _unseen(body, motion), [_no_pelvis_marker(body, motion)]
+    unseen, gaps = _unseen(body, motion), [_pelvis_unseen(body, motion)]
     gaps += [lost for _, share, lost, _ in _lost_limbs(body, motion) if share >= MIN_HEAVY_SHARE]
-    for part in (part for leg in LEGS for part in LIMBS[leg]):
-        missing: Mask = np.asarray(unseen[:, [c.segment == part for c in TREE]].any(axis=1))
+    for part in np.unique(SEGMENTS[OF_LEGS]):
+        missing: Mask = np.asarray(unseen[:, part == SEGMENTS].any(axis=1))
         if missing.mean() < MAX_MISSING_SHARE:
             gaps.append(missing)
     return np.asarray(~np.any(gaps, axis=0))
-
-
-def _no_pelvis_marker(body: Body, motion: Motion) -> Mask:
-    segment_of = body.segment_of
-    of_pelvis = [segment_of[name] == "pelvis" for name in motion.markers]
-    return np.asarray(np.isnan(motion.marker_error[:, of_pelvis]).all(axis=1))
 
 
 def _unseen(body: Body, motion: Motion) -> Mask:
@@ -219,9 +201,8 @@ def _unseen(body: Body, motion: Motion) -> Mask:
 
 def _free(body: Body, motion: Motion) -> Mask:
     """Find coordinates that markers should show, (46,): of a leg, or shown in any frame."""
-    of_legs = np.array([c.segment in {s for leg in LEGS for s in LIMBS[leg]} for c in TREE])
-    locked = np.array([name in body.locked for name in motion.names])
-    return np.asarray(motion.observed.any(axis=0) | of_legs & ~locked)
+    locked = np.isin(motion.names, [*body.locked])
+    return np.asarray(motion.observed.any(axis=0) | OF_LEGS & ~locked)
 
 
 def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, Mask]]:
@@ -232,31 +213,27 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
     """
     free, unseen = _free(body, motion), _unseen(body, motion)
     for limb, parts in {"trunk": ("thorax",), **LIMBS}.items():
-        own = np.array([c.segment in parts for c in TREE])
-        heavy = own & free & [c.segment in body.segments for c in TREE]
+        of_limb, with_mass = np.isin(SEGMENTS, parts), [s for s in parts if s in body.segments]
+        heavy = free & np.isin(SEGMENTS, with_mass)
         lost: Mask = np.asarray(unseen[:, heavy].all(axis=1) & heavy.any())
         if lost.any():
-            mass = sum(body.segments[s].mass for s in parts if s in body.segments)
-            yield limb, mass / body.mass, lost, own
+            yield limb, sum(body.segments[s].mass for s in with_mass) / body.mass, lost, of_limb
 
 
-def _pelvis_unseen(body: Body, motion: Motion) -> Mask:
-    """Find the frames, (T,), in which the pelvis shows no marker for too long."""
-    unseen = _no_pelvis_marker(body, motion)
+def _pelvis_unseen(body: Body, motion: Motion, least_s: float = 0.0) -> Mask:
+    """Find the frames, (T,), in which the pelvis shows no marker, at least for some time."""
+    segment_of = body.segment_of
+    of_pelvis = [segment_of[name] == "pelvis" for name in motion.markers]
+    unseen: Mask = np.asarray(np.isnan(motion.marker_error[:, of_pelvis]).all(axis=1))
     for start, stop in stretches(unseen):
-        if motion.time[stop - 1] - motion.time[start] < MAX_UNSEEN_PELVIS_S:
+        if motion.time[stop - 1] - motion.time[start] < least_s:
             unseen[start:stop] = False
     return unseen
 
 
-class MotionChecks(NamedTuple):
-    """What was locked, interpolated, left out or not solved; and what does not fit the body."""
-
-    notes: tuple[Note, ...]
-    misfits: tuple[Note, ...]
-
-
-def check_motion(body: Body, motion: Motion, markers: Markers) -> MotionChecks:
+def check_motion(
+    body: Body, motion: Motion, markers: Markers
+) -> tuple[tuple[Note, ...], tuple[Note, ...]]:
     """Find what was locked, interpolated, left out or not solved in a trial's motion.
 
     Parameters
@@ -270,33 +247,36 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> MotionChecks:
 
     Returns
     -------
-    MotionChecks
-        ``coordinates_held``, ``mass_not_shown``, ``limb_unknown``, ``pelvis_unseen``, ``gaps``,
-        ``interpolated``, ``marker_error_large`` and ``joint_angles_impossible``, where there are
-        any. Samples are missing where a marker has a gap in a frame that was solved.
+    notes
+        ``coordinates_held``, ``mass_not_shown``, ``limb_unknown``, ``pelvis_unseen``, ``gaps`` and
+        ``interpolated``, where there are any. Samples are missing where a marker has a gap in a
+        frame that was solved.
+    misfits
+        What does not fit the body: ``marker_error_large`` and ``joint_angles_impossible``.
     """
     notes, interpolated = [*undetermined_notes(body, motion)], dict[str, int]()
     unseen = _unseen(body, motion)
-    for limb, share, lost, own in _lost_limbs(body, motion):
+    for limb, share, lost, of_limb in _lost_limbs(body, motion):
         longest_s = max(motion.time[b - 1] - motion.time[a] for a, b in stretches(lost))
         frames = interpolated[limb] = int(np.count_nonzero(lost))
-        unseen[np.ix_(lost, own)] = False
+        unseen[np.ix_(lost, of_limb)] = False
         if share >= MIN_HEAVY_SHARE and longest_s >= MAX_UNSEEN_LIMB_S:
             notes.append(Note.of("limb_unknown", limb=limb, frames=frames, share=share))
     counts = zip(motion.names, unseen.sum(axis=0).tolist(), strict=True)
     interpolated |= {name: count for name, count in counts if count}
-    if pelvis := np.count_nonzero(motion.converged & _pelvis_unseen(body, motion)):
-        notes.append(Note.of("pelvis_unseen", frames=pelvis))
+    pelvis_unseen = motion.converged & _pelvis_unseen(body, motion, MAX_UNSEEN_PELVIS_S)
+    if pelvis_unseen.any():
+        notes.append(Note.of("pelvis_unseen", frames=np.count_nonzero(pelvis_unseen)))
     used = [markers.names.index(name) for name in motion.markers]
     samples = np.count_nonzero(np.isnan(markers.position[:, used, 0])[motion.converged])
     unsolved = np.count_nonzero(~motion.converged)
+    frames = len(motion.time)
     if samples or unsolved:
-        every = len(motion.time)
-        notes.append(Note.of("gaps", samples=samples, unsolved=unsolved, frames=every))
+        notes.append(Note.of("gaps", samples=samples, unsolved=unsolved, frames=frames))
     if interpolated:
         notes.append(Note.of("interpolated", frames=interpolated))
     misfits = (*large_marker_errors(body, motion), *impossible_angles(body, motion))
-    return MotionChecks(tuple(notes), misfits)
+    return tuple(notes), misfits
 
 
 MAX_REST_SHARE: Final = 0.1
@@ -328,13 +308,6 @@ BEYOND_NOISE: Final = 8.0
 MIN_SHARED_TIME: Final = 0.9
 """Of the markers' time that the plates must cover: recordings end some frames apart."""
 
-MIN_LOAD_JUMP: Final = 0.2
-"""Share of body weight by which the load of somebody who stands still cannot change."""
-MAX_LOAD_SPREAD: Final = 0.05
-"""Share of body weight within which a load is steady before and after it jumps."""
-STEADY_TENTHS: Final = 4
-"""Tenths of a second on either side of a jump in which load and subject are steady."""
-
 
 class WrongZeros(NamedTuple):
     """What unloaded plates read [N], other components that are far from zero, what corrects it."""
@@ -345,22 +318,16 @@ class WrongZeros(NamedTuple):
 
     def note(self, remedy: str, body_kg: float) -> Note:
         """Give the note about it."""
-        total_n = sum(self.rest_n.values())
-        of_all = {"total_n": total_n, "mass_kg": total_n / GRAVITY_MPS2}
-        return Note.of(
-            "plates_not_zeroed",
-            rest_n=self.rest_n,
-            **of_all,
-            components=self.components or ["none"],
-            remedy=remedy,
-            body_kg=body_kg,
-        )
+        total_n, components = sum(self.rest_n.values()), self.components or ["none"]
+        sizes = {"total_n": total_n, "mass_kg": total_n / GRAVITY_MPS2, "body_kg": body_kg}
+        words = {"components": components, "remedy": remedy}
+        return Note.of("plates_not_zeroed", rest_n=self.rest_n, **sizes, **words)
 
 
 def check_plates(
     recording: Recording, wrenches: Sequence[Array], mass_kg: float
 ) -> tuple[WrongZeros | None, tuple[Note, ...]]:
-    """Find plates that are not zero when nobody is on them, and loads that jump.
+    """Find plates that are not zero when nobody is on them, or that lost samples or time.
 
     Parameters
     ----------
@@ -379,15 +346,12 @@ def check_plates(
         another component is more than 10 N or 5 N·m from zero then.
     tuple of Note
         ``plate_samples_zero`` where samples of a loaded plate are exactly zero;
-        ``plates_apart`` where the plates cover less than 0.9 of the markers' time; ``load_jumps``
-        where their total changes by a fifth of the body weight while the subject stands still.
+        ``plates_apart`` where the plates cover less than 0.9 of the markers' time.
     """
     time, weight_n = recording.markers.time, mass_kg * GRAVITY_MPS2
-    vertical, rest_n, others = dict[str, Array](), dict[str, float](), list[str]()
-    zeros = list[str]()
+    rest_n, others, zeros = dict[str, float](), list[str](), list[str]()
     for plate, wrench in zip(recording.plates, wrenches, strict=True):
         name = f"plate {plate.number}"
-        vertical[name] = wrench[:, 2]
         usual = zero_of(shift_wrench(wrench, plate.center), time, weight_n)
         if usual is not None:
             rest_n[name] = usual[2]
@@ -403,11 +367,8 @@ def check_plates(
     largest_n, total_n = max(map(abs, rest_n.values()), default=0), sum(rest_n.values())
     if others or largest_n > MAX_REST_N or abs(total_n) > MAX_TOTAL_REST_N:
         wrong_zeros = WrongZeros(rest_n, tuple(others), tuple(zeros))
-    return wrong_zeros, (
-        *_zero_samples(recording, rest_n, MIN_LOADED * weight_n),
-        *_apart(recording),
-        *load_jumps(vertical, recording.markers.position, time, weight_n),
-    )
+    lost = _zero_samples(recording, rest_n, MIN_LOADED * weight_n)
+    return wrong_zeros, (*lost, *_apart(recording))
 
 
 def _zero_samples(
@@ -423,21 +384,18 @@ def _zero_samples(
         for component in plate.wrench_in_plate.T:
             least = MIN_BESIDE * np.nanmax(np.abs(component), initial=0.0)
             least = max(least, BEYOND_NOISE * float(np.nanmedian(np.abs(np.diff(component)))))
-            starts, stops = stretches(component == 0).T
-            inside = (starts > 0) & (stops < len(component)) & (stops - starts <= longest)
-            starts, stops = starts[inside], stops[inside]
-            before, after = starts - 1, stops
-            held = np.minimum(np.abs(component[before]), np.abs(component[after])) > least
-            held &= np.minimum(load[before], load[after]) > loaded_n
-            held &= component[before] * component[after] > 0  # else it passes zero
-            for start, stop in zip(starts[held], stops[held], strict=True):
+            runs = stretches(component == 0)
+            brief = (runs[:, 0] > 0) & (runs[:, 1] < len(component))
+            runs = runs[brief & (np.diff(runs)[:, 0] <= longest)]
+            beside = runs - (1, 0)  # samples before and after
+            held = (np.abs(component[beside]) > least).all(axis=1)
+            held &= (load[beside] > loaded_n).all(axis=1)
+            held &= component[beside].prod(axis=1) > 0  # else it passes zero
+            for start, stop in runs[held]:
                 zero[start:stop] = True
         if zero.any():
-            samples, first_s = int(zero.sum()), plate.time[np.argmax(zero)]
-            note = Note.of(
-                "plate_samples_zero", plate=plate.number, samples=samples, first_s=first_s
-            )
-            notes.append(note)
+            size = {"samples": zero.sum(), "first_s": plate.time[np.argmax(zero)]}
+            notes.append(Note.of("plate_samples_zero", plate=plate.number, **size))
     return tuple(notes)
 
 
@@ -493,56 +451,3 @@ def rest_level(vertical: Array, time: Array, weight_n: float) -> float | None:
         return None
     start = int(np.argmax(within))
     return float(low[start : start + within[start]].mean())
-
-
-def load_jumps(
-    vertical: Mapping[str, Array], position: Array, time: Array, weight_n: float
-) -> tuple[Note, ...]:
-    """Find where the load of somebody who stands still jumps.
-
-    Parameters
-    ----------
-    vertical
-        Plate -> vertical force on the subject, (T,) [N].
-    position
-        The subject's markers, (T, K, 3) [m].
-    time
-        (T,) [s].
-    weight_n
-        Body weight.
-
-    Returns
-    -------
-    tuple of Note
-        ``load_jumps`` for the largest change of the plates' total from one steady load to another
-        by more than a fifth of the body weight while half of the markers stay within 2 cm.
-    """
-    every = common_tenths(time)
-    load = np.stack([tenths(force, time, *every) for force in vertical.values()])
-    wide = 2 * STEADY_TENTHS + 1
-    if load.shape[1] < wide:
-        return ()
-    windows = sliding_window_view(load, wide, axis=1)
-    before, after = windows[..., :STEADY_TENTHS], windows[..., -STEADY_TENTHS:]
-    change = after.mean(axis=-1) - before.mean(axis=-1)
-    jump_n = np.abs(change.sum(axis=0))
-    spread_n = [np.ptp(each.sum(axis=0), axis=-1) for each in (before, after)]
-    steady = np.max(spread_n, axis=0) < MAX_LOAD_SPREAD * weight_n
-    largest_n = MIN_LOAD_JUMP * weight_n
-    found = np.flatnonzero(steady & (jump_n > largest_n))
-    place = tenths(position, time, every[0], int(found.max(initial=-wide)) + wide)
-    notes: tuple[Note, ...] = ()
-    for start in found:
-        still = median_extent(place[start : start + wide]) < MAX_STILL_EXTENT_M
-        if still and jump_n[start] > largest_n:
-            largest_n = jump_n[start]
-            by_plate = zip(vertical, change[:, start], strict=True)
-            note = Note.of(
-                "load_jumps",
-                plates=[plate for plate, each in by_plate if 2 * abs(each) > largest_n],
-                at_s=time[0] + TENTH_S * (start + wide / 2),
-                before_n=before[:, start].sum(axis=0).mean(),
-                after_n=after[:, start].sum(axis=0).mean(),
-            )
-            notes = (note,)
-    return notes

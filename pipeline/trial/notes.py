@@ -30,9 +30,9 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
     other = chain.inputs.static and other_person(body, trial, chain.standing, known_kg)
     if other:
         yield other
-    motion = check_motion(body, chain.pose.solved, chain.pose.markers)
+    of_motion, misfits = check_motion(body, chain.pose.solved, chain.pose.markers)
     loads, ground = chain.loads, chain.ground
-    support = carried_notes(chain.quality, time, loads.need, loads.measured)
+    support, in_part = carried_notes(chain.quality, time, loads.need, loads.measured)
     yield from trial.notes
     named = {number for finding in faults for number in finding.plates}
     yield from (fact.note for k, fact in reversed_plates(trial).items() if k not in named)
@@ -41,9 +41,9 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
     yield from chain.labels.notes
     yield from body.notes
     yield from chain.solved.outliers
-    yield from motion.notes
+    yield from of_motion
     if not other:  # who stood in another person's place explains these
-        yield from (*chain.labels.distances, *motion.misfits)
+        yield from (*chain.labels.distances, *misfits)
     yield from ground.notes
     yield from chain.moves
     zeros, others = check_plates(trial, ground.variants[ground.best], mass.mass_kg)
@@ -53,10 +53,10 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
     yield from others
     if chain.uncertainty is not None:
         yield from uncertainty_notes(chain.uncertainty[chain.counts])
-    yield from support.notes
+    yield from support
     yield from ambiguous_contacts(loads.shared, time)
     if not faults:
-        yield from (*far_from_feet(loads.shared), *support.doubtful)
+        yield from (*far_from_feet(loads.shared), *in_part)
     yield from _of_delay(chain)
     yield from (note_of(finding, trial.plates, time) for finding in faults)
     if chain.carried_kg is not None:

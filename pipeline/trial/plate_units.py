@@ -11,7 +11,7 @@ from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.io.axes import MIN_MEAN_LOAD_N, find_sites, mean_force
 from pipeline.io.mended_plates import mended_plates, of_channels
 from pipeline.io.recording import Fact, Plate, Recording
-from pipeline.io.stated import CONVERT, Quantity, correction, parse_plate_units
+from pipeline.io.stated import CONVERT, correction, parse_plate_units
 
 HALF: Final = 0.5
 """Of the largest load of a plate: samples that are judged."""
@@ -56,11 +56,8 @@ NEVER_MOVES_M: Final = 1e-3
 """RMS distance of the pressure from the centre of a plate: nobody stands so well."""
 MIN_FOOT_M: Final = 0.02
 """RMS distance of the feet from there, with which it is compared."""
-SYMBOLS: Final[dict[Quantity, Sequence[str]]] = {
-    "force": ("N", "kN"),
-    "moment": ("Nmm", "Ncm", "Nm", "kNm"),
-    "pressure": ("mm", "cm", "m"),
-}
+SYMBOLS: Final = ("N", "kN"), ("Nmm", "Ncm", "Nm", "kNm"), ("mm", "cm", "m")
+"""Usual units of forces, moments and centres of pressure, in the order of `CONVERT`."""
 MAX_RESIDUAL: Final = 3.0, 1.5
 """RMS force by body weight and RMS moment by body weight × stature that no body lacks: of all our
 recordings at most 0.2 and 0.05, of a pitching platform without compensation 0.5 and 0.3."""
@@ -205,9 +202,10 @@ def _units(factor: Factor) -> str:
     units, right = parse_plate_units(factor.plate.units), list[str]()
     # moments of forces at centres of pressure are in the unit of these
     powers = (factor.force, factor.torque, factor.moment)[:: 1 if factor.at_pressure else 2]
-    for (quantity, convert), unit, ten in zip(CONVERT.items(), units, powers, strict=False):
+    of_quantities = zip(CONVERT.values(), SYMBOLS, units, powers, strict=False)
+    for convert, symbols, unit, ten in of_quantities:
         wanted = convert(unit) * 10.0**ten
-        right += [u for u in (unit, *SYMBOLS[quantity]) if np.isclose(convert(u), wanted)][:1]
+        right += [u for u in (unit, *symbols) if np.isclose(convert(u), wanted)][:1]
     return ",".join(right) if len(right) == len(units) else ""
 
 
@@ -293,10 +291,8 @@ def _pressure_and_feet(plate: Plate, feet: Array, time: Array) -> tuple[Array, A
     loaded &= standing.any(axis=1)
     counted = standing[loaded, :, None]
     foot = np.where(counted, place[loaded, :, :2], 0).sum(axis=1) / counted.sum(axis=1)
-    stored = shift_wrench(wrench[loaded], plate.transducer)
-    by_stored, in_all = (
-        each[:, [4, 3]] * [-1, 1] / each[:, 2:3] for each in (stored, wrench[loaded])
-    )
+    loads = wrench[loaded], shift_wrench(wrench[loaded], plate.transducer)
+    in_all, by_stored = (load[:, [4, 3]] * [-1, 1] / load[:, 2:3] for load in loads)
     return by_stored, in_all - by_stored, foot
 
 

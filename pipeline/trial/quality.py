@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from enum import IntFlag
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -115,13 +115,12 @@ def settling_s(filters: Iterable[tuple[Method, float]]) -> tuple[float, float]:
     >>> [round(time_s, 3) for time_s in settling_s([("realtime", 6.0)])]
     [0.25, 0.0]
     """
-    periods = [(np.array(SETTLING_PERIODS[method]), cutoff_hz) for method, cutoff_hz in filters]
-    times = [
-        np.where(needed > 0, np.maximum(needed / cutoff_hz, MIN_SETTLING_S), 0.0)
-        for needed, cutoff_hz in periods
-    ]
-    after, before = np.max(times, axis=0)
-    return float(after), float(before)
+    longest_s = np.zeros(2)
+    for method, cutoff_hz in filters:
+        periods = np.array(SETTLING_PERIODS[method])
+        needed_s = np.where(periods > 0, np.maximum(periods / cutoff_hz, MIN_SETTLING_S), 0.0)
+        longest_s = np.maximum(longest_s, needed_s)
+    return float(longest_s[0]), float(longest_s[1])
 
 
 def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> Mask:
@@ -151,19 +150,16 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     settled = np.zeros(len(time), bool)
     after_s, before_s = (time_s - ROUNDING_S for time_s in settling)
     for start, stop in stretches(known):
-        own = time[start:stop]
-        settled[start:stop] = (own >= own[0] + after_s) & (own <= own[-1] - before_s)
+        stretch = time[start:stop]
+        settled[start:stop] = (stretch >= stretch[0] + after_s) & (
+            stretch <= stretch[-1] - before_s
+        )
     return settled
 
 
-class SupportNotes(NamedTuple):
-    """Which frames are left out for want of support, and in which that count it is doubtful."""
-
-    notes: tuple[Note, ...]
-    doubtful: tuple[Note, ...]
-
-
-def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -> SupportNotes:
+def carried_notes(
+    quality: Indices, time: Array, need: Array, measured: Array
+) -> tuple[tuple[Note, ...], tuple[Note, ...]]:
     """Say what plates measure of what the motion needs where frames are left out, or doubtful.
 
     Parameters
@@ -177,35 +173,32 @@ def carried_notes(quality: Indices, time: Array, need: Array, measured: Array) -
 
     Returns
     -------
-    SupportNotes
-        ``plates_shared`` and ``frames_not_carried`` where there are such frames;
+    notes
+        ``plates_shared`` and ``frames_not_carried`` where there are such frames.
+    doubtful
         ``carried_in_part`` where, in frames that count, plates measure more than `MAX_DOUBTFUL` too
         little or too much on average over `STEP_S`.
     """
-    notes, known = [], np.isfinite(need + measured)
-    if shared := int(np.count_nonzero(~free_of(quality, Quality.FOOT_UNCERTAIN))):
-        notes.append(Note.of("plates_shared", shared=shared, frames=len(quality)))
+    notes, known, frames = [], np.isfinite(need + measured), len(quality)
+    if shared := np.count_nonzero(~free_of(quality, Quality.FOOT_UNCERTAIN)):
+        notes.append(Note.of("plates_shared", shared=shared, frames=frames))
     carried = free_of(quality, NO_SUPPORT)
 
     def share(frames: Mask) -> float:
         return float(measured[frames].sum() / need[frames].sum())
 
-    if missing := int(np.count_nonzero(~carried)):
+    if missing := np.count_nonzero(~carried):
         unsupported = known & ~carried
-        percent = f"{100 * share(unsupported):.0f} %" if unsupported.any() else "an unknown part"
-        frames = len(carried)
-        notes.append(
-            Note.of("frames_not_carried", missing=missing, frames=frames, measured=percent)
-        )
+        part = f"{100 * share(unsupported):.0f} %" if unsupported.any() else "an unknown part"
+        notes.append(Note.of("frames_not_carried", missing=missing, frames=frames, measured=part))
     counts = known & free_of(quality)
     long = max(1, round(STEP_S / float(np.median(np.diff(time)))))
-    present, needed, found = (
+    present, needed, carries = (
         uniform_filter1d(np.where(counts, each, 0.0), long, mode="constant")
         for each in (np.ones(len(time)), need, measured)
     )
-    doubtful = counts & (present > 0.5) & (np.abs(found - needed) > MAX_DOUBTFUL * needed)
+    doubtful = counts & (present > 0.5) & (np.abs(carries - needed) > MAX_DOUBTFUL * needed)
     if not doubtful.any():
-        return SupportNotes(tuple(notes), ())
-    number, first_s = int(np.count_nonzero(doubtful)), time[doubtful][0]
-    in_part = Note.of("carried_in_part", frames=number, first_s=first_s, share=share(doubtful))
-    return SupportNotes(tuple(notes), (in_part,))
+        return tuple(notes), ()
+    size = {"frames": doubtful.sum(), "first_s": time[doubtful][0], "share": share(doubtful)}
+    return tuple(notes), (Note.of("carried_in_part", **size),)

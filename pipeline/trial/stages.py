@@ -9,7 +9,7 @@ forces, and `pipeline.trial.gait.carried.Support` for the quality.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,16 +19,11 @@ from hbm.body import Body
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.markers import Markers
 from hbm.motion import Motion
-from hbm.signals.filtering import (
-    acceleration_lag_s,
-    longest_gap_s,
-    low_pass,
-    over_short_gaps,
-)
+from hbm.signals.filtering import acceleration_lag_s, longest_gap_s, low_pass, over_short_gaps
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import PlateContact, Settings
-from pipeline.trial.checks import known_frames, rest_level, shown_frames
+from pipeline.trial.checks import OF_LEGS, known_frames, rest_level, shown_frames
 from pipeline.trial.gait.carried import Support, places_of
 from pipeline.trial.gait.contact import (
     FEET,
@@ -36,7 +31,6 @@ from pipeline.trial.gait.contact import (
     both_stand,
     by_foot,
     feet_of,
-    forces_of_legs,
     share_between_feet,
 )
 from pipeline.trial.ground.wrenches import Ground
@@ -48,8 +42,7 @@ MAX_DELAY_S: Final = 0.010
 """No published limit: one frame of a 100 Hz camera."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class Pose(NamedTuple):
     """The markers that were solved, the motion that they show, and the filtered one, T frames.
 
     Over a few lost frames both motions are interpolated.
@@ -67,8 +60,7 @@ def filtered_pose(markers: Markers, solved: Motion, settings: Settings) -> Pose:
     return Pose(markers, replace(solved, q=whole), motion)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Loads:
+class Loads(NamedTuple):
     """The plates under the feet, and the dynamics that follow.
 
     Attributes
@@ -103,13 +95,13 @@ def dynamics_under_feet(
 
     Errors are those of `share_between_feet` and `hbm.dynamics.inverse_dynamics`.
     """
-    motion = pose.motion
+    motion, places = pose.motion, places_of(body, pose.solved.q)
     shared = share_between_feet(
         motion.time,
         ground.variants[ground.best],
-        feet_of(body, pose.solved),
+        feet_of(places),
         settings.contact_threshold_n,
-        standing=both_stand(body, pose.solved),
+        standing=both_stand(places, motion.time),
         numbers=[plate.number for plate in ground.plates],
         stated=contacts,
         method=settings.filter,
@@ -135,8 +127,7 @@ def _filtered(feet: Array, solved: Motion, settings: Settings) -> dict[str, Arra
         unknown = np.isnan(feet).any(axis=(1, 2)) | ~solved.converged
         feet = np.where(unknown[:, None, None], np.nan, feet)
     how = solved.time, settings.cutoff_hz, settings.filter
-    each = (low_pass(feet[:, k], *how) for k in range(2))
-    return dict(zip(FEET, each, strict=True))
+    return {foot: low_pass(feet[:, k], *how) for k, foot in enumerate(FEET)}
 
 
 def frame_quality(
@@ -183,13 +174,7 @@ def _foot_uncertain(ground: Ground, loads: Loads, settings: Settings, time: Arra
     return np.asarray(filtered > MAX_UNCERTAIN_N)
 
 
-def _carried(
-    body: Body,
-    motion: Motion,
-    ground: Ground,
-    loads: Loads,
-    settings: Settings,
-) -> Mask:
+def _carried(body: Body, motion: Motion, ground: Ground, loads: Loads, settings: Settings) -> Mask:
     """Find the frames in which the plates carry the subject, (T,), by `Support`.
 
     What plates read at rest does not count, but in real time.
@@ -198,29 +183,17 @@ def _carried(
     if settings.filter != "realtime":
         weight_n = body.mass * GRAVITY_MPS2
         at_rest = np.array([rest_level(w[:, 2], motion.time, weight_n) or 0.0 for w in best])
-    support = Support(
-        body,
-        [plate.corners for plate in ground.plates],
-        settings.contact_threshold_n,
-        settings.cutoff_hz,
-        settings.filter,
-        at_rest,
-    )
+    support = Support(body, [plate.corners for plate in ground.plates], settings, at_rest)
     platform = None if ground.pose is None else (ground.pose.rotation, ground.pose.position)
-    return support.carried(
-        support.feet(motion.time, places_of(body, motion.q), platform),
-        np.stack(best, axis=1),
-        loads.shared.on,
-        loads.need,
-        loads.measured,
-        platform,
-    )
+    feet = support.feet(motion.time, places_of(body, motion.q), platform)
+    of_plates = np.stack(best, axis=1), loads.shared.on, loads.need, loads.measured
+    return support.carried(feet, *of_plates, platform)
 
 
 def known_forces(dynamics: Mapping[str, Dynamics], quality: Indices) -> dict[str, Dynamics]:
     """Leave out the forces of legs whose load is unknown, and all while filters settle."""
-    unknown = forces_of_legs(~free_of(quality, NO_SUPPORT | Quality.FOOT_UNCERTAIN))
-    unknown |= ~free_of(quality, Quality.SETTLING)[:, None]
+    known_load = free_of(quality, NO_SUPPORT | Quality.FOOT_UNCERTAIN)[:, None]
+    unknown = (~known_load & OF_LEGS) | ~free_of(quality, Quality.SETTLING)[:, None]
     return {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
 
 

@@ -2,9 +2,8 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import chain, pairwise
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from pipeline.trial.gait.cycles import (
     MIN_PLATFORM_SPEED_MPS,
     NO_SWING,
     cut_cycles,
-    found_cycles,
     motion_stops,
     perturbation_onsets,
     select_cycles,
@@ -34,12 +32,7 @@ NEEDS: Final[dict[Unit, str]] = {
 
 
 def cycle_shortage(
-    events: Sequence[Event],
-    left_out: Sequence[str],
-    time: Array,
-    solved: Mask,
-    why: str = "",
-    unit: Unit = "cycle",
+    events: Sequence[Event], left_out: list[str], time: Array, solved: Mask, why: str, unit: Unit
 ) -> str:
     """Say why there is no gait cycle, step or stance.
 
@@ -54,7 +47,7 @@ def cycle_shortage(
     solved
         Whether pose and forces are known, (T,).
     why
-        Why there are no events, if that is known.
+        Why there are no events; empty where that is not known.
     unit
         What there is none of.
 
@@ -68,7 +61,7 @@ def cycle_shortage(
     >>> import numpy as np
     >>> time = np.arange(300) / 100
     >>> strikes = [Event(4.1, "foot_strike", "left"), Event(5.2, "foot_strike", "left")]
-    >>> print(cycle_shortage(strikes, (), time, time >= 0))
+    >>> print(cycle_shortage(strikes, [], time, time >= 0, "", "cycle"))
     a gait cycle needs two foot strikes of one side while markers are recorded, from 0.00 to \
 2.99 s; there are 0 left and 0 right, and 2 from 4.10 to 5.20 s
     """
@@ -106,16 +99,14 @@ NO_POSE: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Counted:
+class Counted(NamedTuple):
     """What of a trial counts.
 
     Attributes
     ----------
-    usable
-        Side -> start and stop of every gait cycle of which enough is known, (C, 2) [s].
     cycles
-        The same of those that the condition asks for.
+        Side -> start and stop of every gait cycle that the condition asks for and of which enough
+        is known, (C, 2) [s].
     onsets
         When the perturbations of a perturbed condition began, (P,) [s].
     part
@@ -123,7 +114,7 @@ class Counted:
     span
         Start and stop of what counts in place of gait cycles [s]; None where these count.
     unit
-        Whether ``usable`` and ``cycles`` are gait cycles, steps or stances.
+        Whether ``cycles`` are gait cycles, steps or stances.
     found
         How many of them the events of these sides show, whether they count or not.
     shortage
@@ -132,7 +123,6 @@ class Counted:
         What was left out, or counts in place of gait cycles.
     """
 
-    usable: dict[str, Array]
     cycles: dict[str, Array]
     onsets: Array
     part: CyclePart | None
@@ -160,51 +150,34 @@ def what_counts(
     so are the errors; the platform's pose is at the T frames.
     """
     time, counts, wanted = recording.markers.time, free_of(quality), rule.wanted
-    unit, usable, left_out = _cut(events, time, quality, wanted, min_valid_share, feet)
+    # what is asked for; by default gait cycles, else steps, else stances
+    units = [unit for unit in NOUNS if unit == wanted] or [*NOUNS]
+    cut = {u: cut_cycles(events, time, quality, min_valid_share, u, feet) for u in units}
+    unit = next((u for u in units if any(map(len, cut[u][0].values()))), units[0])
+    usable, left_out = cut[unit]
     onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
     cycles, selection = select_cycles(usable, rule, onsets) if unit == "cycle" else (usable, ())
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)
     span = counted_span(wanted, cycles, time, settling, counts, min_valid_share)
-    found = found_cycles(events, cycles)
-    excluded, every = (
-        [reason for side in sides for reason in left_out[side]] for sides in (cycles, left_out)
-    )
-    if unit != "cycle":
-        found = sum(map(len, usable.values())) + len(every)
-    counted = Counted(usable, cycles, onsets, part, span, unit, found)
-    notes = list[Note]()
-    if excluded:
-        reasons = counted_reasons(excluded)
-        noun = NOUNS[unit] + "s" * (len(excluded) > 1)
-        notes.append(Note.of("cycles_left_out", count=len(excluded), unit=noun, reasons=reasons))
+    of_sides = [*chain(*(left_out[side] for side in cycles))]
+    found = sum(len(usable[side]) for side in cycles) + len(of_sides)
+    counted = Counted(cycles, onsets, part, span, unit, found)
+    excluded: tuple[Note, ...] = ()
+    if count := len(of_sides):
+        values = {"unit": _nouns(unit, count), "reasons": counted_reasons(of_sides)}
+        excluded = (Note.of("cycles_left_out", count=count, **values),)
     solved = free_of(quality, Quality.POSE_UNKNOWN)
-    asked = unit if wanted == unit else "cycle"
-    of_asked = cut_cycles(events, time, quality, min_valid_share, asked, feet)[1].values()
-    of_cycles = cycle_shortage(events, [*chain(*of_asked)], time, solved, why_no_events, asked)
-    strikes = () if {*every} == {NO_SWING} else events  # who stands makes no gait cycle
-    shortage, instead = _nothing_counts(wanted, counted, strikes, of_cycles, time, counts, solved)
-    notes += (*selection, *of_part, *instead)
-    return replace(counted, shortage=shortage, notes=tuple(notes))
+    of_asked = [*chain(*cut[units[0]][1].values())]
+    of_cycles = cycle_shortage(events, of_asked, time, solved, why_no_events, units[0])
+    none_found = {*chain(*left_out.values())} <= {NO_SWING}  # who stands makes no gait cycle
+    known = time, counts, solved
+    shortage, instead = _nothing_counts(wanted, counted, none_found, of_cycles, *known)
+    return counted._replace(shortage=shortage, notes=(*excluded, *selection, *of_part, *instead))
 
 
-def _cut(
-    events: Sequence[Event],
-    time: Array,
-    quality: Indices,
-    wanted: WantedWindow,
-    min_valid_share: float,
-    feet: Array | None,
-) -> tuple[Unit, dict[str, Array], dict[str, tuple[str, ...]]]:
-    """Cut a trial into the unit that is wanted; by default gait cycles, else steps, else stances.
-
-    With why each of a side was left out; where none is complete, of gait cycles.
-    """
-    units: tuple[Unit, ...] = ("cycle", "step", "stance")
-    if wanted in units:
-        units = (wanted,)
-    cut = {unit: cut_cycles(events, time, quality, min_valid_share, unit, feet) for unit in units}
-    unit = next((unit for unit in units if any(map(len, cut[unit][0].values()))), units[0])
-    return unit, *cut[unit]
+def _nouns(unit: Unit, count: int) -> str:
+    """Name a number of units."""
+    return NOUNS[unit] + "s" * (count > 1)
 
 
 def counted_span(
@@ -256,7 +229,7 @@ def counted_span(
     >>> counted_span(None, {}, time, (1 / 6, 1 / 6), valid, 0.5) is None
     True
     """
-    if wanted in ("cycle", "step", "stance") or (wanted is None and any(map(len, cycles.values()))):
+    if wanted in NOUNS or (wanted is None and any(map(len, cycles.values()))):
         return None
     settled = float(time[0] + settling[0]), float(time[-1] - settling[1])
     if settled[0] >= settled[1]:
@@ -270,7 +243,7 @@ def counted_span(
     if isinstance(wanted, str):
         return settled
     span = max(wanted[0], settled[0]), min(wanted[1], settled[1])
-    if not ((time >= span[0]) & (time < span[1])).any():
+    if not frames_within(time, {}, span).any():
         raise ValueError(
             f"the span {wanted[0]:g} to {wanted[1]:g} s holds no frame; the recording can be used "
             f"from {settled[0]:.2f} to {settled[1]:.2f} s"
@@ -330,10 +303,8 @@ def perturbed_part(
                 "check its markers or channels, or set another window"
             )
         notes += [Note.of("perturbation_without_motion", onset_s=onset) for onset in still]
-    parts = {
-        side: _part_of_cycles(wanted, own, onsets, stops).tolist() for side, own in cycles.items()
-    }
-    spans = {side: tuple((start, stop) for start, stop in own) for side, own in parts.items()}
+    parts = {side: _part_of_cycles(wanted, own, onsets, stops) for side, own in cycles.items()}
+    spans = {side: tuple((start, stop) for start, stop in p.tolist()) for side, p in parts.items()}
     if isinstance(wanted, Interval) and wanted.unit == "s":
         for onset, following in pairwise(onsets.tolist()):
             if onset + wanted.stop > following:
@@ -341,15 +312,15 @@ def perturbed_part(
                     f"the window of {wanted} after the perturbation at {onset:.2f} s reaches into "
                     f"the next one at {following:.2f} s; set a shorter one"
                 )
-        ends = np.isnan([stop for own in spans.values() for _, stop in own])
-        if len(ends) and ends.all():
+        beyond = np.isnan(np.concatenate([*parts.values()])[:, 1])
+        if len(beyond) and beyond.all():
             raise ValueError(
-                f"the window of {wanted} after each perturbation ends beyond all {len(ends)} "
+                f"the window of {wanted} after each perturbation ends beyond all {len(beyond)} "
                 "perturbed gait cycles; set one that ends sooner"
             )
-        if ends.any():
-            count = int(ends.sum())
-            notes.append(Note.of("window_beyond_cycle", count=count, perturbations=len(ends)))
+        if beyond.any():
+            counts = {"count": beyond.sum(), "perturbations": len(beyond)}
+            notes.append(Note.of("window_beyond_cycle", **counts))
     return CyclePart(str(wanted), spans), tuple(notes)
 
 
@@ -379,7 +350,7 @@ def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -
 def _nothing_counts(
     wanted: WantedWindow,
     counted: Counted,
-    events: Sequence[Event],
+    none_found: bool,
     shortage: str,
     time: Array,
     counts: Mask,
@@ -394,9 +365,9 @@ def _nothing_counts(
             return "", ()
         if span is None:
             count = sum(map(len, cycles.values()))
-            unit = NOUNS[counted.unit] + "s" * (count > 1)
-            return "", (Note.of("steps_for_cycles", reason=shortage, count=count, unit=unit),)
-        code = "gait_cycles_left_out" if found_cycles(events, SIDES) else "no_gait_cycle"
+            values = {"reason": shortage, "unit": _nouns(counted.unit, count)}
+            return "", (Note.of("steps_for_cycles", count=count, **values),)
+        code = "no_gait_cycle" if none_found else "gait_cycles_left_out"
         return "", (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
     inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
     frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames are used"

@@ -21,6 +21,7 @@ from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import Study, read_study
 from pipeline.io.recording import Event, Recording
+from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import feet_of, share_between_feet
 from pipeline.trial.gait.detection import (
     detect_events,
@@ -84,7 +85,7 @@ def ours(sources: Sources) -> dict[str, Sequence[Event]]:
     """Give the events of one trial by our methods."""
     found = {method: detect_events(**sources, method=method)[0] for method in OURS}
     return {f"hbm, {name}": events for name, events in found.items()} | {
-        f"hbm, {MOTION}": foot_motion_events(sources["motion"])
+        f"hbm, {MOTION}": foot_motion_events(sources["markers"].time, sources["motion"])
     }
 
 
@@ -189,14 +190,14 @@ def event_sources(
     contacts = share_between_feet(
         motion.time,
         ground.variants[ground.best],
-        feet_of(body, motion),
+        feet_of(places_of(body, motion.q)),
         rules.contact_threshold_n,
     ).contacts
     weight_n = body.mass * GRAVITY_MPS2
     return {
         "of_file": recording.events,
         "of_plates": plate_events(contacts, plate_loads(lab), motion.time, weight_n),
-        "motion": foot_motion(body, motion.time, motion.q, ground.pose),
+        "motion": foot_motion(body, motion.q, ground.pose),
         "markers": markers,
         "marker_set": body.marker_set,
     }

@@ -28,7 +28,7 @@ DOUBTS = {
     *("markers_frozen", "markers_constant"),
     *("marker_error_large", "joint_angles_impossible"),
     *("events_of_other_side", "events_offset"),
-    *("plates_not_zeroed", "load_jumps", "mass_differs"),
+    *("plates_not_zeroed", "mass_differs"),
     *("plate_wraps", "plate_jumps", "plates_exchanged", "plate_turned", "plate_reversed"),
     *(
         "plate_elsewhere",

@@ -6,8 +6,7 @@ the motion needs, m(g + a) of the centre of mass.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, transform_wrench
+from pipeline.config.schema import Settings
 from pipeline.trial.gait.events import SIDES
 
 MAX_SPEED: Final = 0.8
@@ -63,8 +63,11 @@ def places_of(body: Body, q: Array) -> Array:
     return joint_positions(body, q, PLACES)
 
 
-@dataclass(frozen=True, slots=True)
-class Feet:
+PlatformFrames = tuple[Array, Array] | None
+"""Rotation, (T, 3, 3), and position, (T, 3) [m], of a platform; None where it stands still."""
+
+
+class Feet(NamedTuple):
     """Where both feet are and how they move, in the axes of the platform.
 
     Attributes
@@ -95,12 +98,10 @@ class Support:
         The subject.
     corners
         Of the plates' surfaces with the platform in neutral, (P, 4, 3) [m]; NaN where unknown.
-    threshold_n
-        Vertical force above which a plate is loaded [N].
-    cutoff_hz, method
-        The filter, which spreads what is missing into other frames. With "realtime" a frame depends
-        on no later one.
-    at_rest_n
+    settings
+        Threshold above which a plate is loaded, and the filter, which spreads what is missing into
+        other frames. With "realtime" a frame depends on no later one.
+    rest_n
         Vertical force that each plate reads without load, (P,) [N].
 
     Notes
@@ -121,13 +122,7 @@ class Support:
     """
 
     def __init__(
-        self,
-        body: Body,
-        corners: Sequence[Array],
-        threshold_n: float,
-        cutoff_hz: float,
-        method: Method,
-        at_rest_n: Array | None = None,
+        self, body: Body, corners: Sequence[Array], settings: Settings, rest_n: Array | None = None
     ) -> None:
         corner = np.asarray(corners)
         edge = np.roll(corner, -1, axis=1)[..., :2] - corner[..., :2]
@@ -142,15 +137,16 @@ class Support:
         self.steps = bool(np.ptp(self.level) > MAX_LEVEL_M)
         self.highest = np.max(self.level) + MAX_LEVEL_M
         self.length = np.array([body.lengths[f"{side}_foot"] for side in SIDES])[:, None]
-        self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, threshold_n
-        self.at_rest_n = np.zeros(len(corner)) if at_rest_n is None else at_rest_n
-        self.method, self.reach_s = method, np.array(SPREAD_PERIODS[method]) / cutoff_hz
+        self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, settings.contact_threshold_n
+        self.rest_n = np.zeros(len(corner)) if rest_n is None else rest_n
+        self.method = settings.filter
+        self.reach_s = np.array(SPREAD_PERIODS[self.method]) / settings.cutoff_hz
         self.reach_s[1] += LASTING_S
         self.time, self.points = np.full(1, -np.inf), np.full((1, 7, 3), np.nan)
         self.ground: Array = np.full((1, 2, 3), np.nan)
         self.supported_s, self.missing_s = np.full((1, 3), np.inf), np.full(1, -np.inf)
 
-    def feet(self, time: Array, places: Array, pose: tuple[Array, Array] | None = None) -> Feet:
+    def feet(self, time: Array, places: Array, pose: PlatformFrames = None) -> Feet:
         """Give where the feet are in the next frames.
 
         Parameters
@@ -160,8 +156,7 @@ class Support:
         places
             Pelvis, ankles and balls in the lab, (T, 5, 3) [m], as `places_of` gives them.
         pose
-            Rotation, (T, 3, 3), and position, (T, 3) [m], of the platform; None where it stands
-            still.
+            Of the platform at these times.
         """
         if pose is not None:
             places = (places - pose[1][:, None]) @ pose[0]
@@ -175,9 +170,8 @@ class Support:
         self.time, self.points = time[-1:], points[-1:]
         heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
         sole = (heights - HEIGHTS * self.length).min(axis=2)
-        flat = along[..., :2] * (
-            self.length / np.sqrt((along[..., :2] ** 2).sum(axis=2))[..., None]
-        )
+        level = along[..., :2]
+        flat = level * (self.length / np.sqrt((level**2).sum(axis=2))[..., None])
         across = HALF_WIDTH * flat[..., ::-1] * [-1.0, 1.0]
         above = ball[..., :2]
         outline = [ankle[..., :2] + HEEL * flat, tip[..., :2], above + across, above - across]
@@ -191,7 +185,7 @@ class Support:
         on: Indices,
         need: Array,
         measured: Array,
-        pose: tuple[Array, Array] | None = None,
+        pose: PlatformFrames = None,
     ) -> Mask:
         """Judge the next frames.
 
@@ -208,26 +202,17 @@ class Support:
         pose
             As for `feet`.
         """
-        time, load = feet.time, wrenches[..., 2] - self.at_rest_n
+        time, load = feet.time, wrenches[..., 2] - self.rest_n
         of_foot = (load[:, None] * (on[:, None] == LEFT_AND_RIGHT[:, None])).sum(axis=2)
         ground = self._ground(feet, of_foot)
         lacking = (need > MIN_NEED * self.weight_n) & (measured < MAX_LACKING * need)
-        inside = np.all(_within(feet), axis=1)
-        judged: Mask = np.asarray(lacking | ~inside)
-        if self.method == "zero_phase":
-            judged[:] = True
-        elif not judged.any():
-            self.supported_s = np.full((1, 3), time[-1])
+        if self.method == "realtime" and not lacking.any() and _within(feet).all():
+            self.supported_s = np.full((1, 3), time[-1])  # in a live frame the rest takes long
             return np.asarray(time - self.missing_s > self.reach_s[1] + ROUNDING_S)
-        beside, standing = np.zeros(len(time), bool), np.zeros((len(time), 3), bool)
-        if len(some := np.flatnonzero(judged)):
-            these = Feet(*(getattr(feet, name)[some] for name in Feet.__slots__))
-            at = None if pose is None else (pose[0][some], pose[1][some])
-            loads, grounded = of_foot[some] > self.threshold_n, _grounded(these, ground[some])
-            outside, idle = self._places(these, wrenches[some], load[some], loads, at)
-            beside[some] = (grounded & outside).any(axis=1)
-            standing[some, :2] = grounded & idle
-        standing[:, 2] = measured < MIN_MEASURED * need
+        grounded = _grounded(feet, ground)
+        outside, idle = self._places(feet, wrenches, of_foot, pose)
+        beside = (grounded & outside).any(axis=1)
+        standing = np.column_stack([grounded & idle, measured < MIN_MEASURED * need])
         doubtful = standing & lacking[:, None]
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
@@ -254,30 +239,24 @@ class Support:
         return ground
 
     def _places(
-        self,
-        feet: Feet,
-        wrenches: Array,
-        load: Array,
-        loads: Mask,
-        pose: tuple[Array, Array] | None,
+        self, feet: Feet, wrenches: Array, of_foot: Array, pose: PlatformFrames
     ) -> tuple[Mask, Mask]:
         """Find feet that would stand beside the plates, and over none that is loaded, (T, 2).
 
-        A foot over no plate, or over one whose place is unknown, bears what it `loads`, (T, 2).
+        A foot over no plate, or over one whose place is unknown, bears the load `of_foot`, (T, 2).
         """
+        loaded = wrenches[..., 2] - self.rest_n > self.threshold_n
         if pose is not None:
             back = np.swapaxes(pose[0], -1, -2)
             origin = -(back @ pose[1][..., None])[..., 0]
             wrenches = transform_wrench(wrenches, back[:, None], origin[:, None])
-        loaded = load > self.threshold_n
-        inside = feet.depth > -MARGIN_M
         near = ~(np.abs(feet.sole[..., None] - self.level) >= MAX_LEVEL_M)
         over = (feet.depth[:, :, -1] > 0) & near
-        bears = np.where(over.any(axis=2), (over & loaded[:, None]).any(axis=2), loads)
-        idle = near.any(axis=2) & ~bears
+        over_loaded, loads = (over & loaded[:, None]).any(axis=2), of_foot > self.threshold_n
+        idle = near.any(axis=2) & ~np.where(over.any(axis=2), over_loaded, loads)
         outside = ~_within(feet)
         if self.steps:
-            outside &= ~(np.any(inside, axis=2) & near).any(axis=2)
+            outside &= ~(np.any(feet.depth > -MARGIN_M, axis=2) & near).any(axis=2)
         else:
             outside &= feet.sole < self.highest
         surface = np.repeat(feet.sole.min(axis=1), wrenches.shape[1])

@@ -1,17 +1,12 @@
 """Which foot stood on which plate, contact by contact, by the centre of pressure."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from compensation import center_of_pressure
-from hbm.body import Body
-from hbm.coordinates import COORDINATES
-from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.poses import joint_positions
 from hbm.signals.filtering import Method
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices, Mask
@@ -30,10 +25,6 @@ MIN_SWINGING_MPS: Final = 0.3
 """Below, neither foot swings, however slow the fastest is."""
 FOOT_RADIUS_M: Final = 0.13
 """Half of an adult's foot: a load on one foot alone has its pressure nearer to the middle."""
-
-
-Span = tuple[int, int]
-"""First frame of a stretch, and the one after its last."""
 
 
 class Pressure(NamedTuple):
@@ -83,8 +74,7 @@ def pressure_beside(
     """
     surface = feet[..., 2].min(axis=1)
     pressure = center_of_pressure(wrench, threshold_n, surface)[:, :2]
-    apart = feet[..., :2] - pressure[:, None]
-    distance = np.sqrt(np.square(apart).sum(axis=-1))
+    distance = np.sqrt(np.square(feet[..., :2] - pressure[:, None]).sum(axis=-1))
     loaded: Mask = np.isfinite(distance).all(axis=1)
     distance = np.where(loaded[:, None], distance, 0.0)
     left, right = distance.T
@@ -92,19 +82,12 @@ def pressure_beside(
     if standing is None:
         standing = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < MAX_HEIGHT_DIFFERENCE_M
     under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
-    return Pressure(
-        loaded,
-        distance,
-        (right < left).astype(int),
-        loaded & ~undecided,
-        loaded & (under_none | (undecided & standing)),
-    )
+    uncertain = loaded & (under_none | (undecided & standing))
+    return Pressure(loaded, distance, (right < left).astype(int), loaded & ~undecided, uncertain)
 
 
 Foot = Literal["left_foot", "right_foot"]
 FEET: Final[tuple[Foot, Foot]] = ("left_foot", "right_foot")
-LEGS: Final = ("Hip", "Knee", "Ankle", "Foot", "Toe")
-"""Joints of a leg, as the names of their coordinates begin after the side."""
 MIN_STANCE_S: Final = 0.1
 """No foot stands for less: a shorter stretch of pressure near it is noise of a light load."""
 MAX_DOUBTFUL_SHARE: Final = 0.5
@@ -115,8 +98,7 @@ MAX_CONTACTS_NAMED: Final = 8
 """In a note; the frames of all are marked."""
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(NamedTuple):
     """A stretch of frames in which a plate is loaded.
 
     Attributes
@@ -163,19 +145,16 @@ class SharedPlates(NamedTuple):
     contacts: tuple[Contact, ...]
 
 
-def feet_of(body: Body, motion: Motion) -> Array:
-    """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
-    names = [f"{side}_{part}" for side in ("left", "right") for part in ("foot", "toes")]
-    joints = joint_positions(body, motion.q, names)
-    return np.asarray((joints[:, 0::2] + joints[:, 1::2]) / 2)
+def feet_of(places: Array) -> Array:
+    """Give the middle of the left and right foot, ankle to ball, of `places_of`, (T, 2, 3) [m]."""
+    return np.asarray((places[:, 1:3] + places[:, 3:]) / 2)
 
 
-def both_stand(body: Body, motion: Motion) -> Mask:
+def both_stand(places: Array, time: Array) -> Mask:
     """Find the frames in which no foot swings, (T,): part of each is at rest against the other."""
-    names = [f"{side}_{part}" for side in ("left", "right") for part in ("foot", "toes")]
-    velocity = np.gradient(joint_positions(body, motion.q, names), motion.time, axis=0)
+    velocity = np.gradient(places[:, 1:], time, axis=0)
     # ankle and ball of the left foot against both of the right one, wherever the ground moves
-    apart = velocity[:, :2, None] - velocity[:, None, 2:]
+    apart = velocity[:, [0, 2], None] - velocity[:, None, [1, 3]]
     slowest = np.sqrt(np.square(apart).sum(axis=-1)).min(axis=(1, 2))
     fastest = np.nanquantile(slowest, 0.95) if np.isfinite(slowest).any() else np.nan
     return np.asarray(slowest < max(MAX_STANDING * fastest, MIN_SWINGING_MPS))
@@ -243,7 +222,7 @@ def share_between_feet(
     contacts, on, ambiguous = list[Contact](), list[Indices](), list[Mask]()
     for number, wrench in zip(numbers, wrenches, strict=True):
         pressure = pressure_beside(wrench, feet, threshold_n, None if live else standing)
-        loaded = [(int(a), int(b)) for a, b in stretches(pressure.loaded)]
+        loaded = stretches(pressure.loaded).tolist()
         if not live:
             _drop_brief(pressure, loaded, time)
         _overrule(pressure, loaded, time, [each for each in stated if each.plate == number])
@@ -321,12 +300,6 @@ def _require_one_foot(before: PlateContact, each: PlateContact) -> None:
         )
 
 
-def forces_of_legs(frames: Mask) -> Mask:
-    """Give which forces are of the legs' coordinates in some frames, (T,) to (T, 46)."""
-    of_leg = np.array([name[1:].startswith(LEGS) for name in COORDINATES])
-    return np.asarray(frames[:, None] & of_leg)
-
-
 def far_from_feet(shared: SharedPlates) -> tuple[Note, ...]:
     """Name plates with pressure far from both feet."""
     notes = []
@@ -346,7 +319,7 @@ def ambiguous_contacts(shared: SharedPlates, time: Array) -> tuple[Note, ...]:
     return (Note.of("contacts_ambiguous", contacts=len(doubtful), times=times),)
 
 
-def _drop_brief(pressure: Pressure, loaded: Sequence[Span], time: Array) -> None:
+def _drop_brief(pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array) -> None:
     """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
     for start, stop in loaded:
         decided = start + np.flatnonzero(pressure.decided[start:stop])
@@ -361,7 +334,7 @@ def _drop_brief(pressure: Pressure, loaded: Sequence[Span], time: Array) -> None
 
 
 def _overrule(
-    pressure: Pressure, loaded: Sequence[Span], time: Array, stated: Sequence[PlateContact]
+    pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array, stated: Sequence[PlateContact]
 ) -> None:
     """Take the foot of a contact from a person."""
     said: dict[int, PlateContact] = {}
@@ -373,21 +346,17 @@ def _overrule(
                 f"contacts: nobody is on plate {each.plate} at {each.time_s:g} s; it is "
                 f"loaded: {_listed(time, loaded) or 'never'}"
             )
-        contact = _by_one_foot(pressure, frame, *inside[0])
-        _require_one_foot(said.setdefault(contact.start, each), each)
-        pressure.nearer[contact] = SIDES.index(each.foot)
-        pressure.decided[contact] = True
-        pressure.uncertain[contact] = False
-
-
-def _by_one_foot(pressure: Pressure, frame: int, start: int, stop: int) -> slice:
-    """Give the part of a contact around a frame in which the foot does not change, if known."""
-    if np.mean(pressure.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE:
-        return slice(start, stop)
-    foot = _foot_of_frames(pressure)[start:stop]
-    bounds = np.concatenate([[start], start + np.flatnonzero(np.diff(foot)) + 1, [stop]])
-    part = int(np.searchsorted(bounds, frame, side="right"))
-    return slice(int(bounds[part - 1]), int(bounds[part]))
+        start, stop = inside[0]
+        if np.mean(pressure.uncertain[start:stop]) <= MAX_DOUBTFUL_SHARE:
+            # the part of the contact around this frame in which the foot does not change
+            foot = _foot_of_frames(pressure)
+            same = stretches(foot == foot[frame]).tolist()
+            first, last = next((a, b) for a, b in same if a <= frame < b)
+            start, stop = max(start, first), min(stop, last)
+        _require_one_foot(said.setdefault(start, each), each)
+        pressure.nearer[start:stop] = SIDES.index(each.foot)
+        pressure.decided[start:stop] = True
+        pressure.uncertain[start:stop] = False
 
 
 def _foot_of_frames(pressure: Pressure, live: bool = False) -> Indices:
@@ -403,23 +372,22 @@ def _foot_of_frames(pressure: Pressure, live: bool = False) -> Indices:
 
 
 def _contacts(
-    number: int, pressure: Pressure, loaded: Sequence[Span], time: Array, on: Indices
+    number: int, pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array, on: Indices
 ) -> list[Contact]:
     """List the contacts of a plate with their feet."""
     found, nearest = [], pressure.distance.min(axis=1)
     for start, stop in loaded:
         if time[stop - 1] - time[start] < MIN_STANCE_S:
             continue
-        first = np.flatnonzero(np.diff(on[start:stop], prepend=-1))
+        first = start + np.flatnonzero(np.diff(on[start:stop], prepend=-1))
+        feet, changes = tuple(FEET[k] for k in on[first]), tuple(first[1:].tolist())
         doubtful = bool(np.mean(pressure.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE)
-        feet = tuple(FEET[k] for k in on[start + first])
-        changes = tuple((start + first[1:]).tolist())
         nearest_m = median_of(nearest[start:stop])
         found.append(Contact(number, start, stop, feet, doubtful, nearest_m, changes))
     return found
 
 
-def _listed(time: Array, stretches: Sequence[Span]) -> str:
+def _listed(time: Array, stretches: Sequence[Sequence[int]]) -> str:
     """Name the times of stretches, the first ones of many."""
     named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:MAX_CONTACTS_NAMED]]
     more = ["…"] if len(stretches) > MAX_CONTACTS_NAMED else []

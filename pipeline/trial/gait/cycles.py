@@ -14,7 +14,7 @@ from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Condition, Unit
 from pipeline.io.recording import Event, Recording
-from pipeline.trial.gait.events import MIN_SWING_M, SIDES, event_times
+from pipeline.trial.gait.events import MIN_SWING_M, OTHER_SIDE, SIDES, event_times
 from pipeline.trial.ground.accelerometers import read_channel
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 
@@ -54,12 +54,11 @@ def perturbation_onsets(
     ValueError
         If there is neither a pulse channel nor a pose, or no perturbation.
     """
-    name = recording.source.name
-    if condition.pulse_channel is not None:
-        onsets, source = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
+    name, channel = recording.source.name, condition.pulse_channel
+    if channel is not None:
+        onsets, source = pulse_onsets(recording, channel), channel
     elif platform is not None:
-        onsets = motion_onsets(recording.markers.time, platform)
-        source = "the platform's motion"
+        onsets, source = motion_onsets(recording.markers.time, platform), "the platform's motion"
     else:
         raise ValueError(
             f"{name}: a perturbed condition needs a pulse_channel, or the platform's pose"
@@ -97,8 +96,7 @@ def pulse_onsets(recording: Recording, channel: str) -> Array:
     noise = float(np.nanmedian(excursion))
     if peak <= MIN_PULSE_TO_NOISE * noise or peak == 0:
         return np.empty(0)
-    high = excursion > peak / 2
-    return _first_of_each(time[1:][high[1:] & ~high[:-1]])
+    return _onsets(time, excursion > peak / 2)
 
 
 def motion_onsets(time: Array, platform: PlatformPose) -> Array:
@@ -117,8 +115,7 @@ def motion_onsets(time: Array, platform: PlatformPose) -> Array:
         Where a corner of its surface first moves faster than 0.1 m/s, (P,) [s]: some 0.05 s after
         the platform starts to move 5 cm at 0.3 m/s. A slow return does not count.
     """
-    fast = _moves_fast(time, platform)
-    return _first_of_each(time[1:][fast[1:] & ~fast[:-1]])
+    return _onsets(time, _moves_fast(time, platform))
 
 
 def motion_stops(onsets: Array, time: Array, platform: PlatformPose) -> Array:
@@ -150,12 +147,9 @@ def motion_stops(onsets: Array, time: Array, platform: PlatformPose) -> Array:
     """
     moving = stretches(_moves_fast(time, platform))
     begins, ends = time[moving[:, 0]], np.append(time, time[-1])[moving[:, 1]]
-    stops = np.full(len(onsets), np.nan)
-    for k, onset in enumerate(onsets):
-        own = (ends > onset) & (begins < onset + MIN_ONSET_INTERVAL_S)
-        if own.any():
-            stops[k] = ends[own][0]
-    return stops
+    onset = onsets[:, None]
+    after = np.where((ends > onset) & (begins < onset + MIN_ONSET_INTERVAL_S), ends, np.nan)
+    return np.asarray(np.fmin.reduce(after, axis=1, initial=np.nan))
 
 
 def _moves_fast(time: Array, platform: PlatformPose) -> Mask:
@@ -173,9 +167,10 @@ def _moves_fast(time: Array, platform: PlatformPose) -> Mask:
     return fast
 
 
-def _first_of_each(times: Array) -> Array:
-    """Keep the first of times that follow one another closely."""
-    return times[np.diff(times, prepend=-np.inf) > MIN_ONSET_INTERVAL_S]
+def _onsets(time: Array, high: Mask) -> Array:
+    """Give when a signal becomes high, the first of times that follow one another closely."""
+    begins = time[1:][high[1:] & ~high[:-1]]
+    return begins[np.diff(begins, prepend=-np.inf) > MIN_ONSET_INTERVAL_S]
 
 
 MIN_DURATION: Final = 0.6
@@ -186,7 +181,7 @@ NOT_ALTERNATING: Final = "events that do not alternate"
 NO_SWING: Final = "feet that do not leave the ground"
 
 
-def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[str, ...]]:
+def gait_cycles(events: Sequence[Event], side: str) -> tuple[Array, tuple[str, ...]]:
     """Cut a trial into gait cycles, from foot strike to foot strike of one side.
 
     Parameters
@@ -205,20 +200,18 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[str, .
         not alternate (the foot does not leave the ground once, or the other foot does not strike
         once), judged where the trial has events of that kind at all.
     """
-    events = tuple(events)
     strikes = event_times(events, "foot_strike", side)
     spans = np.column_stack([strikes[:-1], strikes[1:]])
-    other = SIDES[1 - SIDES.index(side)]
-    kinds = [event_times(events, "foot_off", side), event_times(events, "foot_strike", other)]
     alternate = np.ones(len(spans), bool)
-    for times in kinds:
+    for kind in (("foot_off", side), ("foot_strike", OTHER_SIDE[side])):
+        times = event_times(events, *kind)
         within = np.searchsorted(times, spans[:, 1]) - np.searchsorted(times, spans[:, 0], "right")
         alternate &= (within == 1) | (not len(times))
     return _of_usual_duration(spans, alternate)
 
 
 def steps(
-    events: Iterable[Event], side: str, unit: Literal["step", "stance"]
+    events: Sequence[Event], side: str, unit: Literal["step", "stance"]
 ) -> tuple[Array, tuple[str, ...]]:
     """Cut a trial into steps of one side, to the other foot's strike, or stances, to its foot off.
 
@@ -242,12 +235,9 @@ def steps(
     >>> steps(strikes, "left", "step")[0].tolist(), len(steps(strikes, "right", "step")[0])
     ([[0.5, 1.1]], 0)
     """
-    events = tuple(events)
     starts = event_times(events, "foot_strike", side)
-    other = SIDES[1 - SIDES.index(side)]
-    to_other = unit == "step"
-    kind, foot = ("foot_strike", other) if to_other else ("foot_off", side)
-    ends = event_times(events, kind, foot)
+    last = ("foot_strike", OTHER_SIDE[side]) if unit == "step" else ("foot_off", side)
+    ends = event_times(events, *last)
     following = np.searchsorted(ends, starts, "right")
     ended = following < len(ends)
     spans = np.column_stack([starts[ended], ends[following[ended]]])
@@ -301,8 +291,7 @@ def cut_cycles(
     left_out: dict[str, tuple[str, ...]] = {}
     for side in SIDES:
         cut = gait_cycles(events, side) if unit == "cycle" else steps(events, side, unit)
-        spans, reasons = cut
-        accepted, left_out[side] = [], tuple(reasons)
+        spans, reasons = cut[0], list[str]()
         for start, stop in spans:
             inside = slice(*np.searchsorted(time, (start, stop)))
             reason = shortage(quality[inside], min_valid_share)
@@ -310,9 +299,9 @@ def cut_cycles(
                 reason = NO_SWING
             if start < time[0] or stop > time[-1]:
                 reason = "an end beyond the recorded markers"
-            accepted.append(not reason)
-            left_out[side] += (reason,) if reason else ()
-        cycles[side] = spans[np.array(accepted, bool)]
+            reasons.append(reason)
+        cycles[side] = spans[np.array(reasons, str) == ""]
+        left_out[side] = (*cut[1], *filter(None, reasons))
     return cycles, left_out
 
 
@@ -327,9 +316,8 @@ def is_standing(feet: Array) -> bool:
     >>> is_standing(sway)
     True
     """
-    return len(feet) > 0 and bool(
-        (np.linalg.norm(np.ptp(feet, axis=0), axis=1) < MIN_SWING_M).all()
-    )
+    extent = np.ptp(feet, axis=0) if len(feet) else np.full((2, 3), np.nan)
+    return bool((np.linalg.norm(extent, axis=1) < MIN_SWING_M).all())
 
 
 def shortage(quality: Indices, min_valid_share: float) -> str:
@@ -430,32 +418,24 @@ def select_cycles(
         selected = {side: later[side]}
         if side != COUNTED_SIDE:
             notes = (Note.of("cycles_of_left"),)
-    found = sum(len(spans) for spans in selected.values())
-    wanted = condition.cycles
+    wanted, starts = condition.cycles, np.sort(np.concatenate([*selected.values()])[:, 0])
     if wanted is None:
         return selected, notes
-    if found < wanted:
-        return selected, (*notes, Note.of("cycles_missing", found=found, wanted=wanted))
-    starts = np.sort(np.concatenate([spans[:, 0] for spans in selected.values()]))
+    if len(starts) < wanted:
+        return selected, (*notes, Note.of("cycles_missing", found=len(starts), wanted=wanted))
     last = starts[wanted - 1]
     return {side: spans[spans[:, 0] <= last] for side, spans in selected.items()}, notes
 
 
 def _perturbed(cycles: dict[str, Array], onsets: Array) -> tuple[dict[str, Array], Array]:
     """Give the cycles that contain a perturbation, and the onsets that none contains."""
-    chosen: dict[str, set[tuple[float, float]]] = {side: set() for side in cycles}
-    without = []
+    every, sizes = np.concatenate([*cycles.values()]), [len(spans) for spans in cycles.values()]
+    chosen, without = np.zeros(len(every), bool), []
     for onset in onsets:
-        containing = [
-            (start, stop, side)
-            for side, spans in cycles.items()
-            for start, stop in spans.tolist()
-            if start <= onset < stop
-        ]
-        if containing:
-            start, stop, side = max(containing, key=lambda cycle: cycle[0])
-            chosen[side].add((start, stop))
+        containing = np.flatnonzero((every[:, 0] <= onset) & (onset < every[:, 1]))
+        if len(containing):
+            chosen[containing[np.argmax(every[containing, 0])]] = True
         else:
             without.append(onset)
-    selected = {side: np.reshape(sorted(own), (-1, 2)) for side, own in chosen.items()}
-    return selected, np.array(without)
+    of_sides = zip(cycles.items(), np.split(chosen, np.cumsum(sizes)[:-1]), strict=True)
+    return {side: spans[chosen] for (side, spans), chosen in of_sides}, np.array(without)

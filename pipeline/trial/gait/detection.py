@@ -1,7 +1,6 @@
 """Gait events of a trial: by the motion of the feet, by the plates, or both."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Final
 
@@ -10,13 +9,12 @@ import numpy as np
 from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.markers import Markers, MarkerSet
-from hbm.notes import Note
-from hbm.poses import joint_positions
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
+from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact
 from pipeline.trial.gait.events import (
     LABELS,
@@ -43,36 +41,13 @@ MID_STANCE: Final = 0.3, 0.6
 """Of the time in which a foot travels backwards against the pelvis: it rests on the ground."""
 
 
-@dataclass(frozen=True, slots=True)
-class FootMotion:
-    """How pelvis and feet moved on the surface that carries them.
-
-    Attributes
-    ----------
-    time
-        (T,) [s].
-    pelvis
-        Its forward place, (T,) [m].
-    ankles, balls
-        Forward places of the ankle joints and of the joints of the toes, left and right, (T, 2)
-        [m]; all in the frame of the platform, the belts moving in it.
-    """
-
-    time: Array
-    pelvis: Array
-    ankles: Array
-    balls: Array
-
-
-def foot_motion(body: Body, time: Array, q: Array, pose: PlatformPose | None) -> FootMotion:
-    """Give how pelvis and feet moved on a platform.
+def foot_motion(body: Body, q: Array, pose: PlatformPose | None) -> Array:
+    """Give how pelvis and feet moved forward on the platform that carries them.
 
     Parameters
     ----------
     body
         The subject.
-    time
-        (T,) [s].
     q
         Coordinates, not filtered, (T, 46) [m and rad].
     pose
@@ -80,26 +55,26 @@ def foot_motion(body: Body, time: Array, q: Array, pose: PlatformPose | None) ->
 
     Returns
     -------
-    FootMotion
-        NaN where the pose of body or platform is unknown.
+    Array
+        Forward places of pelvis, ankles and balls, left before right, in the frame of the platform,
+        the belts moving in it, (T, 5) [m]; NaN where the pose of body or platform is unknown.
     """
-    names = "pelvis", "left_foot", "right_foot", "left_toes", "right_toes"
-    places = joint_positions(body, q, names)
+    places = places_of(body, q)
     if pose is None:
-        forward = places[..., 0]
-    else:
-        relative = places - pose.position[:, None]
-        forward = np.einsum("ti,tki->tk", pose.rotation[:, :, 0], relative)
-    return FootMotion(time, forward[:, 0], forward[:, 1:3], forward[:, 3:])
+        return places[..., 0]
+    relative = places - pose.position[:, None]
+    return np.asarray(np.einsum("ti,tki->tk", pose.rotation[:, :, 0], relative))
 
 
-def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
+def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
     """Find foot strikes and foot offs by the speed of each foot above the ground.
 
     Parameters
     ----------
+    time
+        (T,) [s].
     motion
-        How pelvis and feet moved.
+        How pelvis and feet moved, of `foot_motion`, (T, 5) [m].
 
     Returns
     -------
@@ -122,23 +97,24 @@ def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
     ball rises above `OFF_SHARE` of it. Belts may so differ from each other, change their speed, or
     stand still, and the platform may move.
     """
-    time, back, events = motion.time, -motion.time[::-1], []
-    pelvis = butterworth(motion.pelvis, time, TURN_CUTOFF_HZ, "zero_phase")
-    for side, ankle, ball in zip(SIDES, motion.ankles.T, motion.balls.T, strict=True):
+    back, events, pelvis = -time[::-1], list[Event](), motion[:, 0]
+    pelvis_speed = butterworth(pelvis, time, TURN_CUTOFF_HZ, "zero_phase").velocity
+    for foot, side in enumerate(SIDES):
+        ankle, ball = motion[:, 1 + foot], motion[:, 3 + foot]
         ahead, behind = (
             turns(time, low_pass(distance, time, TURN_CUTOFF_HZ, "zero_phase")).tolist()
-            for distance in (ankle - motion.pelvis, motion.pelvis - ball)
+            for distance in (ankle - pelvis, pelvis - ball)
         )
         ankle_speed, ball_speed = (
             butterworth(place, time, SPEED_CUTOFF_HZ, "zero_phase").velocity
             for place in (ankle, ball)
         )
-        known = np.isfinite(ball_speed + pelvis.velocity)
+        known = np.isfinite(ball_speed + pelvis_speed)
         stances = [(a, b) for a, b in _stances(ahead, behind) if known[a:b].all()]
         if not stances:
             continue
-        middle, ground, walking = _ground(time, stances, ball_speed, pelvis.velocity)
-        ground, walking = (np.interp(time, middle, values) for values in (ground, walking))
+        middle, *speeds = _ground(time, stances, ball_speed, pelvis_speed)
+        ground, walking = (np.interp(time, middle, speed) for speed in speeds)
         strike = ankle_speed - ground - STRIKE_SHARE * walking
         off = ball_speed - ground - OFF_SHARE * walking
         strikes = (_falls_through(time, strike, k) for k in ahead)
@@ -158,23 +134,20 @@ def _stances(ahead: list[int], behind: list[int]) -> list[tuple[int, int]]:
 
 def _ground(
     time: Array, stances: list[tuple[int, int]], ball_speed: Array, pelvis_speed: Array
-) -> tuple[Array, Array, Array]:
-    """Give time, speed of the ground and walking speed in every stance, (S,) each [s], [m/s]."""
-    middle, ground, walking = [], [], []
+) -> Array:
+    """Give time, speed of the ground and walking speed in every stance, (3, S) [s], [m/s]."""
+    of_stances = []
     for start, stop in stances:
         first, last = (round(start + share * (stop - start)) for share in MID_STANCE)
         speed = median_of(ball_speed[first : last + 1])
-        middle.append((time[first] + time[last]) / 2)
-        ground.append(speed)
-        walking.append(float(np.mean(pelvis_speed[start:stop])) - speed)
-    return np.array(middle), np.array(ground), np.array(walking)
+        walking = float(np.mean(pelvis_speed[start:stop])) - speed
+        of_stances.append(((time[first] + time[last]) / 2, speed, walking))
+    return np.array(of_stances).T
 
 
 def _falls_through(time: Array, value: Array, frame: int) -> float | None:
     """Give when a value first falls to zero from a frame on; None if not within a stride."""
-    after = value[
-        frame : frame + 1 + int(np.searchsorted(time, time[frame] + MIN_STRIDE_S) - frame)
-    ]
+    after = value[frame : 1 + np.searchsorted(time, time[frame] + MIN_STRIDE_S)]
     below = np.flatnonzero(~(after > 0))
     if not len(below) or not np.isfinite(after[below[0]]):
         return None
@@ -243,12 +216,8 @@ def plate_events(
     loads_back = [PlateLoad(load.number, -load.time[::-1], load.force[::-1]) for load in loads]
     strikes = _landings(holds, loads, time, weight_n)
     offs = _landings(back, loads_back, -time[::-1], weight_n)
-    return in_order(
-        [
-            *(Event(at, "foot_strike", SIDES[foot]) for foot, at in strikes),
-            *(Event(-at, "foot_off", SIDES[foot]) for foot, at in offs),
-        ]
-    )
+    events = [Event(at, "foot_strike", SIDES[foot]) for foot, at in strikes]
+    return in_order([*events, *(Event(-at, "foot_off", SIDES[foot]) for foot, at in offs)])
 
 
 def _holds(contacts: Sequence[Contact], frames: int) -> Indices:
@@ -271,20 +240,22 @@ def _holds(contacts: Sequence[Contact], frames: int) -> Indices:
 
 def _landings(
     holds: Indices, loads: Sequence[PlateLoad], time: Array, weight_n: float
-) -> list[tuple[int, float]]:
+) -> Iterator[tuple[int, float]]:
     """Find when feet come to plates that are free; backwards in time, when they leave them."""
 
     @cache
     def total(plates: frozenset[int]) -> PlateLoad:
-        return _total([load for load in loads if load.number in plates])
+        """Add the loads of plates, at the samples of the first one."""
+        first, *others = (load for load in loads if load.number in plates)
+        added = [np.interp(first.time, p.time, p.force, np.nan, np.nan) for p in others]
+        return PlateLoad(first.number, first.time, first.force + np.sum(added, axis=0))
 
-    found = []
     holds = holds[np.argsort(holds[:, START], kind="stable")]
     for foot in np.unique(holds[:, FOOT]).tolist():
-        own = holds[holds[:, FOOT] == foot]
-        until = np.maximum.accumulate(own[:, STOP])
-        begins = 1 + np.flatnonzero(own[1:, START] >= until[:-1])
-        for stance in np.split(own, begins):  # holds of several plates that overlap in time
+        of_foot = holds[holds[:, FOOT] == foot]
+        until = np.maximum.accumulate(of_foot[:, STOP])
+        begins = 1 + np.flatnonzero(of_foot[1:, START] >= until[:-1])
+        for stance in np.split(of_foot, begins):  # holds of several plates that overlap in time
             start, stop = stance[0, START], stance[:, STOP].max()
             onto = stance[time[stance[:, START]] - time[start] < TOGETHER_S]
             if not onto[:, LANDS].all():
@@ -294,17 +265,8 @@ def _landings(
             free_s = time[before.max() - 1] + MARGIN_S if len(before) else time[0]
             load = total(frozenset(onto[:, PLATE].tolist()))
             at = _crossing(load, free_s, time[start], time[stop - 1], weight_n)
-            found += [] if at is None else [(foot, at)]
-    return found
-
-
-def _total(loads: Sequence[PlateLoad]) -> PlateLoad:
-    """Add the loads of plates, at the samples of the first one."""
-    first, *others = loads
-    if not others:
-        return first
-    added = [np.interp(first.time, p.time, p.force, np.nan, np.nan) for p in others]
-    return PlateLoad(first.number, first.time, first.force + np.sum(added, axis=0))
+            if at is not None:
+                yield foot, at
 
 
 def _crossing(
@@ -349,7 +311,7 @@ the plate."""
 def detect_events(
     of_file: tuple[Event, ...],
     of_plates: tuple[Event, ...],
-    motion: FootMotion,
+    motion: Array,
     markers: Markers,
     marker_set: MarkerSet,
     method: EventMethod,
@@ -361,7 +323,7 @@ def detect_events(
     of_file, of_plates
         Events of the recording, and of its plates, by `plate_events`.
     motion
-        How pelvis and feet moved on the platform.
+        How pelvis and feet moved on the platform, of `foot_motion`, (T, 5) [m].
     markers, marker_set
         Trajectories in lab axes, and the landmarks that they mark.
     method
@@ -375,25 +337,23 @@ def detect_events(
     """
     if method in ("file", "zeni"):
         return gait_events(of_file, markers, marker_set, method)
-    events, corrections, code = of_plates, dict[str, float](), "events_of_plates"
-    if method == "auto":
-        try:
-            by_motion = foot_motion_events(motion)
-        except ValueError as error:  # the markers' rate is too low for the filter
-            return FoundEvents.none(str(error))
-        events, corrections = combined_events(by_motion, events)
-        code = "events_calibrated" if corrections else "events_uncalibrated"
-        if not events:
-            known = np.isfinite(motion.ankles.sum(axis=1) + motion.pelvis)
-            longest_s = max((np.ptp(motion.time[a:b]) for a, b in stretches(known)), default=0.0)
-            return FoundEvents.none(NO_SWING.format(longest_s))
-    counts = {side: event_times(events, "foot_strike", side).size for side in SIDES}
+    if method == "plates":
+        return FoundEvents.of(of_plates, "events_of_plates")
+    try:
+        by_motion = foot_motion_events(markers.time, motion)
+    except ValueError as error:  # the markers' rate is too low for the filter
+        return FoundEvents.none(str(error))
+    events, corrections = combined_events(by_motion, of_plates)
+    if not events:
+        known = np.isfinite(motion[:, :3].sum(axis=1))
+        longest_s = max((np.ptp(markers.time[a:b]) for a, b in stretches(known)), default=0.0)
+        return FoundEvents.none(NO_SWING.format(longest_s))
     if not corrections:
-        return FoundEvents(events, Note.of(code, **counts))
+        return FoundEvents.of(events, "events_uncalibrated")
     timed = len({*events} & {*of_plates})
     offset_ms = {kind: 1000 * seconds for kind, seconds in corrections.items()}
-    note = Note.of(code, **counts, timed=timed, events=len(events), offset_ms=offset_ms)
-    return FoundEvents(events, note)
+    values = {"timed": timed, "events": len(events), "offset_ms": offset_ms}
+    return FoundEvents.of(events, "events_calibrated", **values)
 
 
 def combined_events(
@@ -434,24 +394,20 @@ def combined_events(
     """
     events, corrections = [], {}
     for label in LABELS:
-        moved, timed = (
-            {side: event_times(each, label, side) for side in SIDES}
-            for each in (by_motion, of_plates)
-        )
-        pairs = {side: match_times(moved[side], timed[side], MAX_PLATES_APART_S) for side in SIDES}
-        seen = {
-            side: (moved[side][own], timed[side][other]) for side, (own, other) in pairs.items()
-        }
-        both = tuple(np.concatenate(each) for each in zip(*seen.values(), strict=True))
-        for side in SIDES:
-            known, true = seen[side] if len(seen[side][0]) >= MIN_CLEAN else both
-            times, offset = moved[side], true - known
-            if len(known) >= MIN_CLEAN:
+        moved = [event_times(by_motion, label, side) for side in SIDES]
+        timed = [event_times(of_plates, label, side) for side in SIDES]
+        pairs = [match_times(*each, MAX_PLATES_APART_S) for each in zip(moved, timed, strict=True)]
+        # of each foot, what the motion shows and the plates time
+        seen = [(moved[k][first], timed[k][second]) for k, (first, second) in enumerate(pairs)]
+        both = tuple(np.concatenate(each) for each in zip(*seen, strict=True))
+        for k, side in enumerate(SIDES):
+            shown, true = seen[k] if len(seen[k][0]) >= MIN_CLEAN else both
+            times, offset = moved[k], true - shown
+            if len(shown) >= MIN_CLEAN:
                 corrections[f"{side} {label.replace('_', ' ')}s"] = float(np.median(offset))
-                times = _corrected(times, known, offset)
-                own, other = pairs[side]
-                near = np.abs(timed[side][other] - times[own]) <= MAX_DEVIATION_S
-                times[own[near]] = timed[side][other[near]]
+                times, (first, second) = _corrected(times, shown, offset), pairs[k]
+                near = np.abs(timed[k][second] - times[first]) <= MAX_DEVIATION_S
+                times[first[near]] = timed[k][second[near]]
             events += [Event(float(time), label, side) for time in times]
     return in_order(events), corrections
 

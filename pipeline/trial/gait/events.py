@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.signal import find_peaks
@@ -12,7 +12,7 @@ from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import stretches
-from hbm.spatial import Array, Indices, Mask
+from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
 
@@ -28,7 +28,7 @@ MIN_STRIDE_S: Final = 0.4
 MIN_EXCURSION_M: Final = 0.1
 """Foot against sacrum along the walk: less than the slowest stride, more than standing sway."""
 
-NONE_IN_FILE: Final = 'the file has none, and others are not looked for with events = "file"'
+NO_EVENT: Final = 'the file has none, and others are not looked for with events = "file"'
 
 SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"))
 HEEL: Final = "HEE"
@@ -54,6 +54,12 @@ class FoundEvents(NamedTuple):
     events: tuple[Event, ...]
     note: Note
     why_none: str = ""
+
+    @classmethod
+    def of(cls, events: tuple[Event, ...], code: str, /, **values: Any) -> "FoundEvents":
+        """Give events, with a note that counts the strikes of both feet."""
+        strikes = {side: event_times(events, "foot_strike", side).size for side in SIDES}
+        return cls(events, Note.of(code, **strikes, **values))
 
     @classmethod
     def none(cls, reason: str) -> "FoundEvents":
@@ -82,21 +88,20 @@ def gait_events(
     FoundEvents
         None where neither the file nor the markers give any.
     """
-    if method == "file" and not of_file:
-        return FoundEvents.none(NONE_IN_FILE)
     if method == "file":
-        events, code = of_file, "events_of_file"
-    else:
-        try:
-            events, code = zeni_events(markers, marker_set), "events_from_markers"
-        except ValueError as error:
-            return FoundEvents.none(str(error))
-    left, right = (event_times(events, "foot_strike", side).size for side in SIDES)
-    return FoundEvents(events, Note.of(code, left=left, right=right))
+        return FoundEvents.of(of_file, "events_of_file") if of_file else FoundEvents.none(NO_EVENT)
+    try:
+        return FoundEvents.of(zeni_events(markers, marker_set), "events_from_markers")
+    except ValueError as error:
+        return FoundEvents.none(str(error))
 
 
 def choose_method(
-    of_file: tuple[Event, ...], swings: "Swings", wanted: EventMethod | None
+    of_file: tuple[Event, ...],
+    swings: "Swings",
+    wanted: EventMethod | None,
+    of_plates: tuple[Event, ...] = (),
+    carried: float = 0.0,
 ) -> tuple[EventMethod, tuple[Note, ...]]:
     """Choose where a trial's gait events come from: not from a file that the feet contradict.
 
@@ -109,17 +114,27 @@ def choose_method(
     wanted
         As in the settings; None is the file's where some foot strikes twice in them and the feet do
         not contradict them, else "auto".
+    of_plates
+        Events where plates carry one foot alone.
+    carried
+        Share of the frames in which the plates carry the subject: plates that miss many steps show
+        other events than the feet.
 
     Returns
     -------
     method
         Where events are to come from.
     notes
-        ``events_compared`` or ``events_contradicted`` where it would be the file.
+        ``events_contradicted``, or ``events_compared`` and those of `check_events`, where it would
+        be the file.
     """
-    method = wanted or ("file" if has_strides(of_file) else "auto")
-    if method != "file" or not (of_file and len(swings.seen)):
+    method = wanted or ("file" if np.isfinite(_stride_s(of_file, SIDES)) else "auto")
+    if method != "file" or not of_file:
         return method, ()
+    by_plates = {"the plates": of_plates} if carried >= MIN_CARRIED_SHARE else {}
+    doubts = check_events(of_file, by_plates | {"the feet": swings.events})
+    if not len(swings.seen):
+        return method, doubts
     counts = counterparts(of_file, swings)
     _, _, compared, alone, detected, missing = counts.values()
     many = alone > MAX_ALONE_SHARE * compared or missing > MAX_ALONE_SHARE * detected
@@ -127,14 +142,9 @@ def choose_method(
     of_side = ([_stride_s(e, [side]) for e in (of_file, swings.events)] for side in SIDES)
     many |= any(by_file > MAX_STRIDE_RATIO * by_feet for by_file, by_feet in of_side)
     if not many or alone + missing < MIN_EVENTS:
-        return method, (Note.of("events_compared", **counts),)
+        return method, (Note.of("events_compared", **counts), *doubts)
     used = 'the file\'s are used, as events = "file" asks' if wanted else "detected ones are used"
     return wanted or "auto", (Note.of("events_contradicted", **counts, used=used),)
-
-
-def has_strides(events: Sequence[Event]) -> bool:
-    """Tell whether some foot strikes at least twice in events."""
-    return any(event_times(events, "foot_strike", side).size >= 2 for side in SIDES)
 
 
 class Swings(NamedTuple):
@@ -188,7 +198,9 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
         ahead, _, up = np.moveaxis(low_pass(feet, time, EVENT_CUTOFF_HZ, "zero_phase"), 2, 0)
     except ValueError:
         return Swings(time, feet, (), np.empty((0, 2)))
-    ahead = ahead * np.sign(np.nansum(up * np.gradient(ahead, time, axis=0)))
+    # above its lowest place, a foot is higher while it goes ahead: by how far, not where it ends
+    lift = up - np.fmin.reduce(up, axis=0)
+    ahead = ahead * np.sign(np.nansum(lift * np.gradient(ahead, time, axis=0)))
     events = [
         Event(float(at), label, side)
         for side, place in zip(SIDES, ahead.T, strict=True)
@@ -217,15 +229,15 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
     events are outside the recording, it is compared with the whole recording.
     """
     recorded, by_feet = (swings.time[0], swings.time[-1]), swings.events
-    stride_s = _stride_s(by_feet, SIDES) if has_strides(by_feet) else 1.0
+    stride_s = float(np.nan_to_num(_stride_s(by_feet, SIDES), nan=1.0))
     inside = _within(in_order(of_file), [recorded])
     outside = len(of_file) - len(inside)
     # the offset and the sides that all events have in common
-    own, crossed = (_comparable(inside, e) for e in (by_feet, _of_other_side(by_feet)))
-    if _exchanged(own, crossed):
-        own, by_feet = crossed, _of_other_side(by_feet)
-    offset_s = [kind.mean_ms / 1000 for kind in own] or [0.0]
-    inside = [replace(event, time=event.time - float(np.mean(offset_s))) for event in inside]
+    kinds, exchanged = _compare_sides(inside, by_feet)
+    if exchanged:
+        by_feet = _of_other_side(by_feet)
+    offset_s = float(np.mean([kind.mean_ms / 1000 for kind in kinds] or [0.0]))
+    inside = [replace(event, time=event.time - offset_s) for event in inside]
     tolerance_s = MAX_DIFFERENCE_S * max(1.0, stride_s)
     compared = _within(inside, swings.seen + np.array([0.5, -0.5]) * stride_s)
     alone = sum(kind.only_in_first for kind in compare_events(compared, by_feet, tolerance_s))
@@ -235,8 +247,8 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
     marked = [(part[0], part[-1]) for part in np.split(times, pauses) if len(part)]
     if outside and outside + alone > MAX_ALONE_SHARE * (outside + len(compared)):
         marked = [recorded]
-    kinds = {(event.label, event.side) for event in of_file}
-    detected = [e for e in _within(by_feet, marked) if (e.label, e.side) in kinds]
+    of_kinds = {(event.label, event.side) for event in of_file}
+    detected = [e for e in _within(by_feet, marked) if (e.label, e.side) in of_kinds]
     missing = sum(kind.only_in_second for kind in compare_events(inside, detected, tolerance_s))
     counts = len(of_file), outside, len(compared), alone, len(detected), missing
     return dict(zip(COUNTS, counts, strict=True))
@@ -361,6 +373,12 @@ class EventAgreement(NamedTuple):
         """Name the kind of event, such as "left foot strikes"."""
         return f"{self.side} {self.label.replace('_', ' ')}s"
 
+    @property
+    def comparable(self) -> bool:
+        """Whether enough events are the same, about equally far from each other."""
+        enough = max(MIN_EVENTS, min(self.only_in_first, self.only_in_second))
+        return self.matched >= enough and self.sd_ms < MAX_SD_MS
+
 
 def compare_events(
     first: Iterable[Event], second: Iterable[Event], tolerance_s: float = MAX_DIFFERENCE_S
@@ -443,14 +461,14 @@ OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
 def check_events(
-    events: Iterable[Event], references: Mapping[str, Iterable[Event]]
+    events: Sequence[Event], references: Mapping[str, Sequence[Event]]
 ) -> tuple[Note, ...]:
-    """Find gait events that carry the other side's name, are early, or late.
+    """Find gait events of a file that carry the other side's name, are early, or late.
 
     Parameters
     ----------
     events
-        The events that are used.
+        Of the file.
     references
         Where other events of the same trial come from -> these events; the first that can be
         compared decides.
@@ -462,61 +480,15 @@ def check_events(
         ``events_offset`` where those of a kind are 150 ms and more away from the reference's on
         average, always by about the same time.
     """
-    events = tuple(events)
-    notes = (_compare(events, tuple(reference), name) for name, reference in references.items())
-    return next((each for each in notes if each is not None), ())
-
-
-def other_events(
-    of_plates: tuple[Event, ...], of_feet: tuple[Event, ...], carried: Mask, method: EventMethod
-) -> dict[str, tuple[Event, ...]]:
-    """Give a trial's gait events by its plates and its feet, as far as both can be found.
-
-    Parameters
-    ----------
-    of_plates
-        Events where plates carry one foot alone.
-    of_feet
-        Events by the swings of the feet.
-    carried
-        Frames in which the plates carry the subject, (T,): plates that miss many steps show other
-        events than the feet.
-    method
-        What the events that are compared with these were found by; the same is no reference.
-
-    Returns
-    -------
-    dict[str, tuple of Event]
-        Where they come from -> events.
-    """
-    found = {}
-    if method not in BY_PLATES and np.mean(carried) >= MIN_CARRIED_SHARE:
-        found["the plates"] = of_plates
-    if method != "zeni":
-        found["the feet"] = of_feet
-    return found
-
-
-def _compare(
-    events: tuple[Event, ...], reference: tuple[Event, ...], source: str
-) -> tuple[Note, ...] | None:
-    """Compare with one reference; None where too few of its events are the same."""
-    own, crossed = (_comparable(events, e) for e in (reference, _of_other_side(reference)))
-    if not (own or crossed):
-        return None
-    if _exchanged(own, crossed):
-        return (Note.of("events_of_other_side", source=source),)
-    far = [each for each in own if abs(each.mean_ms) > MAX_OFFSET_MS]
-    if not far:
-        return ()
-    offset_ms = {each.kind: each.mean_ms for each in far}
-    return (Note.of("events_offset", source=source, offset_ms=offset_ms),)
-
-
-def _exchanged(own: Sequence[EventAgreement], crossed: Sequence[EventAgreement]) -> bool:
-    """Tell by comparisons with a reference, and with its sides exchanged, that sides are wrong."""
-    coincide = any(abs(each.mean_ms) < MAX_AGREEMENT_MS for each in crossed)
-    return coincide and all(abs(each.mean_ms) > MAX_OFFSET_MS for each in own)
+    for source, reference in references.items():
+        kinds, exchanged = _compare_sides(events, reference)
+        if exchanged:
+            return (Note.of("events_of_other_side", source=source),)
+        if offset_ms := {k.kind: k.mean_ms for k in kinds if abs(k.mean_ms) > MAX_OFFSET_MS}:
+            return (Note.of("events_offset", source=source, offset_ms=offset_ms),)
+        if kinds:
+            break
+    return ()
 
 
 def _of_other_side(events: Iterable[Event]) -> tuple[Event, ...]:
@@ -524,11 +496,17 @@ def _of_other_side(events: Iterable[Event]) -> tuple[Event, ...]:
     return tuple(replace(event, side=OTHER_SIDE[event.side]) for event in events)
 
 
-def _comparable(events: Iterable[Event], reference: Iterable[Event]) -> list[EventAgreement]:
-    """Compare kinds of events of which enough are about equally far from the reference's."""
-    return [
-        each
-        for each in compare_events(events, reference, MAX_APART_S)
-        if each.matched >= max(MIN_EVENTS, min(each.only_in_first, each.only_in_second))
-        and each.sd_ms < MAX_SD_MS
-    ]
+def _compare_sides(
+    events: Sequence[Event], reference: Sequence[Event]
+) -> tuple[list[EventAgreement], bool]:
+    """Compare the kinds of events that are comparable; with sides exchanged where these coincide.
+
+    And tell whether they do.
+    """
+    same, crossed = (
+        [kind for kind in compare_events(events, each, MAX_APART_S) if kind.comparable]
+        for each in (reference, _of_other_side(reference))
+    )
+    coincide = any(abs(kind.mean_ms) < MAX_AGREEMENT_MS for kind in crossed)
+    exchanged = coincide and all(abs(kind.mean_ms) > MAX_OFFSET_MS for kind in same)
+    return (crossed if exchanged else same), exchanged

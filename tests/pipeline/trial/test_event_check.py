@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pipeline.io.recording import Event
-from pipeline.trial.gait.events import check_events, other_events
+from pipeline.trial.gait.events import Swings, check_events, choose_method
 
 OTHER = {"left": "right", "right": "left"}
 
@@ -79,7 +79,10 @@ def test_a_walk_over_one_plate_is_compared_where_it_can_be():
     assert check_events(other_side(TRUE), one_foot)[0].code == "events_of_other_side"
 
 
-def test_plates_that_often_carry_nobody_are_no_reference_for_events():
-    """A dead plate shows none of its foot, and the file's events are right."""
-    half = np.arange(1200) % 2 > 0
-    assert list(other_events(TRUE, TRUE, half, "file")) == ["the feet"]
+@pytest.mark.parametrize(("carried", "source"), [(0.5, "the feet"), (1.0, "the plates")])
+def test_plates_that_often_carry_nobody_are_no_reference_for_events(carried, source):
+    """A dead plate shows none of its foot."""
+    swings = Swings(np.arange(1300) / 100, np.zeros((1300, 2, 3)), TRUE, np.array([[0.0, 12.99]]))
+    late, by_plates = shifted(TRUE, 0.25), PLATES["the plates"]
+    _, (_, note) = choose_method(late, swings, None, by_plates, carried)
+    assert (note.code, note.values["source"]) == ("events_offset", source)

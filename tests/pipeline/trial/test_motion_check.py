@@ -24,7 +24,7 @@ def lost(*segments):
 
 
 def notes_of(markers):
-    notes = check_motion(BODY, solve_ik(BODY, markers), markers).notes
+    notes, _ = check_motion(BODY, solve_ik(BODY, markers), markers)
     return {note.code: note for note in notes}
 
 

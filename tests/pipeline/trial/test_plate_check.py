@@ -1,4 +1,4 @@
-"""Plates that are not zero when nobody is on them, and loads that jump."""
+"""Plates that are not zero when nobody is on them, and samples that are lost."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hbm.signals.resampling import resample
 from pipeline.trial.checks import check_plates, rest_level
-from tests.pipeline.trial.standing import WEIGHT_N, late, standing
+from tests.pipeline.trial.standing import WEIGHT_N, standing
 
 MASS_KG = 80.0
 SWING = 0.38
@@ -128,43 +128,3 @@ def test_a_plate_that_is_always_loaded_has_no_level_of_rest():
     assert rest_level(0.4 * WEIGHT_N + 0 * time, time, WEIGHT_N) is None
     brief = np.where(time < 0.25, 0.0, 0.4 * WEIGHT_N)
     assert rest_level(brief, time, WEIGHT_N) is None
-
-
-@pytest.mark.parametrize("plate", [0, 1])
-@settings(max_examples=20)
-@given(begin_s=st.floats(0.6, 11.4), rest_n=st.floats(-5, 5))
-def test_a_plate_that_begins_late_while_the_subject_stands_is_found(plate, begin_s, rest_n):
-    (note,) = check(standing(loads_n=late(plate, begin_s, rest_n)))
-    assert (note.code, note.level) == ("load_jumps", "warning")
-    assert note.values["plates"] == (f"plate {plate + 1}",)
-    assert note.values["at_s"] == pytest.approx(begin_s, abs=0.2)
-    assert note.values["before_n"] == pytest.approx(WEIGHT_N / 2 + rest_n, abs=2)
-    assert note.values["after_n"] == pytest.approx(WEIGHT_N, abs=2)
-
-
-@settings(max_examples=30)
-@given(share=st.floats(0.05, 0.95))
-def test_loads_jump_from_a_fifth_of_the_weight_on_and_never_below(share):
-    """In a plate that loses a share of the subject's weight."""
-    assume(abs(share - 0.2) > 0.01)
-
-    def loads(time):
-        return np.where(time < 5.0, 1.0, 1.0 - share) * WEIGHT_N, 0 * time
-
-    assert ("load_jumps" in codes(standing(loads_n=loads))) == (share > 0.2)
-
-
-def test_weight_that_shifts_from_foot_to_foot_is_no_jump():
-    def shifts(time):
-        left = np.where(time < 5.0, 0.8, 0.2) * WEIGHT_N
-        return left, WEIGHT_N - left
-
-    assert codes(standing(loads_n=shifts)) == []
-
-
-def test_somebody_who_steps_on_the_plates_moves():
-    def steps_on(time):
-        return np.where(time < 5.0, 0.0, WEIGHT_N), 0 * time
-
-    assert codes(standing(loads_n=steps_on, speed_mps=0.5)) == []
-    assert codes(standing(loads_n=steps_on)) == ["load_jumps"]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.signals.filtering import low_pass
+from pipeline.config.schema import Settings
 from pipeline.trial.gait.carried import Support
 
 WEIGHT_N, LENGTH_M, RATE_HZ = 700.0, 0.26, 100.0
@@ -54,10 +55,14 @@ def wrenches_of(places, loads):
     return wrenches
 
 
+def rules(method):
+    return Settings(contact_threshold_n=30.0, cutoff_hz=6.0, filter=method)
+
+
 def carried(places, loads, *, corners=BELTS, method="zero_phase", mass=1.0):
     body = SimpleNamespace(mass=mass * BODY.mass, lengths=BODY.lengths)
     need = np.full(len(TIME), mass * WEIGHT_N)
-    support = Support(body, corners, 30.0, 6.0, method)
+    support = Support(body, corners, rules(method))
     wrenches = wrenches_of(places, loads)
     return support.carried(support.feet(TIME, places), wrenches, BOTH, need, loads.sum(axis=0))
 
@@ -106,7 +111,7 @@ def runner(later_s=0.0):
 def carried_runner(loads, method="zero_phase"):
     places, needed = runner()
     need, measured = (low_pass(x.sum(axis=0), TIME, 6.0, method) for x in (needed, loads))
-    support = Support(BODY, BELTS, 30.0, 6.0, method)
+    support = Support(BODY, BELTS, rules(method))
     feet, wrenches = support.feet(TIME, places), wrenches_of(places, loads)
     return support.carried(feet, wrenches, BOTH, need, measured)
 

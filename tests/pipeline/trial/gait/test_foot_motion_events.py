@@ -1,12 +1,10 @@
 """Events by the speed of the feet above the ground: the same on any ground that moves."""
 
-from dataclasses import replace
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.trial.gait.detection import FootMotion, foot_motion_events
+from pipeline.trial.gait.detection import foot_motion_events
 
 TIME = np.arange(1200) / 100
 STRIDE_S, STANCE, SPEED_MPS = 1.1, 0.62, 1.3
@@ -27,7 +25,7 @@ def walk(belt_mps=0.0, sides=("left", "right")):
     moved = -belt_mps * TIME
     pelvis = SPEED_MPS * TIME + 0.02 * np.sin(4 * np.pi * TIME / STRIDE_S)
     forward = feet + moved[:, None]
-    return FootMotion(TIME, pelvis + moved, forward, forward + 0.15)
+    return np.column_stack([pelvis + moved, forward, forward + 0.15])
 
 
 def times(events, label, side="left"):
@@ -35,7 +33,7 @@ def times(events, label, side="left"):
 
 
 def test_a_foot_strikes_when_it_comes_to_rest_and_leaves_when_it_begins_to_move():
-    events = foot_motion_events(walk())
+    events = foot_motion_events(TIME, walk())
     for side, first_s in FIRST_S.items():
         for label, at in (("foot_strike", first_s), ("foot_off", first_s + STANCE * STRIDE_S)):
             true = at + STRIDE_S * np.arange(-2, 20)
@@ -50,23 +48,23 @@ def test_a_foot_strikes_when_it_comes_to_rest_and_leaves_when_it_begins_to_move(
 @settings(max_examples=20)
 @given(st.floats(-2, 3))
 def test_on_a_belt_of_any_speed_events_are_those_over_ground(belt_mps):
-    over_ground, on_belt = foot_motion_events(walk()), foot_motion_events(walk(belt_mps))
+    over_ground, on_belt = (foot_motion_events(TIME, each) for each in (walk(), walk(belt_mps)))
     assert [(e.label, e.side) for e in on_belt] == [(e.label, e.side) for e in over_ground]
     np.testing.assert_allclose([e.time for e in on_belt], [e.time for e in over_ground], atol=1e-6)
 
 
 def test_exchanged_feet_exchange_the_sides_of_their_events():
-    mirrored = foot_motion_events(walk(sides=("right", "left")))
+    mirrored = foot_motion_events(TIME, walk(sides=("right", "left")))
     other = {"left": "right", "right": "left"}
     assert [(e.time, e.label, other[e.side]) for e in mirrored] == [
-        (e.time, e.label, e.side) for e in foot_motion_events(walk())
+        (e.time, e.label, e.side) for e in foot_motion_events(TIME, walk())
     ]
 
 
 def test_who_stands_and_sways_has_no_events():
     sway = 0.03 * np.sin(2 * np.pi * 0.4 * TIME)
     still = np.zeros((len(TIME), 2))
-    assert foot_motion_events(FootMotion(TIME, sway, still, still + 0.15)) == ()
+    assert foot_motion_events(TIME, np.column_stack([sway, still, still + 0.15])) == ()
 
 
 def test_a_belt_that_starts_and_stops_under_a_walker_invents_no_event():
@@ -75,10 +73,8 @@ def test_a_belt_that_starts_and_stops_under_a_walker_invents_no_event():
     first, last = np.flatnonzero(walking)[[0, -1]]
     frame = np.clip(np.arange(len(TIME)), first, last)
     belt = np.cumsum(SPEED_MPS * walking) / 100
-    held = [each[frame] for each in (motion.pelvis, motion.ankles, motion.balls)]
-    on_belt = [each - (belt if each.ndim == 1 else belt[:, None]) for each in held]
-    events = foot_motion_events(FootMotion(TIME, *on_belt))
-    regular = foot_motion_events(motion)
+    events = foot_motion_events(TIME, motion[frame] - belt[:, None])
+    regular = foot_motion_events(TIME, motion)
     assert len(events) >= 12
     for event in events:
         same = [e.time for e in regular if (e.label, e.side) == (event.label, event.side)]
@@ -87,8 +83,8 @@ def test_a_belt_that_starts_and_stops_under_a_walker_invents_no_event():
 
 def test_in_a_gap_of_the_ankles_there_are_no_strikes():
     motion, gap = walk(SPEED_MPS), (TIME > 5) & (TIME < 7)
-    ankles = np.where(gap[:, None], np.nan, motion.ankles)
-    events = foot_motion_events(replace(motion, ankles=ankles))
+    motion[gap, 1:3] = np.nan
+    events = foot_motion_events(TIME, motion)
     strikes = np.concatenate([times(events, "foot_strike", side) for side in FIRST_S])
     assert not ((strikes > 5) & (strikes < 7)).any()
     assert len(strikes) > 10
