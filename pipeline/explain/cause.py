@@ -4,8 +4,8 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,16 +18,18 @@ shows that body or markers are wrong, and takes one for the other (docs/explanat
 
 UNSEEN: Final = frozenset({"unseen_trunk", "unseen_arms"})
 """Groups of what moves without markers: markers on it remove them."""
+MIN_NARROWED: Final = 0.1
+"""Of a usual size that is left even by a calibration without error: days differ."""
 
 
 @cache
 def groups() -> Mapping[str, Mapping[str, str]]:
     """Give the groups of causes, as `groups.toml` lists them; "person" stands for `OF_PERSON`."""
-    return tomllib.loads(_text("groups.toml"))
+    return _table("groups.toml")
 
 
-def _text(name: str) -> str:
-    return files("pipeline.explain").joinpath(name).read_text(encoding="utf-8")
+def _table(name: str) -> dict[str, Any]:
+    return tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,10 @@ class Prior:
         """Give the prior of what was measured: one standard deviation, and what is expected."""
         return replace(self, size=size, mean=mean, rare=False)
 
+    def calibrated(self, error: float) -> "Prior":
+        """Give the prior of what a calibration left an error of: at most the usual size."""
+        return replace(self, size=max(min(self.size, error), MIN_NARROWED * self.size))
+
 
 @cache
 def priors() -> dict[str, Prior]:
@@ -78,12 +84,20 @@ def priors() -> dict[str, Prior]:
     >>> priors()["delay"].unit
     's'
     """
-    stated = tomllib.loads(_text("priors.toml"))
-    return {kind: Prior(**own, usual=own["size"]) for kind, own in stated.items()}
+    return {kind: Prior(**row, usual=row["size"]) for kind, row in _table("priors.toml").items()}
 
 
 Change = Callable[[Chain, float], Chain]
 """Gives the chain with a cause of a size: as if the recording had that fault besides its own."""
+
+
+def change_of(stage: str, altered: Callable[[Any, float], Any]) -> Change:
+    """Give the change by a cause that alters one stage of the chain by its size."""
+
+    def change(chain: Chain, size: float) -> Chain:
+        return chain.changed(**{stage: altered(getattr(chain, stage), size)})
+
+    return change
 
 
 @dataclass(frozen=True, slots=True, eq=False)
