@@ -136,6 +136,11 @@ class Cause:
     along: Array | None = None
     in_lab: str = ""
 
+    @property
+    def is_rare(self) -> bool:
+        """Whether it is a fault whose size the residuals are to show."""
+        return self.prior.rare and not self.found
+
     def effect(self, chain: Chain) -> Array:
         """Give the residual that it adds per unit of its size, (T, 6) [N, N·m per unit].
 

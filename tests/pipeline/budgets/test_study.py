@@ -8,17 +8,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.budgets.explanation import Explanation, read_evidence, read_explanation
-from pipeline.budgets.study import (
+from pipeline.budgets.explanation import (
+    EVIDENCE,
     FOLDER,
+    Explanation,
     bands_of,
-    evidence_path,
+    beside,
     explain_planned,
     plan_explanations,
+    read_explanation,
     study_of,
 )
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
+from pipeline.explain.budget import TrialEvidence
 from pipeline.report.write import write_report
 from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
@@ -65,11 +68,13 @@ def quick(monkeypatch):
 def known(copy, monkeypatch):
     """Trials are explained as they were: what that takes is not tested here."""
     by_key = {}
-    for path in (copy / FOLDER).glob("sub*.json"):
+    for path in (copy / FOLDER / f"sub01_{name}.json" for name in ("baseline", "sway")):
         own = read_explanation(path, Explanation)
-        budget = replace(own.budget, evidence=read_evidence(evidence_path(path)))
+        budget = replace(
+            own.budget, evidence=read_explanation(beside(path, EVIDENCE), TrialEvidence)
+        )
         by_key[own.key] = replace(own, budget=budget)
-    monkeypatch.setattr("pipeline.budgets.study.explain", lambda *trial: by_key[trial[-1]])
+    monkeypatch.setattr("pipeline.budgets.explanation.explain", lambda *trial: by_key[trial[-1]])
 
 
 def outcomes(out):
