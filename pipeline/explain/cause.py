@@ -1,15 +1,14 @@
 """Causes of residuals: what may be wrong, how large it usually is, and what it does."""
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from hbm.spatial import Array
+from hbm.spelling import packaged_toml
 from pipeline.trial.chain import Chain
 
 OF_PERSON: Final = ("inertia", "soft_tissue", "markers", "skin")
@@ -18,6 +17,8 @@ shows that body or markers are wrong, and takes one for the other (docs/explanat
 
 UNSEEN: Final = frozenset({"unseen_trunk", "unseen_arms"})
 """Groups of what moves without markers: markers on it remove them."""
+HELD: Final = 1e-3
+"""Of the standard deviation of a size that was found elsewhere: so near the residuals leave it."""
 MIN_NARROWED: Final = 0.1
 """Of a usual size that is left even by a calibration without error: days differ."""
 
@@ -25,11 +26,7 @@ MIN_NARROWED: Final = 0.1
 @cache
 def groups() -> Mapping[str, Mapping[str, str]]:
     """Give the groups of causes, as `groups.toml` lists them; "person" stands for `OF_PERSON`."""
-    return _table("groups.toml")
-
-
-def _table(name: str) -> dict[str, Any]:
-    return tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8"))
+    return packaged_toml("pipeline.explain", "groups.toml")
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +81,8 @@ def priors() -> dict[str, Prior]:
     >>> priors()["delay"].unit
     's'
     """
-    return {kind: Prior(**row, usual=row["size"]) for kind, row in _table("priors.toml").items()}
+    rows = packaged_toml("pipeline.explain", "priors.toml").items()
+    return {kind: Prior(**row, usual=row["size"]) for kind, row in rows}
 
 
 Change = Callable[[Chain, float], Chain]
@@ -135,6 +133,22 @@ class Cause:
     found: tuple[float, float] | None = None
     along: Array | None = None
     in_lab: str = ""
+
+    @property
+    def within(self) -> str:
+        """What has one size of it: a trial, a subject, the laboratory.
+
+        What a calibration leaves is a cause of each trial, as its directions are.
+        """
+        return groups()[self.group]["within"] if self.along is None else "trial"
+
+    @property
+    def expected(self) -> tuple[float, float, float]:
+        """Its mean and usual size, and the deviation of a size that was found elsewhere, else 0."""
+        if self.found is None:
+            return self.prior.mean, self.prior.size, 0.0
+        size, deviation = self.found
+        return size, HELD * deviation, deviation
 
     @property
     def is_rare(self) -> bool:

@@ -9,7 +9,8 @@ import pandas as pd
 
 from hbm.spatial import Array
 from pipeline.explain.budget import EstimatedCause, SharedCause, TrialEvidence
-from pipeline.explain.linearise import HELD, Linearised
+from pipeline.explain.cause import HELD
+from pipeline.explain.linearise import Linearised
 from pipeline.explain.sizes import Evidence, Posterior, find_faults
 
 MENDABLE: Final = ("delay", "zero", "gain", "place", "inertia")

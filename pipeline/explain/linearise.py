@@ -9,7 +9,7 @@ from hbm.segments import SegmentOverride
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import Array, Mask
 from pipeline.explain.budget import NORMAL_95
-from pipeline.explain.cause import Cause, groups
+from pipeline.explain.cause import Cause
 from pipeline.explain.causes.body import body_causes, soft_tissue_causes
 from pipeline.explain.causes.markers import marker_causes
 from pipeline.explain.causes.plates import plate_causes
@@ -55,8 +55,6 @@ MIN_VARIANCE: Final = 1e-10
 PATTERNS_SHARE: Final = 0.99
 MOST_PATTERNS: Final = 10
 """Of what follows the platform, by how it varies over cycles, and patterns that are told apart."""
-HELD: Final = 1e-3
-"""Of the standard deviation of a size that was found elsewhere: so near the residuals leave it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,13 +91,10 @@ class ExplainedPart:
         if len(self.series) >= MIN_CYCLES:
             middle = len(self.series) // 2
             return self.series.some(slice(middle)), self.series.some(slice(middle, None))
+        first, last = stretches(self.counts).T
+        bounds = np.linspace(first, last, 3).astype(int)
         time, to_hz = self.chain.time, highest_hz(self.chain)
-        bounds = [np.linspace(first, last, 3).astype(int) for first, last in stretches(self.counts)]
-        first, second = (
-            stretch_series(time, [slice(*own[half : half + 2]) for own in bounds], to_hz)
-            for half in (0, 1)
-        )
-        return first, second
+        return stretch_series(time, bounds[:2].T, to_hz), stretch_series(time, bounds[1:].T, to_hz)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,20 +122,13 @@ class Linearised:
     @property
     def expected(self) -> tuple[Array, Array, Array]:
         """Mean and usual size of each cause, and the deviation of those found elsewhere, else 0."""
-        rows = [
-            (cause.found[0], HELD * cause.found[1], cause.found[1])
-            if cause.found
-            else (cause.prior.mean, cause.prior.size, 0.0)
-            for cause in self.part.causes
-        ]
-        mean, size, found = np.array(rows, float).T
+        mean, size, found = np.array([cause.expected for cause in self.part.causes]).T
         return mean, size, found
 
     def evidence(self, series: CycleSeries, subject: str = "", trial: str = "") -> Evidence:
         """Give what some gait cycles say of the causes.
 
-        Around the sizes that are expected. What a calibration leaves is a cause of each trial, as
-        its directions are.
+        Around the sizes that are expected.
 
         What the model misses of a person changes with a slope or a push too, so that cycles that
         differ by them are no independent evidence. The causes that follow the platform vary over
@@ -165,19 +153,15 @@ class Linearised:
         between = np.zeros_like(rest[0]) + np.square(self.noise) / len(rest[0])
         if cycles > 1:
             between = _by_frequency((rest**2).sum(axis=0) / max(cycles - len(pattern), 1))
-        within = [
-            "trial" if cause.along is not None else groups()[cause.group]["within"]
-            for cause in self.part.causes
-        ]
         owner = {"trial": f"{trial}: ", "subject": f"{subject}: ", "laboratory": ""}
-        both = list(zip(self.part.causes, within, strict=True))
+        causes = self.part.causes
         return Evidence(
             values=along.ravel(),
             noise=np.broadcast_to(between + MIN_VARIANCE, along.shape).ravel(),
             axis=np.broadcast_to(np.arange(6 * len(along)).reshape(-1, 1, 6), along.shape).ravel(),
             effects=prior[:, None] * added.reshape(len(prior), -1),
-            names=tuple(owner[level] + cause.name for cause, level in both),
-            levels=tuple(FAULT if cause.is_rare else level for cause, level in both),
+            names=tuple(owner[cause.within] + cause.name for cause in causes),
+            levels=tuple(FAULT if cause.is_rare else cause.within for cause in causes),
             subject=subject,
         )
 
@@ -266,8 +250,8 @@ def explained_part(
     if by_cycles:
         series = cycle_series(chain.time, spans, highest_hz(chain), counts[frames])
         return ExplainedPart(chain, causes, series, len(cycles))
-    own = [slice(*np.searchsorted(chain.time, span)) for span in spans]
-    return ExplainedPart(chain, causes, stretch_series(chain.time, own, highest_hz(chain)), 0)
+    bounds = np.searchsorted(chain.time, spans)
+    return ExplainedPart(chain, causes, stretch_series(chain.time, bounds, highest_hz(chain)), 0)
 
 
 def _stretches(result: TrialResult) -> Array:

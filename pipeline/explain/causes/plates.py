@@ -34,7 +34,7 @@ UNKNOWN: Final = 1e12
 """Variance of a response that no calibration examined."""
 
 
-def plate_causes(chain: Chain, delay: tuple[float, float] | None = None) -> Iterator[Cause]:
+def plate_causes(chain: Chain, delay: tuple[float, float] = (np.nan, np.nan)) -> Iterator[Cause]:
     """Give what may be wrong with the plates of a trial.
 
     Parameters
@@ -58,8 +58,7 @@ def plate_causes(chain: Chain, delay: tuple[float, float] | None = None) -> Iter
     if late is None:
         is_stated = chain.settings.plate_delay_s is not None
         late = priors()["stated_delay" if is_stated else "delay"]
-        if delay is not None:
-            shown = delay if np.isfinite(delay[0]) else (late.mean, late.size)
+        shown = delay if np.isfinite(delay[0]) else (late.mean, late.size)
     yield Cause("plates delayed", "delay", late, _late, found=shown)
     for k, plate in enumerate(chain.plates):
         name, error = f"plate {plate.number}", response_error(chain, plate)

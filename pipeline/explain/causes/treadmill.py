@@ -96,13 +96,13 @@ def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
     residual = chain.residual
     weight = 1 / np.sqrt(np.nanmean(residual**2, axis=0))
     signals, effects = [], []
+    rows = np.split(factor, len(chain.lab.models))
     for k, (model, felt) in enumerate(zip(chain.lab.models, chain.accelerations, strict=True)):
         basis = _basis(model, felt, rate_hz)
         signals.append(_scaled(model, basis, slow))
         passed = _scaled(model, chain.low_pass(basis)[::step], slow)
         to_residual = _to_residual(chain, k)[::step] * weight[:, None]
-        own = factor[6 * k : 6 * k + 6]
-        effects.append(np.einsum("tac,cm,tsc->msta", to_residual, own, passed, optimize=True))
+        effects.append(np.einsum("tac,cm,tsc->msta", to_residual, rows[k], passed, optimize=True))
     whole = np.sum(effects, axis=0)
     known = np.isfinite(whole).all(axis=(0, 1, 3)) & np.isfinite(residual[::step]).all(axis=1)
     table = whole[:, :, known].reshape(whole.shape[0] * whole.shape[1], -1)
@@ -116,10 +116,9 @@ def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
     directions = []
     for n in order[: int(np.searchsorted(explained, SHARE)) + 1]:
         sizes = factor @ vectors[:, n].reshape(whole.shape[:2])
-        added = [
-            np.einsum("tsc,sc->tc", signal, sizes[6 * k : 6 * k + 6].T)
-            for k, signal in enumerate(signals)
-        ]
+        of_plates = np.split(sizes, len(signals))
+        pairs = zip(signals, of_plates, strict=True)
+        added = [np.einsum("tsc,sc->tc", signal, size.T) for signal, size in pairs]
         directions.append((vectors[:, n], added))
     return directions
 
@@ -160,12 +159,11 @@ def _to_residual(chain: Chain, plate: int) -> Array:
 
 def _sensors_delay(chain: Chain) -> Prior:
     """Give how much later the accelerometers may be than the calibration found."""
-    errors = [sensor.delay_error_s for sensor in chain.lab.sensors]
-    if not errors or None in errors:
+    sensors, between = chain.lab.sensors, priors()["accelerometer_delay_between_days"]
+    errors = [s.delay_error_s for s in sensors if s.delay_error_s is not None]
+    if not errors or len(errors) < len(sensors):
         return priors()["accelerometer_delay"]
-    between = priors()["accelerometer_delay_between_days"]
-    largest = max(error for error in errors if error is not None)
-    size = np.linalg.norm([largest, chain.lab.sensors_apart_s, between.size])
+    size = np.linalg.norm([max(errors), chain.lab.sensors_apart_s, between.size])
     return replace(between, size=float(size))
 
 
