@@ -88,8 +88,11 @@ def priors() -> dict[str, Prior]:
 Change = Callable[[Chain, float], Chain]
 """Gives the chain with a cause of a size: as if the recording had that fault besides its own."""
 
+Altered = Callable[[Any, float], Any]
+"""Gives a stage of the chain, or a part of it, with a cause of a size."""
 
-def change_of(stage: str, altered: Callable[[Any, float], Any]) -> Change:
+
+def change_of(stage: str, altered: Altered) -> Change:
     """Give the change by a cause that alters one stage of the chain by its size."""
 
     def change(chain: Chain, size: float) -> Chain:

@@ -70,7 +70,7 @@ def explain_together(trials: Mapping[str, TrialEvidence]) -> list[SharedCause]:
     usual = _usual(trials)
     faults = find_faults([_around(trial, trial.whole, usual) for trial in trials.values()])
     sizes = _in_units(faults, usual)
-    sizes |= {name: (own.mean, own.found, 1.0) for name, own in usual.items() if own.found}
+    sizes |= {name: [own.mean, own.found, 1.0] for name, own in usual.items() if own.found}
     shared = [_shared(name, trials, *size) for name, size in sizes.items()]
     certain = [own for own in shared if own.cause.is_certain and own.cause.group in MENDABLE]
     judged: dict[str, Array] = {}
@@ -112,25 +112,18 @@ def _usual(trials: Mapping[str, TrialEvidence]) -> dict[str, _Usual]:
 
 def _around(trial: TrialEvidence, evidence: Evidence, usual: Mapping[str, _Usual]) -> Evidence:
     """Give evidence around what is expected by all trials, in usual sizes by all of them."""
-    mean, size, _ = np.array([usual[name] for name in evidence.names]).T
+    mean, size, _ = np.transpose([usual[name] for name in evidence.names])
     values = evidence.values - ((mean - trial.mean) / trial.size) @ evidence.effects
     effects = evidence.effects * (size / trial.size)[:, None]
     return replace(evidence, values=values, effects=effects)
 
 
-def _in_units(
-    faults: Posterior, usual: Mapping[str, _Usual]
-) -> dict[str, tuple[float, float, float]]:
+def _in_units(faults: Posterior, usual: Mapping[str, _Usual]) -> dict[str, list[float]]:
     """Give size, deviation and chance of faults by name."""
-    rows = zip(faults.names, *faults.if_there, faults.chance, strict=True)
-    return {
-        name: (
-            float(size * usual[name].size + usual[name].mean),
-            float(deviation * usual[name].size),
-            float(chance),
-        )
-        for name, size, deviation, chance in rows
-    }
+    mean, unit, _ = np.transpose([usual[name] for name in faults.names])
+    size, deviation = faults.if_there * unit
+    rows = np.transpose([size + mean, deviation, faults.chance])
+    return dict(zip(faults.names, rows.tolist(), strict=True))
 
 
 def _shared(

@@ -5,7 +5,7 @@ an oscillator in axes of the lab. The plates measure its force. The oscillators 
 filters too: those that the filtered motion drives give the filtered force.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -21,7 +21,7 @@ from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
 from hbm.signals.filtering import oscillation
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
-from pipeline.explain.cause import Cause, Prior, change_of, priors
+from pipeline.explain.cause import Altered, Cause, Prior, change_of, priors
 from pipeline.explain.causes.plates import with_added
 from pipeline.trial.chain import Chain, needed_wrench
 
@@ -146,9 +146,7 @@ def _with_gyration(body: Body, share: float, *, names: Sequence[str]) -> Body:
     return _with_segments(body, wider)
 
 
-def _of_geometry(
-    chain: Chain, name: str, prior: Prior, altered: Callable[[Body, float], Body]
-) -> Cause:
+def _of_geometry(chain: Chain, name: str, prior: Prior, altered: Altered) -> Cause:
     """Give a cause that alters joints of the body, and so what the inverse kinematics finds.
 
     Coordinates change in proportion to its size: as they do for a small one.

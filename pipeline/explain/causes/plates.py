@@ -4,7 +4,7 @@ How large each may be is narrowed by what calibrations and the trial itself say 
 before its residual is looked at.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Final
 
@@ -13,7 +13,7 @@ import numpy as np
 from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
-from pipeline.explain.cause import Cause, Change, Prior, change_of, priors
+from pipeline.explain.cause import Altered, Cause, Change, Prior, change_of, priors
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.platform import plate_marker_delay
@@ -78,10 +78,6 @@ def components_in_lab(plate: Plate) -> dict[int, str]:
     cosines = np.abs(plate.rotation)
     along = {int(i): int(axis) for axis, i in np.argwhere(cosines > MIN_PARALLEL)}
     return {3 * kind + i: IN_LAB[3 * kind + axis] for kind in (0, 1) for i, axis in along.items()}
-
-
-Altered = Callable[[Array, float], Array]
-"""Gives a plate's wrench with a fault of a size."""
 
 
 def of_plate(plate: int, altered: Altered) -> Change:

@@ -1,6 +1,6 @@
 """What may be wrong with a moving treadmill: its compensation, and the platform's pose."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -15,7 +15,7 @@ from compensation.platform import LEFT
 from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench
-from pipeline.explain.cause import Cause, Prior, change_of, priors
+from pipeline.explain.cause import Altered, Cause, Prior, change_of, priors
 from pipeline.explain.causes.plates import of_plate, with_added
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.platform import in_lab
@@ -222,12 +222,7 @@ def platform_causes(chain: Chain) -> Iterator[Cause]:
     yield _of_pose("direction about z", "pose_direction", _turned)
 
 
-def _of_pose(
-    title: str,
-    kind: str,
-    altered: Callable[[PlatformPose, float], PlatformPose],
-    moving: bool = True,
-) -> Cause:
+def _of_pose(title: str, kind: str, altered: Altered, *, moving: bool = True) -> Cause:
     """Give a cause that alters the pose by its size."""
     change = change_of("platform", altered)
     return Cause(f"platform: {title}", "platform", priors()[kind], change, of_platform=moving)
