@@ -166,7 +166,7 @@ def write_bands(bands: Bands, path: Path) -> None:
 
 
 def read_bands(path: Path) -> Bands:
-    """Read residuals over time back; a ValueError if the file is damaged."""
+    """Read residuals over time back; a ValueError or KeyError if the file is damaged."""
     table = read_parquet(path)
     residual, deviation = (
         table[[f"{name}.{axis}" for axis in AXES]].to_numpy() for name in ("residual", "deviation")
@@ -327,7 +327,7 @@ def bands_of(result: Path, trial: TrialResult) -> Bands | None:
     """Give the residuals over time of a stored result; None where it is not explained as it is."""
     path = result.parent.parent / FOLDER / f"{result.stem}.json"
     if up_to_date(path, explanation_key(trial.key), Explanation) is not None:
-        with suppress(OSError, ValueError):
+        with suppress(OSError, ValueError, KeyError):
             return read_bands(beside(path, BANDS))
     return None
 
