@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from pipeline.budgets.explanation import (
+    BANDS,
     EVIDENCE,
     FOLDER,
     Explanation,
@@ -16,6 +17,7 @@ from pipeline.budgets.explanation import (
     beside,
     explain_planned,
     plan_explanations,
+    read_bands,
     read_explanation,
     study_of,
 )
@@ -70,9 +72,9 @@ def known(copy, monkeypatch):
     by_key = {}
     for path in (copy / FOLDER / f"sub01_{name}.json" for name in ("baseline", "sway")):
         own = read_explanation(path, Explanation)
-        budget = replace(
-            own.budget, evidence=read_explanation(beside(path, EVIDENCE), TrialEvidence)
-        )
+        evidence = read_explanation(beside(path, EVIDENCE), TrialEvidence)
+        bands = read_bands(beside(path, BANDS))
+        budget = replace(own.budget, evidence=evidence, bands=bands)
         by_key[own.key] = replace(own, budget=budget)
     monkeypatch.setattr("pipeline.budgets.explanation.explain", lambda *trial: by_key[trial[-1]])
 
