@@ -1,6 +1,8 @@
 """Explanations of trials: files, a study's trials in parallel and resumable, errors of a study."""
 
+import gzip
 import hashlib
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -21,7 +23,7 @@ from pipeline.config.study import Study, read_study
 from pipeline.explain.budget import Bands, Budget, SharedCause, TrialEvidence
 from pipeline.explain.explain import explain_trial
 from pipeline.explain.joint import explain_together
-from pipeline.io.input_file import MAX_BYTES, describe_error, read_text
+from pipeline.io.input_file import MAX_BYTES, describe_error, open_file, read_text
 from pipeline.io.recording import Recording
 from pipeline.io.write import read_parquet, require_writable, whole_file, write_text
 from pipeline.run.job import Job, Outcome, record_failure, recorded_failures, trial_key
@@ -39,7 +41,7 @@ from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
 SUFFIX: Final = "_explained.json"
 BANDS: Final = "_bands.parquet"
-EVIDENCE: Final = "_evidence.json"
+EVIDENCE: Final = "_evidence.json.gz"
 STUDY: Final = "study.json"
 FOLDER: Final = "explained"
 """In a results folder, beside ``trials``."""
@@ -108,7 +110,7 @@ def explain(
     return Explanation(key, budget, what_to_fix_first(budget, result))
 
 
-Explained = TypeVar("Explained", Explanation, StudyExplanation, TrialEvidence)
+Explained = TypeVar("Explained", Explanation, StudyExplanation)
 
 
 def write_explanation(explanation: Explained, path: Path) -> None:
@@ -118,7 +120,7 @@ def write_explanation(explanation: Explained, path: Path) -> None:
 
 
 def read_explanation(path: Path, kind: type[Explained]) -> Explained:
-    """Read an explanation of a trial or of a study, or a trial's evidence back.
+    """Read an explanation of a trial or of a study back.
 
     Raises
     ------
@@ -128,7 +130,7 @@ def read_explanation(path: Path, kind: type[Explained]) -> Explained:
         If it cannot be opened.
     """
     try:
-        return TypeAdapter(kind).validate_json(read_text(path, MAX_BYTES))
+        return TypeAdapter(kind).validate_json(read_text(path))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
@@ -136,15 +138,29 @@ def read_explanation(path: Path, kind: type[Explained]) -> Explained:
         raise ValueError(f"{path.name} is damaged or of another version of hbm: {why}") from error
 
 
-Kind = TypeVar("Kind", Explanation, StudyExplanation)
-
-
-def up_to_date(path: Path, key: str, kind: type[Kind]) -> Kind | None:
+def up_to_date(path: Path, key: str, kind: type[Explained]) -> Explained | None:
     """Read the explanation with a key; None where there is none, or it is damaged or older."""
     with suppress(OSError, ValueError):
         found = read_explanation(path, kind)
         return found if found.key == key else None
     return None
+
+
+def write_evidence(evidence: TrialEvidence, path: Path) -> None:
+    """Write what a trial says of causes that others share, whole or not at all."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(gzip.compress(TypeAdapter(TrialEvidence).dump_json(evidence)))
+
+
+def read_evidence(path: Path) -> TrialEvidence:
+    """Read what a trial says back; a ValueError if the file is damaged."""
+    try:
+        with open_file(path) as file, gzip.open(file) as content:
+            return TypeAdapter(TrialEvidence).validate_json(content.read(MAX_BYTES))
+    except (EOFError, zlib.error, gzip.BadGzipFile, ValidationError) as error:
+        raise ValueError(
+            f"{path.name} is damaged; delete it and run 'hbm explain' again"
+        ) from error
 
 
 def write_bands(bands: Bands, path: Path) -> None:
@@ -268,7 +284,7 @@ def explain_job(job: Job) -> Outcome:
         explanation = explain(*processed(job), job.key)
         if explanation.budget.bands and explanation.budget.evidence:
             write_bands(explanation.budget.bands, beside(job.target, BANDS))
-            write_explanation(explanation.budget.evidence, beside(job.target, EVIDENCE))
+            write_evidence(explanation.budget.evidence, beside(job.target, EVIDENCE))
         write_explanation(explanation, job.target)
     except Exception as error:
         return Outcome(job, "failed", describe_error(error))
@@ -310,7 +326,7 @@ def explain_study(folder: Path, planned: Sequence[Job]) -> StudyExplanation:
     for job in jobs:
         stored = folder / "trials" / f"{job.target.stem}.parquet"
         results[str(job.name)] = read_trial(stored, frames=False)
-        evidence[str(job.name)] = read_explanation(beside(job.target, EVIDENCE), TrialEvidence)
+        evidence[str(job.name)] = read_evidence(beside(job.target, EVIDENCE))
     with one_thread():
         causes = explain_together(evidence)
     explanation = StudyExplanation(key, (*results,), (*causes,), study_lines(causes, results))

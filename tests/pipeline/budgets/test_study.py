@@ -1,5 +1,6 @@
 """A study's explanations: resumable, one trial's failure is its own."""
 
+import gzip
 import shutil
 from dataclasses import replace
 from html import unescape
@@ -18,12 +19,12 @@ from pipeline.budgets.explanation import (
     explain_planned,
     plan_explanations,
     read_bands,
+    read_evidence,
     read_explanation,
     study_of,
 )
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
-from pipeline.explain.budget import TrialEvidence
 from pipeline.report.write import write_report
 from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
@@ -72,7 +73,7 @@ def known(copy, monkeypatch):
     by_key = {}
     for path in (copy / FOLDER / f"sub01_{name}.json" for name in ("baseline", "sway")):
         own = read_explanation(path, Explanation)
-        evidence = read_explanation(beside(path, EVIDENCE), TrialEvidence)
+        evidence = read_evidence(beside(path, EVIDENCE))
         bands = read_bands(beside(path, BANDS))
         budget = replace(own.budget, evidence=evidence, bands=bands)
         by_key[own.key] = replace(own, budget=budget)
@@ -187,3 +188,12 @@ def test_the_uncertainty_of_a_perturbed_trial_is_also_of_the_part_that_counts(ex
             np.testing.assert_allclose(own.rms, rms, rtol=0.5)  # of one side's cycles
             loads = np.array(rms) > 100
             np.testing.assert_allclose(own.rms[loads], np.array(rms)[loads], rtol=0.05)
+
+
+def test_damaged_evidence_is_named_with_what_to_do(explained, tmp_path):
+    whole = beside(explained / FOLDER / "sub01_sway.json", EVIDENCE).read_bytes()
+    path = tmp_path / "sub01_sway_evidence.json.gz"
+    for damaged in (whole[:-100], whole[:50], b"", b"{}", gzip.compress(b"{}")):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"sub01_sway_evidence.*run 'hbm explain' again"):
+            read_evidence(path)
