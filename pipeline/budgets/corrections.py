@@ -15,15 +15,9 @@ from pipeline.config.study import Study
 from pipeline.config.toml_file import read_table
 from pipeline.explain.budget import SharedCause, alike_in_plates
 from pipeline.explain.joint import MENDABLE
-from pipeline.io.write import whole_file
+from pipeline.io.write import write_text
 from pipeline.trial.residuals import AXES
 
-MENDINGS: Final[Mapping[str, str]] = {
-    "gain of ": "{plate}: gain {what} {factor:.5f}",
-    "zero of ": "{plate}: zero {what} {size:.3f}",
-    "place along ": "{plate}: move {what} {back:.5f}",
-}
-"""Beginning of a fault of a plate -> how `mend_plates` states its correction."""
 NOT_FILES: Final = ("name", "id", "exclude", "rename")
 """Keys whose texts are no files."""
 
@@ -65,14 +59,12 @@ def write_corrected(
     if (out / "study.toml").exists():
         raise ValueError(f"{out}: there is a study already; name another folder with --apply")
     every = {path.name: read_table(path) for path in sorted(study.folder.glob("*.toml"))}
-    tables = {n: own for n, own in every.items() if n == "study.toml" or "trials" in own}
-    people = {table["id"]: table for table in tables.values() if "trials" in table}
+    people = {table["id"]: table for table in every.values() if "trials" in table}
     for person in people.values():
         trials = person["trials"].items()
         person["trials"] = {key: recording_tables(stated) for key, stated in trials}
-    written, left_out = list[Correction](), list[str]()
-    alike = alike_in_plates(own.cause for own in found.causes)
-    source = os.path.relpath(results, out)
+    file, written, left_out = every["study.toml"], list[Correction](), list[str]()
+    alike = alike_in_plates(shared.cause for shared in found.causes)
     for shared in found.causes:
         cause = shared.cause
         if not cause.is_certain or cause.group not in MENDABLE:
@@ -84,7 +76,7 @@ def write_corrected(
             left_out.append(f"{name}: it lowers no residual by {100 * MIN_FALL:.0f} %")
         elif not shared.holds:
             left_out.append(f"{name}: it does not lower the residuals of other trials")
-        elif setting := _state(shared, study, tables["study.toml"], people, mass_kg):
+        elif setting := _state(shared, study, file, people, mass_kg):
             axis = shared.axis
             correction = Correction(
                 setting=setting,
@@ -94,51 +86,50 @@ def write_corrected(
                 before=round(float(shared.rms[axis]), 2),
                 after=round(float(cause.left[axis]), 2),
                 held_out_percent=round(100 * float(shared.held_out[axis]), 1),
-                source=source,
+                source=os.path.relpath(results, out),
             )
             written.append(correction)
-    tables["study.toml"]["corrections"] = [each.model_dump() for each in written]
-    for name, table in tables.items():
-        with whole_file(out / name) as temporary:
+    file["corrections"] = [correction.model_dump() for correction in written]
+    for name, table in every.items():
+        if table is file or "trials" in table:
             moved = _moved(table, study.folder, out)
-            temporary.write_text(tomli_w.dumps(moved), encoding="utf-8")
+            write_text(tomli_w.dumps(moved), out / name)
     return written, left_out
 
 
 def _state(
-    own: SharedCause,
+    shared: SharedCause,
     study: Study,
     file: Table,
     people: Mapping[str, Table],
     mass_kg: Mapping[str, float],
 ) -> str:
     """State the correction of a cause in the tables of a study; empty where no setting does it."""
-    cause, trial = own.cause, TrialName(*own.trials[0].split(" "))
-    calibrated = study.file.plates.calibration is not None
+    cause, trial = shared.cause, TrialName(*shared.trials[0].split(" "))
     if cause.name == MASS:
         mass = round(mass_kg[trial.subject] / (1 + cause.size), 2)
         people[trial.subject]["mass_kg"] = mass
         return f"{trial.subject} mass_kg = {mass}"
-    if calibrated:  # its own delay, matrix and offset go before
+    if study.file.plates.calibration is not None:  # its own delay, matrix and offset go before
         return ""
     if cause.name == LATE:
         delay_s = round((study.file.settings.plate_delay_s or 0.0) + cause.size, 5)
         file.setdefault("settings", {})["plate_delay_s"] = delay_s
         return f"plate_delay_s = {delay_s}"
-    plate, _, fault = cause.name.removeprefix("plate ").partition(": ")
-    for kind, pattern in MENDINGS.items():
-        if fault.startswith(kind):
-            factor, back = 1 / (1 + cause.size), -cause.size
-            text = pattern.format(
-                plate=plate, what=fault.split()[-1], factor=factor, size=cause.size, back=back
-            )
-            stated = file
-            if own.name != cause.name:  # of one trial
-                recordings = people[trial.subject]["trials"][trial.condition]
-                stated = recordings[int(trial.recording or 1) - 1]
-            stated["mend_plates"] = [*stated.get("mend_plates", ()), text]
-            return f'{own.name.removesuffix(cause.name)}mend_plates "{text}"'
-    return ""
+    match cause.name.removeprefix("plate ").split():
+        case plate, "gain", "of", component:
+            mending = f"{plate} gain {component} {1 / (1 + cause.size):.5f}"
+        case plate, "zero", "of", component:
+            mending = f"{plate} zero {component} {cause.size:.3f}"
+        case plate, "place", "along", axis:
+            mending = f"{plate} move {axis} {-cause.size:.5f}"
+        case _:
+            return ""
+    if shared.name != cause.name:  # of one trial
+        recordings = people[trial.subject]["trials"][trial.condition]
+        file = recordings[int(trial.recording or 1) - 1]
+    file["mend_plates"] = [*file.get("mend_plates", ()), mending]
+    return f'{shared.name.removesuffix(cause.name)}mend_plates "{mending}"'
 
 
 def _moved(value: Any, folder: Path, out: Path, key: str = "") -> Any:

@@ -1,61 +1,50 @@
-"""What a trial's residuals are made of, with what follows from it: files, and errors of a study."""
+"""Explanations of trials: files, a study's trials in parallel and resumable, errors of a study."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+import gzip
+import hashlib
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Final, TypeVar
-from zipfile import BadZipFile
+from typing import ClassVar, Final, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from hbm.kernels.native import kernels
 from hbm.spatial import Array
-from pipeline.budgets.words import Fix, StatedNow, budget_lines, what_to_fix_first
+from hbm.spelling import listed
+from pipeline.budgets.words import Fix, budget_lines, study_lines, what_to_fix_first
 from pipeline.config.schema import NOUNS, TrialName
+from pipeline.config.study import Study, read_study
 from pipeline.explain.budget import Bands, Budget, SharedCause, TrialEvidence
 from pipeline.explain.explain import explain_trial
-from pipeline.explain.sizes import Evidence
-from pipeline.io.input_file import MAX_BYTES, read_text, too_large
+from pipeline.explain.joint import explain_together
+from pipeline.io.input_file import MAX_BYTES, describe_error, open_file, read_text
 from pipeline.io.recording import Recording
-from pipeline.io.write import read_parquet, whole_file, write_text
+from pipeline.io.write import read_parquet, require_writable, whole_file, write_text
+from pipeline.run.job import Job, Outcome, record_failure, recorded_failures, trial_key
+from pipeline.run.processes import one_thread
+from pipeline.run.program import explanation_digest
+from pipeline.run.run import Announce, plan, work_on
+from pipeline.run.store import read_trial, recorded_study_folder
 from pipeline.statistics.design import Weigh
 from pipeline.statistics.measurement import CELL, Covariances
 from pipeline.statistics.recordings import recording_weights, root_mean_square
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
-FORMAT_VERSION: Final = 6
-"""Of the files; raised with every change of what they hold."""
 SUFFIX: Final = "_explained.json"
-BANDS_SUFFIX: Final = "_bands.parquet"
-EVIDENCE_SUFFIX: Final = "_evidence.npz"
-
-
-@dataclass(frozen=True, slots=True)
-class StudyExplanation:
-    """The faults that the trials of a study show together.
-
-    Attributes
-    ----------
-    version, key
-        As those of an `Explanation`.
-    trials
-        Names of the trials.
-    causes
-        Delay and faults of the laboratory, of subjects and of trials.
-    lines
-        Those that are certain, and what to do.
-    """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
-
-    version: int
-    key: str
-    trials: tuple[str, ...]
-    causes: tuple[SharedCause, ...]
-    lines: tuple[str, ...]
+BANDS: Final = "_bands.parquet"
+EVIDENCE: Final = "_evidence.json.gz"
+STUDY: Final = "study.json"
+FOLDER: Final = "explained"
+"""In a results folder, beside ``trials``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,52 +53,73 @@ class Explanation:
 
     Attributes
     ----------
-    version
-        `FORMAT_VERSION` of the program that made it.
     key
         Digest of everything that it depends on; empty for a trial of no study.
     budget
         What they are made of.
     mending
         What is most worth mending.
+    version
+        Of the file; raised with every change of what it holds.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
-    version: int
     key: str
     budget: Budget
     mending: tuple[Fix, ...]
+    version: Literal[6] = 6
 
     def lines(self) -> Iterator[str]:
         """Say what a table of shares does not: sizes, what to mend, what is merged, the check."""
         return budget_lines(self.budget, self.mending)
 
 
+@dataclass(frozen=True, slots=True)
+class StudyExplanation:
+    """The faults that the trials of a study show together.
+
+    Attributes
+    ----------
+    key
+        As that of an `Explanation`.
+    trials
+        Names of the trials.
+    causes
+        Delay and faults of the laboratory, of subjects and of trials.
+    lines
+        Those that are certain, and what to do.
+    version
+        As that of an `Explanation`.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    key: str
+    trials: tuple[str, ...]
+    causes: tuple[SharedCause, ...]
+    lines: tuple[str, ...]
+    version: Literal[6] = 6
+
+
 def explain(
-    recording: Recording,
-    laboratory: Laboratory,
-    result: TrialResult,
-    key: str = "",
+    recording: Recording, laboratory: Laboratory, result: TrialResult, key: str = ""
 ) -> Explanation:
     """Explain the residuals of a processed trial; parameters as for `explain_trial`."""
-    found = explain_trial(recording, laboratory, result)
-    budget = replace(found, source=Path(found.source.name))
-    stated = StatedNow.of(result, calibrated=laboratory.plates is not None)
-    mending = what_to_fix_first(budget, stated)
-    return Explanation(FORMAT_VERSION, key, budget, mending)
+    budget = explain_trial(recording, laboratory, result)
+    return Explanation(key, budget, what_to_fix_first(budget, result))
 
 
-def write_explanation(explanation: Explanation | StudyExplanation, path: Path) -> None:
+Explained = TypeVar("Explained", Explanation, StudyExplanation)
+
+
+def write_explanation(explanation: Explained, path: Path) -> None:
     """Write an explanation as JSON, whole or not at all; numbers come back exactly."""
     kind = TypeAdapter(type(explanation))
     write_text(kind.dump_json(explanation, indent=1).decode(), path)
 
 
-Kind = TypeVar("Kind", Explanation, StudyExplanation)
-
-
-def read_explanation(path: Path, kind: type[Kind]) -> Kind:
+def read_explanation(path: Path, kind: type[Explained]) -> Explained:
     """Read an explanation of a trial or of a study back.
 
     Raises
@@ -120,14 +130,37 @@ def read_explanation(path: Path, kind: type[Kind]) -> Kind:
         If it cannot be opened.
     """
     try:
-        found = TypeAdapter(kind).validate_json(read_text(path))
+        return TypeAdapter(kind).validate_json(read_text(path))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
-        raise ValueError(f"{path.name} is damaged: {place}: {first['msg'].lower()}") from error
-    if found.version != FORMAT_VERSION:
-        raise ValueError(f"{path.name}: written by another version of hbm")
-    return found
+        why = f"{place}: {first['msg'].lower()}"
+        raise ValueError(f"{path.name} is damaged or of another version of hbm: {why}") from error
+
+
+def up_to_date(path: Path, key: str, kind: type[Explained]) -> Explained | None:
+    """Read the explanation with a key; None where there is none, or it is damaged or older."""
+    with suppress(OSError, ValueError):
+        found = read_explanation(path, kind)
+        return found if found.key == key else None
+    return None
+
+
+def write_evidence(evidence: TrialEvidence, path: Path) -> None:
+    """Write what a trial says of causes that others share, whole or not at all."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(gzip.compress(TypeAdapter(TrialEvidence).dump_json(evidence)))
+
+
+def read_evidence(path: Path) -> TrialEvidence:
+    """Read what a trial says back; a ValueError if the file is damaged."""
+    try:
+        with open_file(path) as file, gzip.open(file) as content:
+            return TypeAdapter(TrialEvidence).validate_json(content.read(MAX_BYTES))
+    except (EOFError, zlib.error, gzip.BadGzipFile, ValidationError) as error:
+        raise ValueError(
+            f"{path.name} is damaged; delete it and run 'hbm explain' again"
+        ) from error
 
 
 def write_bands(bands: Bands, path: Path) -> None:
@@ -148,79 +181,207 @@ def write_bands(bands: Bands, path: Path) -> None:
         table.to_parquet(temporary, index=False)
 
 
-def write_evidence(evidence: TrialEvidence, path: Path) -> None:
-    """Write what a trial says of causes that others share, whole or not at all."""
-    with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **_arrays(evidence))
-
-
-def _arrays(value: Any, prefix: str = "") -> dict[str, np.ndarray[Any, Any]]:
-    """Give the fields of a dataclass as arrays, those of inner ones too."""
-    found: dict[str, np.ndarray[Any, Any]] = {}
-    for name in (field.name for field in fields(value)):
-        own = getattr(value, name)
-        inner = _arrays(own, f"{name}.") if is_dataclass(own) else {name: np.asarray(own)}
-        found |= {f"{prefix}{key}": array for key, array in inner.items()}
-    return found
-
-
-def read_evidence(path: Path) -> TrialEvidence:
-    """Read what a trial says back.
-
-    Raises
-    ------
-    ValueError
-        If the file is damaged, or none of `write_evidence`.
-    OSError
-        If it cannot be opened.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            if (size := sum(part.file_size for part in stored.zip.infolist())) > MAX_BYTES:
-                raise ValueError(f"{path.name}: {too_large(size, MAX_BYTES)}")
-            arrays = {name: stored[name] for name in stored.files}
-        parts: dict[str, Any] = {
-            part: Evidence(
-                **{
-                    name.partition(".")[2]: _typed(array)
-                    for name, array in arrays.items()
-                    if name.startswith(f"{part}.")
-                }
-            )
-            for part in ("whole", "first", "second")
-        }
-        rest = {name: _typed(own) for name, own in arrays.items() if "." not in name}
-        return TrialEvidence(**parts, **rest)
-    except (BadZipFile, KeyError, TypeError, EOFError) as error:
-        raise ValueError(f"{path.name} is damaged; run 'hbm explain' again") from error
-
-
-def _typed(array: np.ndarray[Any, Any]) -> Any:
-    """Give an array of numbers as it is, of texts as a tuple, and a single value as itself."""
-    if array.ndim == 0:
-        return array.item()
-    return array if array.dtype.kind != "U" else tuple(map(str, array))
-
-
 def read_bands(path: Path) -> Bands:
-    """Read residuals over time back.
+    """Read residuals over time back; a ValueError or KeyError if the file is damaged."""
+    table = read_parquet(path)
+    residual, deviation = (
+        table[[f"{name}.{axis}" for axis in AXES]].to_numpy() for name in ("residual", "deviation")
+    )
+    return Bands(table["time_s"].to_numpy(), table["cycle"].to_numpy(), residual, deviation)
+
+
+def study_of(folder: Path) -> Study:
+    """Read the study that a results folder is of, recordings or not.
 
     Raises
     ------
     ValueError
-        If the file is damaged, or none of `write_bands`.
-    OSError
-        If it cannot be opened.
+        If it is no results folder, or its study is unknown or gone.
+    StudyFaults
+        If the study's files are at fault.
     """
-    try:
-        table = read_parquet(path)
-        residual, deviation = (
-            table[[f"{name}.{axis}" for axis in AXES]].to_numpy()
-            for name in ("residual", "deviation")
+    if not (folder / "trials").is_dir():
+        if (folder / "study.toml").is_file():
+            raise ValueError(
+                f"{folder}: is a study; run it first, 'hbm run {folder}', and explain its results"
+            )
+        raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
+    where = recorded_study_folder(folder)
+    if where is None:
+        raise ValueError(
+            f"{folder}: the study that these results are of is not known or gone, and only its "
+            f"recordings show the causes of residuals; run 'hbm run STUDY --out {folder}' again"
         )
-        return Bands(table["time_s"].to_numpy(), table["cycle"].to_numpy(), residual, deviation)
-    except (ValueError, KeyError) as error:
-        raise ValueError(f"{path.name}: no bands ({error}); run 'hbm explain' again") from error
+    return read_study(where, recordings=False)
+
+
+def plan_explanations(study: Study, folder: Path) -> list[Job]:
+    """List the trials of a study to explain, each with the file of its explanation and its key.
+
+    The key is that of the trial's result as it is stored: an explanation stays right when a
+    recording is gone.
+    """
+    jobs = []
+    for job in plan(study, folder):
+        try:
+            key = read_trial(job.target, frames=False).key
+        except (OSError, ValueError):
+            key = job.key
+        target = folder.resolve() / FOLDER / f"{job.target.stem}.json"
+        jobs.append(replace(job, target=target, key=explanation_key(key)))
+    return jobs
+
+
+def explanation_key(trial: str) -> str:
+    """Give a digest of what an explanation depends on, from the key of the trial's result."""
+    return hashlib.sha256(f"{trial} {explanation_digest()}".encode()).hexdigest()
+
+
+def explain_planned(
+    planned: list[Job], folder: Path, *, jobs: int = 1, announce: Announce = lambda sentence: None
+) -> Iterator[Outcome]:
+    """Explain the trials whose explanation is not there yet.
+
+    Parameters
+    ----------
+    planned
+        From `plan_explanations`.
+    folder
+        Results folder; explanations go to ``explained`` in it.
+    jobs
+        How many trials at a time.
+    announce
+        Called with a sentence when something takes long.
+
+    Yields
+    ------
+    Outcome
+        As trials finish; first those that are explained already. A trial that cannot be explained
+        stops no other; why is stored in place of its explanation.
+    """
+    require_writable(folder / FOLDER)
+    kernels(announce)
+    ready = {
+        job.target
+        for job in planned
+        if up_to_date(job.target, job.key, Explanation) and beside(job.target, EVIDENCE).is_file()
+    }
+    kept = (Outcome(job, "kept") for job in planned if job.target in ready)
+    todo = [job for job in planned if job.target not in ready]
+    for outcome in chain(kept, work_on(todo, explain_job, jobs)):
+        record_failure(outcome.job.target, outcome.job.name, outcome.failure)
+        yield outcome
+
+
+def beside(explanation: Path, suffix: str) -> Path:
+    """Give the file of `BANDS` or `EVIDENCE` that belongs to an explanation's."""
+    return explanation.with_name(f"{explanation.stem}{suffix}")
+
+
+def explain_job(job: Job) -> Outcome:
+    """Explain one trial and write what was found; failures become outcomes."""
+    try:
+        explanation = explain(*processed(job), job.key)
+        if explanation.budget.bands and explanation.budget.evidence:
+            write_bands(explanation.budget.bands, beside(job.target, BANDS))
+            write_evidence(explanation.budget.evidence, beside(job.target, EVIDENCE))
+        write_explanation(explanation, job.target)
+    except Exception as error:
+        return Outcome(job, "failed", describe_error(error))
+    return Outcome(job, "done")
+
+
+def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
+    """Read the recording, the laboratory and the result of a trial.
+
+    A ValueError where the result is missing or not up to date, or the recording is gone.
+    """
+    path = job.target.parent.parent / "trials" / f"{job.target.stem}.parquet"
+    try:
+        result = read_trial(path)
+    except FileNotFoundError:
+        raise ValueError("it has no result; run 'hbm run' first") from None
+    person, trial = job.study.subject(job.name.subject), job.study.trial(job.name)
+    assert trial.file is not None  # it would not be planned
+    if not job.study.path(trial.file).is_file():
+        raise ValueError(
+            f"the recording {trial.file} is missing, and only it shows the causes of residuals"
+        )
+    if result.key != trial_key(job.study, job.name):
+        raise ValueError("its result is not up to date; run 'hbm run' first")
+    recording = read_study_file(job.study, trial.file, trial, person.static)
+    return recording, read_study_laboratory(job.study), result
+
+
+def explain_study(folder: Path, planned: Sequence[Job]) -> StudyExplanation:
+    """Explain all explained trials together and write ``explained/study.json``.
+
+    Nothing is computed again where no trial has changed.
+    """
+    jobs = [job for job in planned if up_to_date(job.target, job.key, Explanation)]
+    key, path = key_of_all(job.key for job in jobs), folder / FOLDER / STUDY
+    if (there := up_to_date(path, key, StudyExplanation)) is not None:
+        return there
+    evidence, results = dict[str, TrialEvidence](), dict[str, TrialResult]()
+    for job in jobs:
+        stored = folder / "trials" / f"{job.target.stem}.parquet"
+        results[str(job.name)] = read_trial(stored, frames=False)
+        evidence[str(job.name)] = read_evidence(beside(job.target, EVIDENCE))
+    with one_thread():
+        causes = explain_together(evidence)
+    explanation = StudyExplanation(key, (*results,), (*causes,), study_lines(causes, results))
+    write_explanation(explanation, path)
+    return explanation
+
+
+def key_of_all(keys: Iterable[str]) -> str:
+    """Give a digest of what an explanation of several trials depends on."""
+    return explanation_key(" ".join(sorted(keys)))
+
+
+def bands_of(result: Path, trial: TrialResult) -> Bands | None:
+    """Give the residuals over time of a stored result; None where it is not explained as it is."""
+    path = result.parent.parent / FOLDER / f"{result.stem}.json"
+    if up_to_date(path, explanation_key(trial.key), Explanation) is not None:
+        with suppress(OSError, ValueError, KeyError):
+            return read_bands(beside(path, BANDS))
+    return None
+
+
+def explanations(
+    folder: Path, trials: Mapping[TrialName, TrialResult]
+) -> tuple[dict[TrialName, Explanation], dict[str, str], tuple[str, ...], str]:
+    """Give what is known of the trials of a results folder, by their names.
+
+    Returns
+    -------
+    explained
+        The explanations of these results by this program.
+    reasons
+        "subject condition recording" -> why it could not be explained.
+    lines
+        What all of them show together, and what to do; empty where that is of other trials.
+    stale
+        Which explanations are of other results or programs, or damaged, and what makes them anew;
+        empty where there are none.
+    """
+    explained, others, reasons = dict[TrialName, Explanation](), list[str](), dict[str, str]()
+    for _, failures in recorded_failures(folder / FOLDER):
+        reasons |= failures
+    for name, trial in trials.items():
+        path = folder / FOLDER / f"{name.stem}.json"
+        found = up_to_date(path, explanation_key(trial.key), Explanation)
+        if found is not None:
+            explained[name] = found
+        elif path.is_file() and str(name) not in reasons:
+            others.append(str(name))
+    stale = (
+        f"Not shown are the explanations of {listed(others)}: they are of other results or made by "
+        "another version of hbm, or damaged; run 'hbm explain RESULTS'."
+    )
+    of_all = key_of_all(found.key for found in explained.values())
+    together = up_to_date(folder / FOLDER / STUDY, of_all, StudyExplanation)
+    return explained, reasons, together.lines if together else (), stale * bool(others)
 
 
 def study_covariances(
@@ -245,29 +406,30 @@ def study_covariances(
         Why there are none, and what adds them; empty where there are.
     """
     once = residuals.drop_duplicates([*TrialName._fields])
-    open_trials, weights = set[TrialName](), recording_weights(once, weigh)
-    found: dict[tuple[str, str, bool], list[tuple[Array, float]]] = {}
     names = [TrialName(*key) for key in once[[*TrialName._fields]].itertuples(index=False)]
-    for trial, window, weight in zip(names, once["window"], weights, strict=True):
-        budget = explained[trial].budget if trial in explained else None
+    cells: dict[tuple[str, str, bool], list[tuple[Array, float]]] = {}
+    count = 0
+    for name, window, weight in zip(
+        names, once["window"], recording_weights(once, weigh), strict=True
+    ):
+        budget = explained[name].budget if name in explained else None
         if budget is None or (window not in (*NOUNS, "span") and not budget.of_window):
-            open_trials.add(trial)
             continue
-        for own in budget.of_window or budget.uncertainty:
-            cell = trial.subject, trial.condition, own.compensated
-            found.setdefault(cell, []).append((own.draws, weight))
+        count += 1
+        for uncertain in budget.of_window or budget.uncertainty:
+            cell = name.subject, name.condition, uncertain.compensated
+            cells.setdefault(cell, []).append((uncertain.draws, weight))
+    if count < len(once) or not cells:
+        some = f"; {count} of {len(once)} trials are explained" * (count > 0)
+        return None, f"'hbm explain RESULTS' adds intervals of measurement{some}." * bool(len(once))
     draws = {}
-    for cell, recordings in sorted(found.items()):
-        of_each, weights_of_cell = zip(*recordings, strict=True)
-        draws[cell] = root_mean_square(np.stack(of_each), np.array(weights_of_cell))
-    if open_trials or not draws:
-        every, known = len(once), len(once) - len(open_trials)
-        some = f"; {known} of {every} trials are explained" * (known > 0)
-        return None, f"'hbm explain RESULTS' adds intervals of measurement{some}." * (every > 0)
-    cells = pd.MultiIndex.from_tuples(draws, names=CELL)
+    for cell, recordings in sorted(cells.items()):
+        of_each, weights = zip(*recordings, strict=True)
+        draws[cell] = root_mean_square(np.stack(of_each), np.array(weights))
+    index = pd.MultiIndex.from_tuples(draws, names=CELL)
     of_axes = np.stack(list(draws.values()), axis=2).swapaxes(0, 1)
     covariances = {
-        axis: pd.DataFrame(np.atleast_2d(np.cov(own, rowvar=False)), cells, cells)
+        axis: pd.DataFrame(np.atleast_2d(np.cov(own, rowvar=False)), index, index)
         for axis, own in zip(AXES, of_axes, strict=True)
     }
     return covariances, ""

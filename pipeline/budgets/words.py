@@ -6,10 +6,15 @@ from typing import Final
 
 from hbm.spatial import Array
 from hbm.spelling import listed, written
-from pipeline.explain.budget import Budget, EstimatedCause, SharedCause, alike_in_plates
+from pipeline.explain.budget import (
+    NORMAL_95,
+    Budget,
+    EstimatedCause,
+    SharedCause,
+    alike_in_plates,
+)
 from pipeline.explain.cause import OF_PERSON, UNSEEN, groups
 from pipeline.explain.linearise import MIN_CYCLES
-from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.residuals import AXES, UNITS
 from pipeline.trial.result import TrialResult
 
@@ -22,8 +27,8 @@ MASS: Final = "body mass"
 """Names of causes that a person can state."""
 SENTENCES: Final[Mapping[str, str]] = {
     ": gain of": "{plate} reads {size} too {much} {where}; recalibrate it.",
-    ": Fz in": "{plate}: {size} of its vertical force appears in {of}; recalibrate it.",
-    ": zero of": "{plate} reads {size} in {of} without load; zero it.",
+    ": Fz in": "{plate}: {signed} of its vertical force appears in {of}; recalibrate it.",
+    ": zero of": "{plate} reads {signed} in {of} without load; zero it.",
     ": place along": "{plate}: position {size} too {far} along its {of} axis; measure it again.",
     ": direction about": "{plate}: orientation {size} too {far} about its {of}; measure it.",
 }
@@ -46,49 +51,17 @@ SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
 """Unit of a size -> factor and the unit that a person reads it in."""
 
 
-@dataclass(frozen=True, slots=True)
-class StatedNow:
-    """What a trial was processed with.
-
-    Attributes
-    ----------
-    delay_s, mass_kg
-        Of the plates, and of the body.
-    calibrated
-        Whether the plates are corrected by a calibration, which has its own delays.
-    shoes
-        Whether the body has shoes, which may be lighter than stated.
-    """
-
-    delay_s: float
-    mass_kg: float
-    calibrated: bool
-    shoes: bool = False
-
-    @classmethod
-    def of(cls, result: TrialResult, *, calibrated: bool) -> "StatedNow":
-        """Give what a result was processed with."""
-        delay_s, shoes = result.settings.plate_delay_s or 0.0, bool(result.subject.shoe_mass_kg)
-        return cls(delay_s, result.body.mass, calibrated, shoes)
-
-
 def group_name(names: Sequence[str]) -> str:
     """Name groups of causes that cannot be distinguished.
 
     Examples
     --------
     >>> group_name(["zero", "place", "inertia"])
-    "plates' zero, or their place and direction, or body's masses"
+    "plates' zero, or plates' place and direction, or body's masses"
     >>> group_name(["inertia", "markers", "skin", "soft_tissue"])
     'body and markers'
     """
-    parts, before = list[str](), ""
-    for words in map(groups().__getitem__, apart(names)):
-        owner = words.get("owner", "")
-        shown = "their" if owner and owner == before else owner
-        parts.append(f"{shown} {words['what']}".strip())
-        before = owner
-    return ", or ".join(parts)
+    return ", or ".join(groups()[name]["what"] for name in apart(names))
 
 
 def apart(names: Sequence[str]) -> list[str]:
@@ -161,15 +134,15 @@ class Fix:
         return f"{self.action} This alone would lower {self.axis} {fall}."
 
 
-def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
+def what_to_fix_first(budget: Budget, result: TrialResult) -> tuple[Fix, ...]:
     """Find what to fix first.
 
     Parameters
     ----------
     budget
         What the residuals are made of.
-    stated
-        What is stated of the trial now.
+    result
+        The trial, processed with what is stated of it now.
 
     Returns
     -------
@@ -179,36 +152,38 @@ def what_to_fix_first(budget: Budget, stated: StatedNow) -> tuple[Fix, ...]:
         explain the other. Other causes of the body are not named: walking takes one for another.
     """
     alike = alike_in_plates(budget.causes)
-    fixes = [_fix(c, budget.rms, stated) for c in budget.causes if c.name not in alike]
+    fixes = [_fix(c, budget.rms, result) for c in budget.causes if c.name not in alike]
     holding = [fix for fix in fixes if fix and budget.held_out[AXES.index(fix.axis)] >= 0]
     return tuple(sorted(holding, key=lambda fix: fix.after / fix.before)[:MAX_FIXES])
 
 
-def _fix(cause: EstimatedCause, rms: Array, stated: StatedNow) -> Fix | None:
+def _fix(cause: EstimatedCause, rms: Array, result: TrialResult) -> Fix | None:
     """Say what to do about a cause; None where it is not certain, or hardly lowers these RMS."""
     fall = cause.falls(rms)
     axis = int(fall.argmax())
-    action = what_to_do(cause, stated)
+    action = what_to_do(cause, result)
     if not action or not cause.is_certain or fall[axis] < MIN_FALL:
         return None
     return Fix(cause.name, action, AXES[axis], float(rms[axis]), float(cause.left[axis]))
 
 
-def study_lines(causes: Sequence[SharedCause], stated: Mapping[str, StatedNow]) -> tuple[str, ...]:
+def study_lines(
+    causes: Sequence[SharedCause], results: Mapping[str, TrialResult]
+) -> tuple[str, ...]:
     """Say which faults trials share, those of the laboratory first, and what to do.
 
     Parameters
     ----------
     causes
         As `pipeline.explain.joint.explain_together` gives them.
-    stated
-        Name of a trial -> what is stated of it now.
+    results
+        Name of a trial -> its result.
     """
     alike = alike_in_plates(own.cause for own in causes)
     lines = [*alike_lines(alike, {own.cause.name: own.rms for own in causes})]
     for shared in causes:
         cause, trials = shared.cause, shared.trials
-        fix = None if cause.name in alike else _fix(cause, shared.rms, stated[trials[0]])
+        fix = None if cause.name in alike else _fix(cause, shared.rms, results[trials[0]])
         if fix is not None:
             owner = shared.name.removesuffix(cause.name)
             count = f" ({len(trials)} trials)" * (len(trials) > 1)
@@ -238,29 +213,34 @@ def alike_lines(
             )
 
 
-def what_to_do(cause: EstimatedCause, stated: StatedNow) -> str:
+def what_to_do(cause: EstimatedCause, result: TrialResult) -> str:
     """Say what is wrong and what to do; empty where nothing in the laboratory changes it."""
-    size, is_more = size_in_words(replace(cause, size=abs(cause.size))), cause.size > 0
-    much, plate = "much" if is_more else "little", cause.name.partition(":")[0].capitalize()
-    of, far = cause.name.split()[-1], "far" if is_more else "little"
-    if cause.name == LATE and not stated.calibrated:
-        delay_s, when = stated.delay_s + cause.size, "late" if is_more else "early"
+    is_more, component = cause.size > 0, cause.name.split()[-1]
+    signed, size = size_in_words(cause), size_in_words(replace(cause, size=abs(cause.size)))
+    if cause.name == LATE and not result.procedure.plate_calibration:
+        delay_s = (result.settings.plate_delay_s or 0.0) + cause.size
         setting = f"plate_delay_s = {delay_s:.3f} (--plate-delay-ms {1000 * delay_s:.0f})"
-        return f"The plates are {size} {when}; set {setting}."
+        return f"The plates are {size} {'late' if is_more else 'early'}; set {setting}."
     if cause.name == MASS:
-        mass_kg = stated.mass_kg / (1 + cause.size)
-        large, fits = "large" if is_more else "small", f"{mass_kg:.1f} kg would fit"
-        return f"The body mass is {size} too {large}; weigh the subject: {fits}."
+        large, mass_kg = "large" if is_more else "small", result.body.mass / (1 + cause.size)
+        return (
+            f"The body mass is {size} too {large}; weigh the subject: {mass_kg:.1f} kg would fit."
+        )
     for words, sentence in SENTENCES.items():
         if words in cause.name:
-            where = "vertically" if of == "Fz" else f"in {of}{cause.directed}"
-            shown = size_in_words(cause) if words in (": zero of", ": Fz in") else size
-            of += cause.directed
-            return sentence.format(plate=plate, size=shown, much=much, where=where, far=far, of=of)
-    if cause.group == "shoes" and not is_more and not stated.shoes:
+            of = component + cause.directed
+            return sentence.format(
+                plate=cause.name.partition(":")[0].capitalize(),
+                size=size,
+                signed=signed,
+                much="much" if is_more else "little",
+                far="far" if is_more else "little",
+                of=of,
+                where="vertically" if component == "Fz" else f"in {of}",
+            )
+    if cause.group == "shoes" and not is_more and not result.subject.shoe_mass_kg:
         return ""  # no shoe weighs less than none: the foot's own mass is wrong
-    known = f"{cause.name} {size_in_words(cause)}"
-    mend = groups()[cause.group].get("mend", "").format(cause=known)
+    mend = groups()[cause.group].get("mend", "").format(cause=f"{cause.name} {signed}")
     return f"{mend[:1].upper()}{mend[1:]}." if mend else ""
 
 

@@ -200,7 +200,7 @@ def view(
     save: Annotated[Path | None, Option(help="Only write the recording (.rrd).")] = None,
 ) -> None:
     """Show markers, body, plates, forces, and residuals over time."""
-    from pipeline.budgets.study import bands_of
+    from pipeline.budgets.explanation import bands_of
     from pipeline.io.write import write_text
     from pipeline.run.program import program_digest
     from pipeline.run.store import read_trial

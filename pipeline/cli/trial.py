@@ -134,8 +134,7 @@ def explain(
 
 
 def _explain_trial(request: TrialRequest, out: Path) -> int:
-    from pipeline.budgets.explanation import BANDS_SUFFIX as BANDS
-    from pipeline.budgets.explanation import SUFFIX, explain, write_bands, write_explanation
+    from pipeline.budgets.explanation import BANDS, SUFFIX, explain, write_bands, write_explanation
     from pipeline.figures.explained import bands_figure, budget_figure
     from pipeline.figures.style import save_figure
     from pipeline.report.trial_page import write_trial_page
@@ -202,7 +201,12 @@ def _explain_results(
 ) -> int:
     from rich.text import Text
 
-    from pipeline.budgets.study import explain_planned, explain_study, plan_explanations, study_of
+    from pipeline.budgets.explanation import (
+        explain_planned,
+        explain_study,
+        plan_explanations,
+        study_of,
+    )
     from pipeline.budgets.words import NOTHING_CERTAIN
     from pipeline.run.processes import keep_freed_memory
 
@@ -219,7 +223,7 @@ def _explain_results(
     if finished and all(outcome.failure is not None for outcome in finished):
         raise ValueError(f"{folder}: no trial was explained: {finished[0].reason}")
     with console.status(Text("all trials together")):
-        together = explain_study(study, folder, planned)
+        together = explain_study(folder, planned)
     for line in together.lines or (NOTHING_CERTAIN,):
         console.say(line)
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")

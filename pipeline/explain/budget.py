@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator
 
 from hbm.spatial import Array, Indices, read_only
-from pipeline.explain.shares import NORMAL_95
-from pipeline.explain.sizes import Evidence
+from pipeline.explain.sizes import Evidence, Stored
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import StoredNote
 
@@ -31,6 +30,8 @@ def _of_axes(stored: object) -> Array:
 
 ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
 """Numbers of the six axes, (6,), or of N draws, (N, 6); in JSON they are named."""
+NORMAL_95: Final = 1.96
+"""Half of a 95 % interval, in standard deviations."""
 TOLD: Final = (0.8, 3.0)
 """Of a usual size, to which the deviation of what is usually there and of a fault has to shrink:
 of a fault half of it before the trial is looked at. What is usually there, as soft tissue is, would
@@ -187,37 +188,30 @@ class TrialEvidence:
 
     Attributes
     ----------
-    subject
-        Whose trial it is.
     whole, first, second
         Of all its gait cycles, and of either half of them.
-    titles, groups, units, in_lab
-        Of K causes, as those of `pipeline.explain.cause.Cause`.
-    usual, size, mean, found
-        As published; the usual size and the mean that the evidence is around; the deviation of a
-        size that was found elsewhere, NaN of others, (K,).
+    causes
+        K of them, by this trial alone.
+    mean, size, found
+        The mean and the usual size that the evidence is around; the deviation of a size that was
+        found elsewhere, 0 of others, (K,).
     mean_square, frames
         Of the residuals, (6,), and of how many frames they are.
     along, square
         Mean product of the residual with what a cause adds per unit, and its mean square, (K, 6).
     """
 
-    subject: str
     whole: Evidence
     first: Evidence
     second: Evidence
-    titles: tuple[str, ...]
-    groups: tuple[str, ...]
-    units: tuple[str, ...]
-    in_lab: tuple[str, ...]
-    usual: Array
-    size: Array
-    mean: Array
-    found: Array
-    mean_square: Array
+    causes: tuple[EstimatedCause, ...]
+    mean: Stored
+    size: Stored
+    found: Stored
+    mean_square: Stored
     frames: int
-    along: Array
-    square: Array
+    along: Stored
+    square: Stored
 
 
 @dataclass(frozen=True, slots=True)

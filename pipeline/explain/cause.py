@@ -1,15 +1,14 @@
 """Causes of residuals: what may be wrong, how large it usually is, and what it does."""
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from hbm.spatial import Array
+from hbm.spelling import packaged_toml
 from pipeline.trial.chain import Chain
 
 OF_PERSON: Final = ("inertia", "soft_tissue", "markers", "skin")
@@ -18,16 +17,16 @@ shows that body or markers are wrong, and takes one for the other (docs/explanat
 
 UNSEEN: Final = frozenset({"unseen_trunk", "unseen_arms"})
 """Groups of what moves without markers: markers on it remove them."""
+HELD: Final = 1e-3
+"""Of the standard deviation of a size that was found elsewhere: so near the residuals leave it."""
+MIN_NARROWED: Final = 0.1
+"""Of a usual size that is left even by a calibration without error: days differ."""
 
 
 @cache
 def groups() -> Mapping[str, Mapping[str, str]]:
     """Give the groups of causes, as `groups.toml` lists them; "person" stands for `OF_PERSON`."""
-    return tomllib.loads(_text("groups.toml"))
-
-
-def _text(name: str) -> str:
-    return files("pipeline.explain").joinpath(name).read_text(encoding="utf-8")
+    return packaged_toml("pipeline.explain", "groups.toml")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +67,10 @@ class Prior:
         """Give the prior of what was measured: one standard deviation, and what is expected."""
         return replace(self, size=size, mean=mean, rare=False)
 
+    def calibrated(self, error: float) -> "Prior":
+        """Give the prior of what a calibration left an error of: at most the usual size."""
+        return replace(self, size=max(min(self.size, error), MIN_NARROWED * self.size))
+
 
 @cache
 def priors() -> dict[str, Prior]:
@@ -78,12 +81,24 @@ def priors() -> dict[str, Prior]:
     >>> priors()["delay"].unit
     's'
     """
-    stated = tomllib.loads(_text("priors.toml"))
-    return {kind: Prior(**own, usual=own["size"]) for kind, own in stated.items()}
+    rows = packaged_toml("pipeline.explain", "priors.toml").items()
+    return {kind: Prior(**row, usual=row["size"]) for kind, row in rows}
 
 
 Change = Callable[[Chain, float], Chain]
 """Gives the chain with a cause of a size: as if the recording had that fault besides its own."""
+
+Altered = Callable[[Any, float], Any]
+"""Gives a stage of the chain, or a part of it, with a cause of a size."""
+
+
+def change_of(stage: str, altered: Altered) -> Change:
+    """Give the change by a cause that alters one stage of the chain by its size."""
+
+    def change(chain: Chain, size: float) -> Chain:
+        return chain.changed(**{stage: altered(getattr(chain, stage), size)})
+
+    return change
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +136,27 @@ class Cause:
     found: tuple[float, float] | None = None
     along: Array | None = None
     in_lab: str = ""
+
+    @property
+    def within(self) -> str:
+        """What has one size of it: a trial, a subject, the laboratory.
+
+        What a calibration leaves is a cause of each trial, as its directions are.
+        """
+        return groups()[self.group]["within"] if self.along is None else "trial"
+
+    @property
+    def expected(self) -> tuple[float, float, float]:
+        """Its mean and usual size, and the deviation of a size that was found elsewhere, else 0."""
+        if self.found is None:
+            return self.prior.mean, self.prior.size, 0.0
+        size, deviation = self.found
+        return size, HELD * deviation, deviation
+
+    @property
+    def is_rare(self) -> bool:
+        """Whether it is a fault whose size the residuals are to show."""
+        return self.prior.rare and not self.found
 
     def effect(self, chain: Chain) -> Array:
         """Give the residual that it adds per unit of its size, (T, 6) [N, N·m per unit].

@@ -1,28 +1,36 @@
 """Why a trial's residuals are as large as they are: the causes, their sizes and their shares."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
-from pipeline.explain.cause import OF_PERSON, Cause
+from pipeline.explain.budget import NORMAL_95, Budget, EstimatedCause, GroupShare
+from pipeline.explain.cause import OF_PERSON
 from pipeline.explain.joint import trial_evidence
 from pipeline.explain.linearise import (
     MIN_CYCLES,
-    ExplainedPart,
+    Linearised,
     explained_part,
     left_by_filter,
     linearised,
     rms,
 )
-from pipeline.explain.shares import NORMAL_95, indistinct, shares_of_groups
-from pipeline.explain.sizes import Posterior, sizes_from_cycles
+from pipeline.explain.sizes import Posterior
 from pipeline.explain.uncertainty import measured_uncertainty, noise_of_samples
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
+
+INDISTINCT: Final = -0.5
+"""Correlation of the shares of two groups, over all six residuals, below which they are named
+together: what one has too much the other has too little."""
+MIN_DOUBT: Final = 0.05
+"""Standard deviation of a share below which it is not in doubt, and its group stands alone."""
 
 
 def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Budget:
@@ -61,17 +69,15 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
     part = explained_part(recording, laboratory, result)
-    chain, causes, counts = part.chain, part.causes, part.counts
-    left = left_by_filter(chain)
-    noise = noise_of_samples(chain)
-    as_measured, effects, posterior = linearised(chain, causes, left, part.series, noise)
-    of = result.subject.id, str(result.name)
+    chain, counts = part.chain, part.counts
+    left, noise = left_by_filter(chain), noise_of_samples(chain)
+    as_measured, model, posterior = linearised(part, left, noise)
     uncertainty, of_window, bands = measured_uncertainty(part, as_measured, noise, result)
 
-    residual, of_causes = chain.residual[counts], effects[:, counts]
+    residual, effects = chain.residual[counts], model.effects[:, counts]
     whole, middle = rms(residual), uncertainty[-1].rms
     half = NORMAL_95 * uncertainty[-1].deviation
-    groups, unexplained = _shares(posterior, causes, residual, of_causes, left[counts])
+    groups, unexplained = _shares(model, posterior, residual, left[counts])
     estimated = [
         EstimatedCause(
             name=cause.name,
@@ -85,17 +91,16 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
             in_lab=cause.in_lab,
         )
         for cause, size, deviation, chance, effect in zip(
-            causes, *posterior.if_there, posterior.chance, of_causes, strict=True
+            part.causes, *posterior.if_there, posterior.chance, effects, strict=True
         )
     ]
-    cycles = len(part.series) if part.found_cycles else 0
-    notes = []
+    cycles, notes = len(part.series) if part.found_cycles else 0, []
     if cycles < MIN_CYCLES:
         duration_s = float(np.median(np.diff(chain.time))) * len(residual)
         few = {"cycles": cycles, "wanted": MIN_CYCLES, "duration_s": duration_s}
         notes.append(Note.of("explained_few_cycles", **few))
     return Budget(
-        source=result.source,
+        source=Path(result.source.name),
         compensated=result.compensated is not None,
         rms=whole,
         low=np.maximum(middle - half, 0.0),
@@ -104,52 +109,160 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
         found_cycles=part.found_cycles,
         groups=groups,
         unexplained=unexplained,
-        causes=tuple(sorted(estimated, key=lambda each: float((each.left / whole).min()))),
-        held_out=_held_out(chain.residual - left, effects, part, noise),
+        causes=tuple(sorted(estimated, key=lambda cause: float((cause.left / whole).min()))),
+        held_out=_held_out(model),
         notes=tuple(notes),
         uncertainty=uncertainty,
         of_window=of_window,
         bands=bands,
-        evidence=trial_evidence(part, chain.residual - left, effects, noise, of),
+        evidence=trial_evidence(model, estimated, result.subject.id, str(result.name)),
     )
 
 
 def _shares(
-    posterior: Posterior,
-    causes: Sequence[Cause],
-    residual: Array,
-    effects: Array,
-    left: Array,
+    model: Linearised, posterior: Posterior, residual: Array, left: Array
 ) -> tuple[tuple[GroupShare, ...], Array]:
     """Give the shares of groups of causes and what the filter leaves, and what none describes."""
-    names = list(dict.fromkeys(cause.group for cause in causes))
-    members = [[k for k, c in enumerate(causes) if c.group == name] for name in names]
+    members: dict[str, list[int]] = {}
+    for k, cause in enumerate(model.part.causes):
+        members.setdefault(cause.group, []).append(k)
     # what the filter leaves is known: a cause of size one
-    size = np.append(posterior.size, 1.0)
-    covariance = np.pad(posterior.covariance, (0, 1))
-    members.append([len(causes)])
-    names.append("filter")
-    every = np.concatenate([effects, left[None]])
-    shares = shares_of_groups(residual, every, size, covariance, members)
-    named: dict[str, list[int]] = {}
+    members["filter"] = [len(model.part.causes)]
+    size, covariance = np.append(posterior.size, 1.0), np.pad(posterior.covariance, (0, 1))
+    every = np.concatenate([model.effects[:, model.part.counts], left[None]])
+    shares = shares_of_groups(residual, every, size, covariance, [*members.values()])
+    names, named = list(members), dict[str, list[int]]()
     for g, name in enumerate(names):
         named.setdefault("person" if name in OF_PERSON else name, []).append(g)
     together = indistinct(shares, list(named.values()))
     joined = shares.joined(together)
     groups = [
-        GroupShare(tuple(names[g] for g in own), share, deviation)
-        for own, share, deviation in zip(together, joined.share, joined.deviation, strict=True)
+        GroupShare(tuple(names[g] for g in alike), share, deviation)
+        for alike, share, deviation in zip(together, joined.share, joined.deviation, strict=True)
     ]
     return tuple(groups), shares.unexplained
 
 
-def _held_out(residual: Array, effects: Array, part: ExplainedPart, noise: Array) -> Array:
+def _held_out(model: Linearised) -> Array:
     """Give the share of one half's mean square that causes found in the other half take away."""
     before, after = np.zeros(6), np.zeros(6)
-    for own, other in (part.halves, part.halves[::-1]):
-        size = sizes_from_cycles(residual, effects, part.causes, own, noise).size
-        frames = np.concatenate(other.frames)
-        left = residual[frames] - np.tensordot(size, effects[:, frames], 1)
-        before += (residual[frames] ** 2).sum(axis=0)
+    for half, other in (model.part.halves, model.part.halves[::-1]):
+        size, frames = model.sizes(half).size, np.concatenate(other.frames)
+        left = model.residual[frames] - np.tensordot(size, model.effects[:, frames], 1)
+        before += (model.residual[frames] ** 2).sum(axis=0)
         after += (left**2).sum(axis=0)
     return np.asarray(1 - after / before)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shares:
+    """Shares of the mean square of each axis.
+
+    Attributes
+    ----------
+    share
+        Of each of G groups, (G, 6); with `unexplained` they sum to 1. A group that works against
+        the others has a negative share.
+    covariance
+        Between the shares of each axis, (6, G, G).
+    unexplained
+        What no group describes, (6,).
+    """
+
+    share: Array
+    covariance: Array
+    unexplained: Array
+
+    @property
+    def deviation(self) -> Array:
+        """One standard deviation of each share, (G, 6)."""
+        return np.asarray(np.sqrt(np.einsum("xgg->gx", self.covariance)))
+
+    def joined(self, sets: Sequence[Sequence[int]]) -> "Shares":
+        """Give the shares of sets of groups."""
+        sums = _members(sets, len(self.share))
+        return Shares(sums @ self.share, sums @ self.covariance @ sums.T, self.unexplained)
+
+
+def shares_of_groups(
+    residual: Array, effects: Array, size: Array, covariance: Array, groups: Sequence[Sequence[int]]
+) -> Shares:
+    """Split the mean square of a residual among groups of causes.
+
+    Parameters
+    ----------
+    residual
+        At the frames that count, (T, 6) [N, N·m].
+    effects
+        What each cause adds per unit, (K, T, 6).
+    size, covariance
+        Sizes of the causes, (K,), and their covariance, (K, K).
+    groups
+        The causes of each group.
+
+    Returns
+    -------
+    Shares
+        Shapley values of the fall of the mean square when groups are taken away one after the
+        other, over all orders: with ``r_g`` of group g, ``r_u`` of no group and ``r`` their sum,
+        ``⟨r_g, r + r_u⟩ / ⟨r, r⟩``; and ``⟨r_u, r_u⟩ / ⟨r, r⟩`` is not explained. Their covariance
+        is that of the sizes, to first order.
+
+    Notes
+    -----
+    Taking group g away where the groups of S are gone lowers the mean square by
+    ``2⟨r_g, r − r_S⟩ − ⟨r_g, r_g⟩``. Over all orders the mean of ``r_S`` is half of the sum of the
+    other groups, which gives the above (Shapley 1953, Ann Math Stud 28:307).
+    """
+    inside = _members(groups, len(size))
+    member = inside * size
+    share = np.empty((len(groups), 6))
+    between = np.empty((6, len(groups), len(groups)))
+    for axis in range(6):
+        whole, of_causes = residual[:, axis], effects[:, :, axis]
+        square, gram = whole @ whole, of_causes @ of_causes.T
+        with_rest = 2 * (of_causes @ whole) - gram @ size
+        share[:, axis] = member @ with_rest / square
+        slope = (inside * with_rest - member @ gram) / square
+        between[axis] = slope @ covariance @ slope.T
+    return Shares(share, between, 1 - share.sum(axis=0))
+
+
+def _members(sets: Sequence[Sequence[int]], count: int) -> Array:
+    """Give which of so many are in each set, (sets, count), 0 or 1."""
+    return np.array([np.isin(np.arange(count), members) for members in sets], float)
+
+
+def indistinct(shares: Shares, together: Sequence[Sequence[int]]) -> list[list[int]]:
+    """Join groups that a trial cannot tell apart.
+
+    Two are joined where what one has too much the other has too little, unless one of them is sure:
+    its share's 95 % interval leaves out zero.
+
+    Parameters
+    ----------
+    shares
+        Of the groups.
+    together
+        Sets of groups that are named together anyway.
+
+    Returns
+    -------
+    list of list of int
+        The groups that are named together, in their order.
+    """
+    sets = [list(groups) for groups in together]
+    while len(sets) > 1:
+        joined = shares.joined(sets)
+        covariance = joined.covariance.mean(axis=0)
+        spread = np.sqrt(np.diag(covariance))
+        size = np.sqrt((joined.share**2).mean(axis=1))
+        unsure = np.where(size < NORMAL_95 * spread, spread, 0.0)
+        doubted = np.minimum.outer(unsure, unsure) > MIN_DOUBT
+        product = np.maximum(np.outer(spread, spread), MIN_DOUBT**2)
+        correlation = np.where(doubted, covariance / product, 0.0)
+        first, second = sorted(np.unravel_index(correlation.argmin(), correlation.shape))
+        if correlation[first, second] > INDISTINCT:
+            break
+        sets[first] = sorted(sets[first] + sets.pop(second))
+    return sets

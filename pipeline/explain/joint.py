@@ -1,64 +1,51 @@
 """Causes of all trials of a study together: what a laboratory or a subject shares has one size."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Final
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from hbm.spatial import Array
 from pipeline.explain.budget import EstimatedCause, SharedCause, TrialEvidence
-from pipeline.explain.linearise import ExplainedPart
-from pipeline.explain.sizes import HELD, Evidence, Faults, evidence_of, expected, find_faults
+from pipeline.explain.cause import HELD
+from pipeline.explain.linearise import Linearised
+from pipeline.explain.sizes import Evidence, Posterior, find_faults
 
 MENDABLE: Final = ("delay", "zero", "gain", "place", "inertia")
 """Groups of faults that settings can correct."""
 
 
 def trial_evidence(
-    part: ExplainedPart, residual: Array, effects: Array, noise: Array, of: tuple[str, str]
+    model: Linearised, causes: Iterable[EstimatedCause], subject: str, trial: str
 ) -> TrialEvidence:
     """Gather what a trial says for its study.
 
     Parameters
     ----------
-    part
-        The part of the trial that is explained.
-    residual, effects
-        Without what the filter leaves, (T, 6), and of each cause per unit, (K, T, 6).
-    noise
-        Of samples, in each axis, (6,).
-    of
-        The subject, and the trial.
+    model
+        What the causes of the trial add to its residual.
+    causes
+        Their sizes by this trial alone.
+    subject, trial
+        Their names.
     """
-    causes, counts = part.causes, part.counts
-    say = partial(evidence_of, residual, effects, causes, noise=noise, of=of)
-    mean, size, found = expected(causes)
-    own, added = residual[counts], effects[:, counts]
+    every = (model.part.series, *model.part.halves)
+    whole, first, second = (model.evidence(series, subject, trial) for series in every)
+    residual, added = model.residual[model.part.counts], model.effects[:, model.part.counts]
     return TrialEvidence(
-        subject=of[0],
-        whole=say(series=part.series),
-        first=say(series=part.halves[0]),
-        second=say(series=part.halves[1]),
-        titles=tuple(cause.name for cause in causes),
-        groups=tuple(cause.group for cause in causes),
-        units=tuple(cause.prior.unit for cause in causes),
-        in_lab=tuple(cause.in_lab for cause in causes),
-        usual=np.array([cause.prior.usual for cause in causes]),
-        size=size,
-        mean=mean,
-        found=np.array([found.get(k, np.nan) for k in range(len(causes))]),
-        mean_square=np.mean(own**2, axis=0),
-        frames=len(own),
-        along=np.einsum("tx,ktx->kx", own, added) / len(own),
+        *(whole, first, second, tuple(causes)),
+        *model.expected,
+        mean_square=np.mean(residual**2, axis=0),
+        frames=len(residual),
+        along=np.einsum("tx,ktx->kx", residual, added) / len(residual),
         square=np.mean(added**2, axis=1),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Usual:
-    """What is expected of a cause in all trials that share it: mean, usual size, if found, how."""
+class _Usual(NamedTuple):
+    """What all trials that share a cause expect of it; the deviation if it was found elsewhere."""
 
     mean: float
     size: float
@@ -82,17 +69,15 @@ def explain_together(trials: Mapping[str, TrialEvidence]) -> list[SharedCause]:
     """
     usual = _usual(trials)
     faults = find_faults([_around(trial, trial.whole, usual) for trial in trials.values()])
-    sizes = {name: _in_units(faults, k, usual[name]) for k, name in enumerate(faults.names)}
-    late = (name for name, own in usual.items() if not np.isnan(own.found))
-    sizes |= {name: (usual[name].mean, usual[name].found, 1.0) for name in late}
-    shared = [_shared(name, trials, *own) for name, own in sizes.items()]
+    sizes = _in_units(faults, usual)
+    sizes |= {name: [own.mean, own.found, 1.0] for name, own in usual.items() if own.found}
+    shared = [_shared(name, trials, *size) for name, size in sizes.items()]
     certain = [own for own in shared if own.cause.is_certain and own.cause.group in MENDABLE]
     judged: dict[str, Array] = {}
     for names in dict.fromkeys(own.trials for own in certain):
-        asked = [own for own in certain if own.trials == names]
-        known = {own.name: own.cause.size for own in certain if own not in asked}
-        own_trials = {name: _without(trials[name], known) for name in names}
-        judged |= _held_out(asked, own_trials, usual)
+        asked = [own.name for own in certain if own.trials == names]
+        others = {own.name: own.cause.size for own in certain if own.name not in asked}
+        judged |= _held_out(asked, {name: _without(trials[name], others) for name in names}, usual)
     return [replace(own, held_out=judged.get(own.name, own.held_out)) for own in shared]
 
 
@@ -102,127 +87,105 @@ def _usual(trials: Mapping[str, TrialEvidence]) -> dict[str, _Usual]:
     A mean that was measured in several trials is weighed by its precision. The delay that the
     motion of a body shows is as unsure in all trials of a subject, whose body it is.
     """
-    rows: dict[str, list[tuple[str, float, float, float]]] = {}
-    for trial in trials.values():
-        of_causes = zip(trial.whole.names, trial.mean, trial.size, trial.found, strict=True)
-        for name, mean, size, found in of_causes:
-            rows.setdefault(name, []).append((trial.subject, mean, size, found))
-    result = {}
-    for name, of_trials in rows.items():
-        subject, *numbers = zip(*of_trials, strict=True)
-        mean, size, found = np.array(numbers, float)
-        if np.isnan(found).any():
-            centre = np.average(mean, weights=size**-2.0)
-            result[name] = _Usual(float(centre), float(size.min()), np.nan)
-            continue
-        means, deviations = [], []
-        for one in dict.fromkeys(subject):
-            own = np.array(subject) == one
-            means.append(np.average(mean[own], weights=found[own] ** -2.0))
-            deviations.append(np.sqrt(np.mean(found[own] ** 2)))
-        weights = np.array(deviations) ** -2.0
-        deviation = float(weights.sum() ** -0.5)
-        result[name] = _Usual(
-            float(np.average(means, weights=weights)), HELD * deviation, deviation
+    rows = pd.concat(
+        pd.DataFrame({"name": own.whole.names, "mean": own.mean, "size": own.size}).assign(
+            found=own.found, subject=own.whole.subject
         )
+        for own in trials.values()
+    )
+    result = {}
+    for name, of_trials in rows.groupby("name", sort=False):
+        mean, deviation = of_trials["mean"], of_trials["size"]
+        if not of_trials["found"].all():
+            centre = np.average(mean, weights=deviation**-2.0)
+            result[str(name)] = _Usual(float(centre), float(deviation.min()), 0.0)
+            continue
+        subjects = [own for _, own in of_trials.groupby("subject", sort=False)]
+        means = [np.average(own["mean"], weights=own["found"] ** -2.0) for own in subjects]
+        squares = [np.mean(own["found"].to_numpy() ** 2) for own in subjects]
+        weights = np.sqrt(squares) ** -2.0
+        found = float(weights.sum() ** -0.5)
+        centre = np.average(means, weights=weights)
+        result[str(name)] = _Usual(float(centre), HELD * found, found)
     return result
 
 
-def _around(trial: TrialEvidence, own: Evidence, usual: Mapping[str, _Usual]) -> Evidence:
+def _around(trial: TrialEvidence, evidence: Evidence, usual: Mapping[str, _Usual]) -> Evidence:
     """Give evidence around what is expected by all trials, in usual sizes by all of them."""
-    mean = np.array([usual[name].mean for name in own.names])
-    size = np.array([usual[name].size for name in own.names])
-    values = own.values - ((mean - trial.mean) / trial.size) @ own.effects
-    return replace(own, values=values, effects=own.effects * (size / trial.size)[:, None])
+    mean, size, _ = np.transpose([usual[name] for name in evidence.names])
+    values = evidence.values - ((mean - trial.mean) / trial.size) @ evidence.effects
+    effects = evidence.effects * (size / trial.size)[:, None]
+    return replace(evidence, values=values, effects=effects)
 
 
-def _in_units(faults: Faults, k: int, usual: _Usual) -> tuple[float, float, float]:
-    """Give size, deviation and chance of a fault."""
-    size, deviation = faults.if_there[:, k] * usual.size
-    return float(size + usual.mean), float(deviation), float(faults.chance[k])
+def _in_units(faults: Posterior, usual: Mapping[str, _Usual]) -> dict[str, list[float]]:
+    """Give size, deviation and chance of faults by name."""
+    mean, unit, _ = np.transpose([usual[name] for name in faults.names])
+    size, deviation = faults.if_there * unit
+    rows = np.transpose([size + mean, deviation, faults.chance])
+    return dict(zip(faults.names, rows.tolist(), strict=True))
 
 
 def _shared(
     name: str, trials: Mapping[str, TrialEvidence], size: float, deviation: float, chance: float
 ) -> SharedCause:
     """Give a cause with what it does to the residuals of all trials that share it."""
-    own = {each: trial for each, trial in trials.items() if name in trial.whole.names}
-    frames = np.array([trial.frames for trial in own.values()], float)
-    square = np.zeros((2, 6))
-    for trial in own.values():
+    sharing = {key: trial for key, trial in trials.items() if name in trial.whole.names}
+    frames = sum(float(trial.frames) for trial in sharing.values())
+    square, cause = np.zeros((2, 6)), None
+    for trial in sharing.values():
         k = trial.whole.names.index(name)
+        cause = cause or trial.causes[k]
         without = trial.mean_square - 2 * size * trial.along[k] + size**2 * trial.square[k]
-        square += trial.frames / frames.sum() * np.array([trial.mean_square, without])
+        square += trial.frames / frames * np.array([trial.mean_square, without])
     before, left = np.sqrt(np.maximum(square, 0.0))
-    first = next(iter(own.values()))
-    k = first.whole.names.index(name)
-    cause = EstimatedCause(
-        name=first.titles[k],
-        group=first.groups[k],
-        unit=first.units[k],
-        size=size,
-        deviation=deviation,
-        usual=float(first.usual[k]),
-        chance=chance,
-        left=left,
-        in_lab=first.in_lab[k],
-    )
-    return SharedCause(name, tuple(own), cause, before, np.full(6, np.nan))
+    assert cause is not None  # it is that of a trial
+    cause = replace(cause, size=size, deviation=deviation, chance=chance, left=left)
+    return SharedCause(name, tuple(sharing), cause, before, np.full(6, np.nan))
 
 
 def _without(trial: TrialEvidence, sizes: Mapping[str, float]) -> TrialEvidence:
     """Give what a trial says once some causes are taken away."""
-
-    def left(own: Evidence) -> Evidence:
-        gone = np.zeros(len(own.names))
-        for k, name in enumerate(own.names):
-            if name in sizes:
-                gone[k] = (sizes[name] - trial.mean[k]) / trial.size[k]
-        return replace(own, values=own.values - gone @ own.effects)
-
-    first, second = left(trial.first), left(trial.second)
-    return replace(trial, whole=left(trial.whole), first=first, second=second)
+    expected = zip(trial.whole.names, trial.mean, strict=True)
+    size = np.array([sizes.get(name, mean) for name, mean in expected])
+    gone = (size - trial.mean) / trial.size
+    halves = (trial.whole, trial.first, trial.second)
+    whole, first, second = (replace(e, values=e.values - gone @ e.effects) for e in halves)
+    return replace(trial, whole=whole, first=first, second=second)
 
 
 def _held_out(
-    causes: Sequence[SharedCause], trials: Mapping[str, TrialEvidence], usual: Mapping[str, _Usual]
+    names: Sequence[str], trials: Mapping[str, TrialEvidence], usual: Mapping[str, _Usual]
 ) -> dict[str, Array]:
     """Give what each of some causes takes away from one half with a size found in the other.
 
     Halves are of subjects, else of trials, else of the gait cycles of the only trial. All causes
     are taken away together; the share of one is that of the mean square with all others gone.
     """
-    subjects = list(dict.fromkeys(trial.subject for trial in trials.values()))
-    one = next(iter(trials.values()))
+    subjects = [trial.whole.subject for trial in trials.values()]
+    units = subjects if len({*subjects}) > 1 else list(trials)
+    order = list(dict.fromkeys(units))
+    halves: list[list[tuple[TrialEvidence, Evidence]]] = [[], []]
+    for trial, unit in zip(trials.values(), units, strict=True):
+        halves[order.index(unit) % 2].append((trial, trial.whole))
     if len(trials) == 1:
-        halves = [[(one, one.first)], [(one, one.second)]]
-    elif len(subjects) > 1:
-        halves = [
-            [(t, t.whole) for t in trials.values() if subjects.index(t.subject) % 2 == half]
-            for half in (0, 1)
-        ]
-    else:
-        halves = [[(t, t.whole) for t in list(trials.values())[half::2]] for half in (0, 1)]
-    with_all, without = np.zeros(6), {cause.name: np.zeros(6) for cause in causes}
+        halves = [[(trial, trial.first)], [(trial, trial.second)]]
+    with_all, without = np.zeros(6), {name: np.zeros(6) for name in names}
     for found_in, judged_in in (halves, halves[::-1]):
-        faults = find_faults([_around(trial, own, usual) for trial, own in found_in])
-        sizes = {
-            cause.name: _in_units(faults, faults.names.index(cause.name), usual[cause.name])[0]
-            if cause.name in faults.names
-            else usual[cause.name].mean
-            for cause in causes
-        }
-        for trial, own in judged_in:
-            place = {name: own.names.index(name) for name in sizes if name in own.names}
-            effect = {name: own.effects[k] / trial.size[k] for name, k in place.items()}
-            left = own.values + sum(trial.mean[k] * effect[name] for name, k in place.items())
-            left = left - sum(sizes[name] * effect[name] for name in place)
-            with_all += _by_axis(left**2, own)
+        faults = find_faults([_around(trial, half, usual) for trial, half in found_in])
+        found = _in_units(faults, usual)
+        sizes = {name: found[name][0] if name in found else usual[name].mean for name in names}
+        for trial, half in judged_in:
+            place = {name: half.names.index(name) for name in sizes if name in half.names}
+            effect = {name: half.effects[k] / trial.size[k] for name, k in place.items()}
+            rest = half.values + sum(trial.mean[k] * effect[name] for name, k in place.items())
+            rest = rest - sum(sizes[name] * effect[name] for name in place)
+            with_all += _by_axis(rest**2, half)
             for name in place:
-                without[name] += _by_axis((left + sizes[name] * effect[name]) ** 2, own)
+                without[name] += _by_axis((rest + sizes[name] * effect[name]) ** 2, half)
     return {name: 1 - with_all / square for name, square in without.items()}
 
 
-def _by_axis(values: Array, own: Evidence) -> Array:
+def _by_axis(values: Array, evidence: Evidence) -> Array:
     """Sum coefficients of each axis, (N,) to (6,)."""
-    return np.asarray(np.bincount(own.axis % 6, values, minlength=6), float)
+    return np.asarray(np.bincount(evidence.axis % 6, values, minlength=6), float)

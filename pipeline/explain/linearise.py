@@ -1,7 +1,6 @@
 """The part of a trial that is explained, its causes, and what each of them adds to the residual."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -9,14 +8,14 @@ import numpy as np
 from hbm.segments import SegmentOverride
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import Array, Mask
+from pipeline.explain.budget import NORMAL_95
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.body import body_causes, soft_tissue_causes
 from pipeline.explain.causes.markers import marker_causes
 from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.causes.treadmill import compensation_causes, platform_causes
 from pipeline.explain.series import CycleSeries, cycle_series, stretch_series
-from pipeline.explain.shares import NORMAL_95
-from pipeline.explain.sizes import Posterior, sizes_from_cycles
+from pipeline.explain.sizes import FAULT, Evidence, Posterior, find_faults, with_others
 from pipeline.io.recording import Recording
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import Laboratory
@@ -51,6 +50,11 @@ TOLERANCE: Final = 0.05
 """Of a residual's RMS that a change of all causes together may differ from the sum of their
 effects."""
 ROUNDS: Final = 3
+MIN_VARIANCE: Final = 1e-10
+"""So that nothing is divided by zero."""
+PATTERNS_SHARE: Final = 0.99
+MOST_PATTERNS: Final = 10
+"""Of what follows the platform, by how it varies over cycles, and patterns that are told apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,13 +91,117 @@ class ExplainedPart:
         if len(self.series) >= MIN_CYCLES:
             middle = len(self.series) // 2
             return self.series.some(slice(middle)), self.series.some(slice(middle, None))
+        first, last = stretches(self.counts).T
+        bounds = np.linspace(first, last, 3).astype(int)
         time, to_hz = self.chain.time, highest_hz(self.chain)
-        bounds = [np.linspace(first, last, 3).astype(int) for first, last in stretches(self.counts)]
-        first, second = (
-            stretch_series(time, [slice(*own[half : half + 2]) for own in bounds], to_hz)
-            for half in (0, 1)
+        return stretch_series(time, bounds[:2].T, to_hz), stretch_series(time, bounds[1:].T, to_hz)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """The residual of a part of a trial, and what its causes add to it.
+
+    Attributes
+    ----------
+    part
+        Of the trial, with K causes.
+    residual
+        Without what the filter leaves, (T, 6) [N, N·m].
+    effects
+        What each cause adds per unit of its size, (K, T, 6).
+    noise
+        Root mean square of the noise of samples in each axis, (6,), of which differences between
+        cycles tell where there are some.
+    """
+
+    part: ExplainedPart
+    residual: Array
+    effects: Array
+    noise: Array | float
+
+    @property
+    def expected(self) -> tuple[Array, Array, Array]:
+        """Mean and usual size of each cause, and the deviation of those found elsewhere, else 0."""
+        mean, size, found = np.array([cause.expected for cause in self.part.causes]).T
+        return mean, size, found
+
+    def evidence(self, series: CycleSeries, subject: str = "", trial: str = "") -> Evidence:
+        """Give what some gait cycles say of the causes.
+
+        Around the sizes that are expected.
+
+        What the model misses of a person changes with a slope or a push too, so that cycles that
+        differ by them are no independent evidence. The causes that follow the platform vary over
+        cycles in a few patterns, their principal components; the part of the residual in each of
+        them is treated as the mean cycle is, with a size of its own of what no cause describes.
+        What is left beside all patterns shows the variance between cycles. Coefficients of
+        different frequencies and axes are independent given the causes: noise is coloured.
+        """
+        mean, prior, _ = self.expected
+        usual = self.residual - np.tensordot(mean, self.effects, 1)
+        residual, effects = series.coefficients(usual), series.coefficients(self.effects)
+        follow, cycles = np.array([cause.of_platform for cause in self.part.causes]), len(residual)
+        # the mean cycle, and what follows the platform about it
+        repeated = effects.mean(axis=1)
+        moving = (effects - repeated[:, None]) * follow[:, None, None, None]
+        pattern = _patterns(moving[follow] * prior[follow, None, None, None], residual)
+        along = np.tensordot(pattern, residual, 1)
+        added = np.einsum("pc,kcbx->kpbx", pattern, moving)
+        added[:, 0] = np.sqrt(cycles) * repeated
+        # what is left beside the patterns
+        rest = np.tensordot(np.eye(cycles) - pattern.T @ pattern, residual, 1)
+        between = np.zeros_like(rest[0]) + np.square(self.noise) / len(rest[0])
+        if cycles > 1:
+            between = _by_frequency((rest**2).sum(axis=0) / max(cycles - len(pattern), 1))
+        owner = {"trial": f"{trial}: ", "subject": f"{subject}: ", "laboratory": ""}
+        causes = self.part.causes
+        return Evidence(
+            values=along.ravel(),
+            noise=np.broadcast_to(between + MIN_VARIANCE, along.shape).ravel(),
+            axis=np.broadcast_to(np.arange(6 * len(along)).reshape(-1, 1, 6), along.shape).ravel(),
+            effects=prior[:, None] * added.reshape(len(prior), -1),
+            names=tuple(owner[cause.within] + cause.name for cause in causes),
+            levels=tuple(FAULT if cause.is_rare else cause.within for cause in causes),
+            subject=subject,
         )
-        return first, second
+
+    def sizes(self, series: CycleSeries) -> Posterior:
+        """Estimate the sizes of the causes from some gait cycles.
+
+        Those whose size was found elsewhere keep it, and the others are as unsure as that makes
+        them.
+        """
+        trial, (mean, prior, found) = self.evidence(series), self.expected
+        usual = with_others(trial, find_faults([trial]))
+        covariance = usual.covariance * np.outer(prior, prior)
+        if_there = usual.if_there * prior
+        for k in np.flatnonzero(found):  # the others follow it
+            follow = found[k] * covariance[:, k] / covariance[k, k]
+            covariance = covariance + np.outer(follow, follow)
+            if_there[1] = np.hypot(if_there[1], follow)
+        if_there[0] += mean
+        size = usual.size * prior + mean
+        return replace(usual, size=size, covariance=covariance, if_there=if_there)
+
+
+def _patterns(moving: Array, residual: Array) -> Array:
+    """Give how effects vary over cycles, as orthonormal rows after that of their mean, (P, C)."""
+    cycles = len(residual)
+    constant = np.full((1, cycles), cycles**-0.5)
+    rms = np.sqrt(np.mean(residual**2, axis=(0, 1)) + MIN_VARIANCE)
+    table = np.moveaxis(moving / rms, 1, 0).reshape(cycles, -1)
+    if not table.any():
+        return constant
+    rows, sizes, _ = np.linalg.svd(table, full_matrices=False)
+    explained = np.cumsum(sizes**2) / np.sum(sizes**2)
+    count = min(int(np.searchsorted(explained, PATTERNS_SHARE)) + 1, MOST_PATTERNS)
+    return np.vstack([constant, rows[:, : min(count, (cycles - 1) // 2)].T])
+
+
+def _by_frequency(variance: Array) -> Array:
+    """Take the mean of sine's and cosine's variance, (B, 6)."""
+    of_both = variance[1:].reshape(-1, 2, variance.shape[1]).mean(axis=1)
+    return np.vstack([variance[:1], np.repeat(of_both, 2, axis=0)])
 
 
 def result_chain(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Chain:
@@ -142,8 +250,8 @@ def explained_part(
     if by_cycles:
         series = cycle_series(chain.time, spans, highest_hz(chain), counts[frames])
         return ExplainedPart(chain, causes, series, len(cycles))
-    own = [slice(*np.searchsorted(chain.time, span)) for span in spans]
-    return ExplainedPart(chain, causes, stretch_series(chain.time, own, highest_hz(chain)), 0)
+    bounds = np.searchsorted(chain.time, spans)
+    return ExplainedPart(chain, causes, stretch_series(chain.time, bounds, highest_hz(chain)), 0)
 
 
 def _stretches(result: TrialResult) -> Array:
@@ -194,24 +302,16 @@ def left_by_filter(chain: Chain) -> Array:
 
 
 def linearised(
-    chain: Chain,
-    causes: Sequence[Cause],
-    left: Array,
-    series: CycleSeries,
-    noise: Array | float = 0.0,
-) -> tuple[Array, Array, Posterior]:
+    part: ExplainedPart, left: Array, noise: Array | float = 0.0
+) -> tuple[Array, Linearised, Posterior]:
     """Estimate the sizes of causes, again around the sizes found until that changes nothing.
 
     Parameters
     ----------
-    chain
-        The trial.
-    causes
-        What may be wrong with it.
+    part
+        The part of a trial, and what may be wrong with it.
     left
         What the filter leaves, (T, 6), which needs no cause.
-    series
-        Its gait cycles.
     noise
         Of samples, in each axis, (6,).
 
@@ -219,29 +319,29 @@ def linearised(
     -------
     as_measured
         What each cause adds per unit to the trial as it was measured, (K, T, 6).
-    effects
-        The same where the causes explain the trial.
+    model
+        The residual, and the same where the causes explain the trial.
     posterior
         Sizes of the causes.
     """
-    corrected, size, as_measured = chain, np.zeros(len(causes)), None
-    frames = np.concatenate(series.frames)
-    before = rms(chain.residual[frames])
+    chain, causes = part.chain, part.causes
+    frames, rounds = np.concatenate(part.series.frames), list[Array]()
+    corrected, size, before = chain, np.zeros(len(causes)), rms(chain.residual[frames])
     for _ in range(ROUNDS):
         measured = corrected.residual - left  # first: chains with effects keep its steps
         effects = np.nan_to_num([cause.effect(corrected) for cause in causes])
-        as_measured = effects if as_measured is None else as_measured
-        residual = measured + np.tensordot(size, effects, 1)
-        posterior = sizes_from_cycles(residual, effects, causes, series, noise)
-        expected = residual - np.tensordot(posterior.size, effects, 1)
-        corrected, size = chain, posterior.size
-        for cause, own in zip(causes, size, strict=True):
-            corrected = cause.change(corrected, -own)
+        rounds.append(effects)
+        model = Linearised(part, measured + np.tensordot(size, effects, 1), effects, noise)
+        posterior = model.sizes(part.series)
+        size = posterior.size
+        expected = model.residual - np.tensordot(size, effects, 1)
+        corrected = chain
+        for cause, much in zip(causes, size, strict=True):
+            corrected = cause.change(corrected, -much)
         missed = rms((corrected.residual - left - expected)[frames])
         if (missed < TOLERANCE * before).all():
             break
-    assert as_measured is not None
-    return as_measured, effects, posterior
+    return rounds[0], replace(model, residual=chain.residual - left), posterior
 
 
 def rms(residual: Array) -> Array:

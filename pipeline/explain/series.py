@@ -89,15 +89,15 @@ def cycle_series(
     return CycleSeries(frames, tuple(inverse))
 
 
-def stretch_series(time: Array, stretches: Sequence[slice], to_hz: float) -> CycleSeries:
+def stretch_series(time: Array, bounds: Indices, to_hz: float) -> CycleSeries:
     """Find how stretches of frames that repeat nothing become coefficients: as of one gait cycle.
 
     Parameters
     ----------
     time
         Frame times, (T,) [s].
-    stretches
-        Frames of each.
+    bounds
+        First frame of each and the one after its last, (N, 2).
     to_hz
         Up to which frequency [Hz].
 
@@ -109,16 +109,16 @@ def stretch_series(time: Array, stretches: Sequence[slice], to_hz: float) -> Cyc
 
     Examples
     --------
-    >>> series = stretch_series(np.arange(0, 1, 0.01), [slice(0, 40), slice(50, 90)], 2.0)
+    >>> series = stretch_series(np.arange(0, 1, 0.01), np.array([[0, 40], [50, 90]]), 2.0)
     >>> abs(series.coefficients(np.full((100, 6), 2.0))[0, :, 0]).round(3).tolist()
     [1.414, 0.0, 1.414, 0.0]
     """
-    frames = [np.arange(len(time))[own] for own in stretches]
-    whole, inverse = sum(map(len, frames)), []
-    for own in frames:
-        duration_s = len(own) * (time[-1] - time[0]) / (len(time) - 1)
-        waves = np.arange(max(1, min(int(2 * to_hz * duration_s), len(own) // 3)) + 1)
-        phase = np.pi * (np.arange(len(own)) + 0.5) / len(own)
+    frames = np.concatenate([np.arange(*stretch) for stretch in bounds])
+    inverse = []
+    for count in np.diff(bounds).ravel().tolist():
+        duration_s = count * (time[-1] - time[0]) / (len(time) - 1)
+        waves = np.arange(max(1, min(int(2 * to_hz * duration_s), count // 3)) + 1)
+        phase = np.pi * (np.arange(count) + 0.5) / count
         basis = np.cos(np.outer(phase, waves)) * np.where(waves, np.sqrt(2), 1)
-        inverse.append(np.linalg.pinv(basis) * np.sqrt(len(own) / whole))
-    return CycleSeries((np.concatenate(frames),), (block_diag(*inverse),))
+        inverse.append(np.linalg.pinv(basis) * np.sqrt(count / len(frames)))
+    return CycleSeries((frames,), (block_diag(*inverse),))

@@ -5,12 +5,12 @@ The delta method adds the effects of all causes, each about as large as usual.
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from hbm.ik.tracking import solve_ik
-from hbm.markers import Markers
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array, Indices
 from pipeline.explain.budget import Bands, RmsUncertainty
@@ -133,19 +133,17 @@ def _normal(shape: int | tuple[int, int], *names: str) -> Array:
 def noise_of_samples(chain: Chain, seed: int = 0) -> Array:
     """Draw once what noise of markers and plates changes the residual by: its RMS, (6,)."""
     rng = np.random.default_rng(seed)
-    noisy = with_noise(chain, chain.markers.position, np.zeros_like(chain.q), rng)
+    noisy = with_noise(chain, np.zeros_like(chain.q), rng)
     return np.asarray(np.sqrt(np.nanmean((noisy.residual - chain.residual) ** 2, axis=0)))
 
 
-def with_noise(chain: Chain, position: Array, unseen: Array, rng: np.random.Generator) -> Chain:
-    """Measure a chain again: markers somewhere, with other noise of markers and plates.
+def with_noise(chain: Chain, unseen: Array, rng: np.random.Generator) -> Chain:
+    """Measure a chain again: with other noise of markers and plates.
 
     Parameters
     ----------
     chain
         The trial, with the body that the inverse kinematics is to fit.
-    position
-        Of the markers, (T, K, 3) [m].
     unseen
         Change of coordinates that no marker shows, (T, 46).
     rng
@@ -157,8 +155,8 @@ def with_noise(chain: Chain, position: Array, unseen: Array, rng: np.random.Gene
         With the coordinates that the inverse kinematics finds.
     """
     known = priors()
-    noise = known["marker_noise"].size * rng.standard_normal(position.shape)
-    markers = Markers(chain.time, chain.markers.names, position + noise)
+    noise = known["marker_noise"].size * rng.standard_normal(chain.markers.position.shape)
+    markers = replace(chain.markers, position=chain.markers.position + noise)
     at_rest = np.repeat([known["plate_noise_force"].size, known["plate_noise_moment"].size], 3)
     white = at_rest * np.sqrt(mean_rate_hz(chain.time) / (2 * REST_HZ))
     wrenches = [each + white * rng.standard_normal(each.shape) for each in chain.wrenches]

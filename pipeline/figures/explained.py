@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 
 from hbm.spatial import Array
 from pipeline.budgets.words import group_name
-from pipeline.explain.budget import Bands, Budget
-from pipeline.explain.shares import NORMAL_95
+from pipeline.explain.budget import NORMAL_95, Bands, Budget
 from pipeline.figures.residuals import label_panels, legend_below, six_panels
 from pipeline.figures.style import BAND_OPACITY, PALETTE, STYLE
 from pipeline.trial.gait.cycles import mean_and_sd, normalise

@@ -8,8 +8,7 @@ from typing import Final
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pipeline.budgets.explanation import study_covariances
-from pipeline.budgets.study import explanations
+from pipeline.budgets.explanation import explanations, study_covariances
 from pipeline.config.comparison import VARIANT, compared_condition, groups, study_design
 from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study

@@ -13,8 +13,7 @@ from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from hbm.notes import provenance, warnings_of
 from hbm.spatial import Array
-from pipeline.explain.budget import Bands
-from pipeline.explain.shares import NORMAL_95
+from pipeline.explain.budget import NORMAL_95, Bands
 from pipeline.figures.joints import LEG
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import in_style

@@ -5,7 +5,7 @@ an oscillator in axes of the lab. The plates measure its force. The oscillators 
 filters too: those that the filtered motion drives give the filtered force.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -21,7 +21,8 @@ from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
 from hbm.signals.filtering import oscillation
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
-from pipeline.explain.cause import Cause, Prior, priors
+from pipeline.explain.cause import Altered, Cause, Prior, change_of, priors
+from pipeline.explain.causes.plates import with_added
 from pipeline.trial.chain import Chain, needed_wrench
 
 ARMS: Final = ("upper_arm", "forearm", "hand")
@@ -50,6 +51,7 @@ LEAST_MASS: Final = 0.1
 LIGHT_SHOE: Final = 0.5
 """Usual size of a shoe's mass at most, by the foot's: that of children."""
 
+AXES: Final = dict(zip("xyz", np.eye(3), strict=True))
 JOINTS: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
 """Joint of a leg -> the segment that it carries."""
 
@@ -68,28 +70,27 @@ def body_causes(chain: Chain) -> Iterator[Cause]:
         say by how much the body that is used is wrong.
     """
     known, every = priors(), chain.body.segments
-    heavier = partial(_with_share, own=tuple(every))
+    heavier = change_of("body", partial(_with_share, names=tuple(every)))
     yield Cause("body mass", "inertia", known["body_mass"], heavier)
-    for name, (segments, kind, axes) in PARTS.items():
-        names = {*segments, *(f"{side}_{each}" for side in SIDES for each in segments)}
-        own = tuple(each for each in every if each in names)
-        change = partial(_with_share, own=own)
-        yield Cause(f"{name}: mass", "inertia", known[kind], change)
+    for part, (segments, kind, axes) in PARTS.items():
+        of_sides = {f"{side}_{segment}" for side in SIDES for segment in segments}
+        names = tuple(name for name in every if name in of_sides.union(segments))
+        heavier = change_of("body", partial(_with_share, names=names))
+        yield Cause(f"{part}: mass", "inertia", known[kind], heavier)
         for letter in axes:
-            axis = np.eye(3)["xyz".index(letter)]
-            prior = known["limb_center" if len(own) > len(segments) else f"trunk_center_{letter}"]
-            moved = partial(_with_center, own=own, by=axis)
-            yield Cause(f"{name}: centre of mass along {letter}", "inertia", prior, moved)
+            prior = known["limb_center" if len(names) > len(segments) else f"trunk_center_{letter}"]
+            moved = change_of("body", partial(_with_center, names=names, by=AXES[letter]))
+            yield Cause(f"{part}: centre of mass along {letter}", "inertia", prior, moved)
         if segments[0] in LONG_BONES:
-            wider = partial(_with_gyration, own=own)
-            yield Cause(f"{name}: radii of gyration", "inertia", known["gyration"], wider)
+            wider = change_of("body", partial(_with_gyration, names=names))
+            yield Cause(f"{part}: radii of gyration", "inertia", known["gyration"], wider)
     shoe = known["stated_shoe_mass" if chain.shoes_are_known else "shoe_mass"]
     shoe = replace(shoe, size=min(shoe.size, LIGHT_SHOE * every[FEET[0]].mass))
-    yield Cause("shoes: missing mass", "shoes", shoe, _without_shoes)
-    joints = [(f"{s} {joint}", f"{s}_{own}") for joint, own in JOINTS.items() for s in SIDES]
-    for name, segment in [*joints, ("lumbar joint", "thorax")]:
+    yield Cause("shoes: missing mass", "shoes", shoe, change_of("body", _without_shoes))
+    joints = {f"{s} {joint}": f"{s}_{segment}" for joint, segment in JOINTS.items() for s in SIDES}
+    for name, segment in {**joints, "lumbar joint": "thorax"}.items():
         prior = known[f"{name.removesuffix(' joint').split()[-1]}_center"]
-        for axis, letter in zip(np.eye(3), "xyz", strict=True):
+        for letter, axis in AXES.items():
             altered = partial(_with_joint, segment=segment, by=axis)
             yield _of_geometry(chain, f"{name}: centre along {letter}", prior, altered)
     for side, letter in SIDES.items():
@@ -97,68 +98,62 @@ def body_causes(chain: Chain) -> Iterator[Cause]:
         yield _of_geometry(chain, f"{side} knee: axis about z", known["knee_axis"], altered)
 
 
-def _with_segments(chain: Chain, segments: Mapping[str, Inertia]) -> Chain:
-    """Give the chain with some segments of other inertia."""
-    every = {**chain.body.segments, **segments}
-    mass = sum(part.mass for part in every.values())
-    return chain.changed(body=replace(chain.body, segments=every, mass=mass))
+def _with_segments(body: Body, segments: Mapping[str, Inertia]) -> Body:
+    """Give the body with some segments of other inertia."""
+    every = {**body.segments, **segments}
+    return replace(body, segments=every, mass=sum(part.mass for part in every.values()))
 
 
-def _with_share(chain: Chain, share: float, *, own: tuple[str, ...]) -> Chain:
+def _with_share(body: Body, share: float, *, names: Sequence[str]) -> Body:
     """Make segments heavier by a share and the others, if any, lighter, so that the mass stays.
 
     What asks for almost no mass or less, leaves a little.
     """
-    segments = chain.body.segments
-    mass = sum(segments[name].mass for name in own)
-    rest = sum(part.mass for part in segments.values()) - mass
+    mass = sum(body.segments[name].mass for name in names)
+    rest = sum(part.mass for part in body.segments.values()) - mass
     scaled = {}
-    for name, part in segments.items():
-        factor = max(1 + share if name in own else 1 - share * mass / rest, LEAST_MASS)
+    for name, part in body.segments.items():
+        factor = max(1 + share if name in names else 1 - share * mass / rest, LEAST_MASS)
         scaled[name] = Inertia(factor * part.mass, part.center, factor * part.tensor)
-    return _with_segments(chain, scaled)
+    return _with_segments(body, scaled)
 
 
-def _without_shoes(chain: Chain, mass_kg: float) -> Chain:
+def _without_shoes(body: Body, mass_kg: float) -> Body:
     """Take a shoe of a mass off each foot, and make all else heavier, so that the mass stays."""
-    body = chain.body
-    segments = dict(body.segments)
+    feet = {}
     for foot in FEET:
-        taken_kg = min(mass_kg, (1 - LEAST_MASS) * segments[foot].mass)
+        taken_kg = min(mass_kg, (1 - LEAST_MASS) * body.segments[foot].mass)
         ball, length = body.offsets[foot.replace("foot", "toes")], body.lengths[foot]
         shoe = shoe_inertia(ball, length, abs(taken_kg), 0.0)
-        segments[foot] = segments[foot] - shoe if taken_kg > 0 else segments[foot] + shoe
-    bare = _with_segments(chain, segments)
-    return _with_share(bare, body.mass / bare.body.mass - 1, own=tuple(segments))
+        feet[foot] = body.segments[foot] - shoe if taken_kg > 0 else body.segments[foot] + shoe
+    bare = _with_segments(body, feet)
+    return _with_share(bare, body.mass / bare.mass - 1, names=tuple(bare.segments))
 
 
-def _with_center(chain: Chain, distance: float, *, own: tuple[str, ...], by: Array) -> Chain:
+def _with_center(body: Body, distance: float, *, names: Sequence[str], by: Array) -> Body:
     """Move centres of mass along an axis of their segments [m]; on the left, its mirror image."""
-    segments = dict(chain.body.segments)
-    for name in own:
+    segments = dict(body.segments)
+    for name in names:
         mirrored = (1, -1, 1) if name.startswith("left") else (1, 1, 1)
         _shift(segments, name, distance * by * mirrored)
-    return _with_segments(chain, segments)
+    return _with_segments(body, segments)
 
 
-def _with_gyration(chain: Chain, share: float, *, own: tuple[str, ...]) -> Chain:
+def _with_gyration(body: Body, share: float, *, names: Sequence[str]) -> Body:
     """Make radii of gyration larger by a share."""
-    parts, factor = chain.body.segments, (1 + share) ** 2
-    wider = {name: replace(parts[name], tensor=factor * parts[name].tensor) for name in own}
-    return _with_segments(chain, wider)
+    parts, factor = body.segments, (1 + share) ** 2
+    wider = {name: replace(parts[name], tensor=factor * parts[name].tensor) for name in names}
+    return _with_segments(body, wider)
 
 
-def _of_geometry(
-    chain: Chain, name: str, prior: Prior, altered: Callable[[Body, float], Body]
-) -> Cause:
+def _of_geometry(chain: Chain, name: str, prior: Prior, altered: Altered) -> Cause:
     """Give a cause that alters joints of the body, and so what the inverse kinematics finds.
 
     Coordinates change in proportion to its size: as they do for a small one.
     """
     small = SMALL * prior.size
-    follow = np.nan_to_num(
-        (solve_ik(altered(chain.body, small), chain.markers).q - chain.q) / small
-    )
+    q = solve_ik(altered(chain.body, small), chain.markers).q
+    follow = np.nan_to_num((q - chain.q) / small)
 
     def change(of: Chain, size: float) -> Chain:
         return of.changed(body=altered(of.body, size), q=of.q + size * follow)
@@ -181,7 +176,8 @@ def _with_joint(body: Body, distance: float, *, segment: str, by: Array) -> Body
             offsets[other] = offsets[other] + step
         elif parent == segment:
             offsets[other] = offsets[other] - step
-    on_it = np.array([own == segment for own in body.marker_segment])
+    on_it = np.array([segment == carrier for carrier in body.marker_segment])
+    markers = body.marker_position - on_it[:, None] * step
     segments = dict(body.segments)
     _shift(segments, segment, -_share_of_way(body, segment, otherwise=1.0) * step)
     for name, carrier in FIXED_TO.items():
@@ -189,12 +185,7 @@ def _with_joint(body: Body, distance: float, *, segment: str, by: Array) -> Body
             _shift(segments, name, -step)
     parent = PARENT[segment]
     _shift(segments, parent, _share_of_way(body, parent, otherwise=0.0) * step)
-    return replace(
-        body,
-        offsets=offsets,
-        marker_position=body.marker_position - on_it[:, None] * step,
-        segments=segments,
-    )
+    return replace(body, offsets=offsets, marker_position=markers, segments=segments)
 
 
 def _with_axis(body: Body, angle: float, *, coordinate: str) -> Body:
@@ -269,9 +260,9 @@ def soft_tissue_causes(chain: Chain) -> Iterator[Cause]:
     """
     known = priors()
     for part, tissues in TISSUES.items():
-        courses = [_course(chain, segment) for segment in tissues]
+        courses = [(tissue, *_course(chain, name)) for name, tissue in tissues.items()]
         for direction, along in DIRECTIONS.items():
-            total = partial(_tissue_wrench, tissues.values(), courses, chain.time, along)
+            total = partial(_tissue_wrench, courses, chain.time, along)
             more, less = 1 + TISSUE_STEP, 1 - TISSUE_STEP
             wrenches = {
                 "mass": total(),
@@ -279,19 +270,13 @@ def soft_tissue_causes(chain: Chain) -> Iterator[Cause]:
                 "damping": (total(damped=more) - total(damped=less)) / (2 * TISSUE_STEP),
             }
             for kind, wrench in wrenches.items():
-                change = partial(_with_wrench, wrench=wrench)
+                change = change_of("soft_tissue", partial(with_added, wrench=wrench))
                 name = f"soft tissue of {part}: {kind} of {direction} motion"
                 yield Cause(name, "soft_tissue", known[f"tissue_{kind}"], change)
 
 
-def _with_wrench(chain: Chain, size: float, *, wrench: Array) -> Chain:
-    """Add to what soft tissue adds to the wrench on the ground."""
-    return chain.changed(soft_tissue=chain.soft_tissue + size * wrench)
-
-
 def _tissue_wrench(
-    tissues: Iterable[Tissue],
-    courses: Sequence[tuple[float, Array, Array]],
+    courses: Sequence[tuple[Tissue, float, Array, Array]],
     time: Array,
     along: Array,
     *,
@@ -299,15 +284,12 @@ def _tissue_wrench(
     damped: float = 1.0,
 ) -> Array:
     """Give what tissues of segments add together, frequencies and damping times a factor."""
-    wrenches = [
-        tissue.share
-        * mass_kg
-        * oscillator_wrench(
-            tissue.frequency_hz * stiffer, tissue.damping * damped, time, place, pull, along
-        )
-        for tissue, (mass_kg, place, pull) in zip(tissues, courses, strict=True)
-    ]
-    return np.asarray(np.sum(wrenches, axis=0))
+    wrench = np.zeros((len(time), 6))
+    for tissue, mass_kg, place, pull in courses:
+        oscillator = tissue.frequency_hz * stiffer, tissue.damping * damped
+        kilogram = oscillator_wrench(*oscillator, time, place, pull, along)
+        wrench += tissue.share * mass_kg * kilogram
+    return wrench
 
 
 def oscillator_wrench(

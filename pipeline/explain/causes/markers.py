@@ -14,7 +14,7 @@ from hbm.ik.upright import TRUNK
 from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.spatial import Array, rotation_about
-from pipeline.explain.cause import Cause, Prior, priors
+from pipeline.explain.cause import Cause, Change, Prior, change_of, priors
 from pipeline.trial.chain import Chain
 
 CLUSTERS: Final = (
@@ -66,19 +66,19 @@ def marker_causes(chain: Chain, spans: Sequence[tuple[float, float]] | Array) ->
     does what differs between cycles.
     """
     phase, known = 2 * np.pi * cycle_phase(chain.time, spans), priors()
+    throughout = np.ones(len(phase))
     frames = segment_frames(chain.body, chain.q)
     for segment in CLUSTERS:
         columns = _columns(chain, segment)
         if not columns:
             continue
         name = segment.replace("_", " ")
-        rotation, origin = (own[:, MOVING.index(segment)] for own in frames)
+        rotation, origin = (values[:, MOVING.index(segment)] for values in frames)
         lever = chain.markers.position[:, columns] - origin[:, None]
         for axis, letter in zip(np.moveaxis(rotation, 2, 0), "xyz", strict=True):
             moved = _displacement(chain, columns, np.broadcast_to(axis[:, None], lever.shape))
-            change = partial(moved, course=np.ones(len(phase)))
             title = f"{name}: markers' place along {letter}"
-            yield Cause(title, "markers", known["marker_place"], change)
+            yield Cause(title, "markers", known["marker_place"], moved(throughout))
             if segment in ON_SKIN:
                 prior = known[f"skin_{segment.split('_')[-1]}"]
                 yield from _series(f"{name}: skin along {letter}", "skin", prior, moved, phase)
@@ -86,8 +86,8 @@ def marker_causes(chain: Chain, spans: Sequence[tuple[float, float]] | Array) ->
             turned = _displacement(chain, columns, np.cross(rotation[:, None, :, 2], lever))
             yield from _series(f"{name}: skin about z", "skin", known["skin_turn"], turned, phase)
     for group, name, kind, q in _unseen(chain, frames[0]):
-        moved = partial(_with_coordinates, q=q)
-        yield Cause(name, group, known[kind], partial(moved, course=np.ones(len(phase))))
+        moved = partial(_coordinates, q)
+        yield Cause(name, group, known[kind], moved(throughout))
         yield from _series(name, group, known[kind], moved, phase)
 
 
@@ -124,15 +124,14 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
 
 
 def _series(
-    name: str, group: str, first: Prior, moved: Callable[..., Chain], phase: Array
+    name: str, group: str, first: Prior, moved: Callable[[Array], Change], phase: Array
 ) -> Iterator[Cause]:
     """Give the terms of a Fourier series of a displacement: as measured, or by its first one."""
     decreasing = tuple(first.size / h**DECREASE for h in range(1, HARMONICS + 1))
     for h, size in enumerate(first.harmonics or decreasing, start=1):
         prior = replace(first, size=size, usual=size)
         for wave, course in (("sine", np.sin(h * phase)), ("cosine", np.cos(h * phase))):
-            change = partial(moved, course=course)
-            yield Cause(f"{name}, {wave} {h} a cycle", group, prior, change)
+            yield Cause(f"{name}, {wave} {h} a cycle", group, prior, moved(course))
 
 
 def _unseen(chain: Chain, rotation: Array) -> Iterator[tuple[str, str, str, Array]]:
@@ -158,39 +157,38 @@ def _unseen(chain: Chain, rotation: Array) -> Iterator[tuple[str, str, str, Arra
 
 def _columns(chain: Chain, segment: str) -> list[int]:
     """Give the columns of a segment's markers."""
-    own = zip(chain.body.markers, chain.body.marker_segment, strict=True)
-    names = [name for name, on in own if on == segment and name in chain.markers.names]
-    return [chain.markers.names.index(name) for name in names]
+    names, segment_of = chain.markers.names, chain.body.segment_of
+    return [names.index(n) for n in chain.body.markers if n in names and segment_of[n] == segment]
 
 
-def _displacement(chain: Chain, columns: Sequence[int], position: Array) -> Callable[..., Chain]:
-    """Give the change by markers that are displaced, (T, K, 3) [m per m or rad] of their course.
+def _displacement(
+    chain: Chain, columns: Sequence[int], position: Array
+) -> Callable[[Array], Change]:
+    """Give, by their course, the change of markers that are displaced, (T, K, 3) [m per m or rad].
 
     The coordinates follow in proportion, as the inverse kinematics makes them follow a small one.
     """
     markers = _with_displaced(chain.markers, columns, STEP * position)
     q = (solve_ik(chain.body, markers).q - chain.q) / STEP
-    return partial(_displaced, columns=columns, position=position, q=q)
+
+    def along(course: Array) -> Change:
+        def change(of: Chain, size: float) -> Chain:
+            step = size * course[:, None]
+            markers = _with_displaced(of.markers, columns, step[:, None] * position)
+            return of.changed(markers=markers, q=of.q + step * q)
+
+        return change
+
+    return along
 
 
-def _displaced(
-    chain: Chain,
-    size: float,
-    *,
-    columns: Sequence[int],
-    position: Array,
-    q: Array,
-    course: Array,
-) -> Chain:
-    """Displace markers over time, and the coordinates with them."""
-    step = size * course[:, None]
-    markers = _with_displaced(chain.markers, columns, step[:, None] * position)
-    return chain.changed(markers=markers, q=chain.q + step * q)
+def _coordinates(q: Array, course: Array) -> Change:
+    """Give, by their course, the change of coordinates that no marker shows."""
 
+    def altered(measured: Array, size: float) -> Array:
+        return measured + size * course[:, None] * q
 
-def _with_coordinates(chain: Chain, size: float, *, q: Array, course: Array) -> Chain:
-    """Change coordinates that no marker shows over time."""
-    return chain.changed(q=chain.q + size * course[:, None] * q)
+    return change_of("q", altered)
 
 
 def _with_displaced(markers: Markers, columns: Sequence[int], by: Array) -> Markers:

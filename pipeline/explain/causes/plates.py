@@ -5,7 +5,6 @@ before its residual is looked at.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -14,7 +13,7 @@ import numpy as np
 from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
-from pipeline.explain.cause import Cause, Change, Prior, priors
+from pipeline.explain.cause import Altered, Cause, Change, Prior, change_of, priors
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.platform import plate_marker_delay
@@ -24,8 +23,6 @@ EDGE_S: Final = 0.05
 """Of an unloaded stretch at either end, in which the filter of a calibration smears the load."""
 MIN_SWINGS: Final = 3
 """Below them nothing shows how much one differs from another."""
-MIN_NARROWED: Final = 0.1
-"""Of a usual size that is left even by a calibration without error: days differ."""
 IN_LAB: Final = (
     *("forward force", "sideways force", "vertical force"),
     *("roll moment", "pitch moment", "yaw moment"),
@@ -37,7 +34,7 @@ UNKNOWN: Final = 1e12
 """Variance of a response that no calibration examined."""
 
 
-def plate_causes(chain: Chain, delay: tuple[float, float] | None = None) -> Iterator[Cause]:
+def plate_causes(chain: Chain, delay: tuple[float, float] = (np.nan, np.nan)) -> Iterator[Cause]:
     """Give what may be wrong with the plates of a trial.
 
     Parameters
@@ -57,27 +54,23 @@ def plate_causes(chain: Chain, delay: tuple[float, float] | None = None) -> Iter
         vertical force into the horizontal ones, and its place and direction. All are faults of the
         plate in its own axes, which move with the platform.
     """
-    late = _measured_delay(chain)
-    found = None
+    late, shown = _measured_delay(chain), None
     if late is None:
         is_stated = chain.settings.plate_delay_s is not None
         late = priors()["stated_delay" if is_stated else "delay"]
-        if delay is not None:
-            found = delay if np.isfinite(delay[0]) else (late.mean, late.size)
-    yield Cause("plates delayed", "delay", late, _late, found=found)
+        shown = delay if np.isfinite(delay[0]) else (late.mean, late.size)
+    yield Cause("plates delayed", "delay", late, _late, found=shown)
     for k, plate in enumerate(chain.plates):
         name, error = f"plate {plate.number}", response_error(chain, plate)
-        in_lab = components_in_lab(plate)
-        for i, zero in enumerate(zeros(chain, k)):
-            shifted = partial(_with_zero, plate=k, zero=np.eye(6)[i])
-            title = f"{name}: zero of {WRENCH_COMPONENTS[i]}"
-            yield Cause(title, "zero", zero, shifted, in_lab=in_lab.get(i, ""))
-        for title, kind, bounds, change, component in _responses(k):
-            usual = priors()[kind]
-            size = max(min(error[bound] for bound in bounds), MIN_NARROWED * usual.size)
-            prior = replace(usual, size=float(min(size, usual.size)))
-            group = "place" if kind in ("place", "direction") else "gain"
-            yield Cause(f"{name}: {title}", group, prior, change, in_lab=in_lab.get(component, ""))
+        in_lab, zero_priors = components_in_lab(plate), zeros(chain, k)
+        for i, component in enumerate(WRENCH_COMPONENTS):
+            shifted = of_plate(k, partial(with_added, wrench=np.eye(6)[i]))
+            title = f"{name}: zero of {component}"
+            yield Cause(title, "zero", zero_priors[i], shifted, in_lab=in_lab.get(i, ""))
+        for title, group, kind, bounds, altered, i in _responses():
+            prior = priors()[kind].calibrated(float(min(error[bound] for bound in bounds)))
+            change, direction = of_plate(k, altered), in_lab.get(i, "")
+            yield Cause(f"{name}: {title}", group, prior, change, in_lab=direction)
 
 
 def components_in_lab(plate: Plate) -> dict[int, str]:
@@ -87,24 +80,32 @@ def components_in_lab(plate: Plate) -> dict[int, str]:
     return {3 * kind + i: IN_LAB[3 * kind + axis] for kind in (0, 1) for i, axis in along.items()}
 
 
-def _responses(plate: int) -> Iterator[tuple[str, str, list[tuple[int, int]], Change, int]]:
-    """Give faults of a plate's response to load: name, kind of prior, bounds, change, component.
+def of_plate(plate: int, altered: Altered) -> Change:
+    """Give the change by a fault of one plate."""
+
+    def of_all(wrenches: Sequence[Array], size: float) -> tuple[Array, ...]:
+        return (*wrenches[:plate], altered(wrenches[plate], size), *wrenches[plate + 1 :])
+
+    return change_of("wrenches", of_all)
+
+
+def _responses() -> Iterator[tuple[str, str, str, Sequence[tuple[int, int]], Altered, int]]:
+    """Give faults of a plate's response to load: name, group, kind, bounds, fault, component.
 
     The bounds are entries of the response's error, (6, 6), none of which the fault can exceed.
     """
+    axes = np.eye(6)
     for i, component in enumerate(WRENCH_COMPONENTS):
-        gain = partial(_with_gain, plate=plate, gain=np.diag(np.eye(6)[i]))
-        yield f"gain of {component}", "gain", [(i, i)], gain, i
+        gain = partial(_with_gain, gain=np.diag(axes[i]))
+        yield f"gain of {component}", "gain", "gain", [(i, i)], gain, i
     for i, component in enumerate(WRENCH_COMPONENTS[:2]):
-        shown = np.outer(np.eye(6)[i], np.eye(6)[2])
-        talk = partial(_with_gain, plate=plate, gain=shown)
-        yield f"Fz in {component}", "cross_talk", [(i, 2)], talk, i
+        talk = partial(_with_gain, gain=np.outer(axes[i], axes[2]))
+        yield f"Fz in {component}", "gain", "cross_talk", [(i, 2)], talk, i
     for i, letter in enumerate("xyz"):
         j, k = (i + 1) % 3, (i + 2) % 3
-        moved = partial(_moved, plate=plate, by=np.eye(3)[i])
-        turned = partial(_turned, plate=plate, about=np.eye(3)[i])
-        yield f"place along {letter}", "place", [(3 + j, k), (3 + k, j)], moved, -1
-        yield f"direction about {letter}", "direction", [(j, k), (k, j)], turned, -1
+        moved, turned = partial(_moved, by=axes[i, :3]), partial(_turned, about=axes[i, :3])
+        yield f"place along {letter}", "place", "place", [(3 + j, k), (3 + k, j)], moved, -1
+        yield f"direction about {letter}", "place", "direction", [(j, k), (k, j)], turned, -1
 
 
 def response_error(chain: Chain, plate: Plate) -> Array:
@@ -135,20 +136,15 @@ def zeros(chain: Chain, k: int) -> Sequence[Prior]:
     threshold_n = chain.settings.contact_threshold_n
     swing = swing_zero(chain.time, chain.wrenches[k], chain.plates[k], threshold_n)
     if swing is not None:
-        return [measured(prior, *own) for prior, *own in zip(usual, *swing, strict=True)]
-    error = chain.lab.models[k].model_error if chain.lab.models else None
-    if error is None:
+        # a measurement that tells less than what is usual says nothing
+        return [
+            prior.narrowed(float(error), float(mean)) if error < prior.size else prior
+            for prior, mean, error in zip(usual, *swing, strict=True)
+        ]
+    left = chain.lab.models[k].model_error if chain.lab.models else None
+    if left is None:
         return usual
-    sizes = [
-        max(min(prior.size, float(own)), MIN_NARROWED * prior.size)
-        for prior, own in zip(usual, error.zero, strict=True)
-    ]
-    return [replace(prior, size=size) for prior, size in zip(usual, sizes, strict=True)]
-
-
-def measured(prior: Prior, value: float, error: float) -> Prior:
-    """Give what is expected of a zero after it was measured, if that tells more than before."""
-    return prior.narrowed(float(error), float(value)) if error < prior.size else prior
+    return [prior.calibrated(float(zero)) for prior, zero in zip(usual, left.zero, strict=True)]
 
 
 def swing_zero(
@@ -232,29 +228,21 @@ def _late(chain: Chain, delay_s: float) -> Chain:
     return chain.changed(wrenches=tuple(later))
 
 
-def _with_zero(chain: Chain, size: float, *, plate: int, zero: Array) -> Chain:
-    """Add a constant wrench times a size."""
-    return _with_plate(chain, plate, chain.wrenches[plate] + size * zero)
+def with_added(measured: Array, size: float, *, wrench: Array) -> Array:
+    """Add a wrench times a size."""
+    return measured + size * wrench
 
 
-def _with_gain(chain: Chain, share: float, *, plate: int, gain: Array) -> Chain:
-    """Add a share of a plate's wrench, by a matrix."""
-    wrench = chain.wrenches[plate]
-    return _with_plate(chain, plate, wrench + share * (wrench @ gain.T))
+def _with_gain(wrench: Array, share: float, *, gain: Array) -> Array:
+    """Add a share of the wrench, by a matrix."""
+    return wrench + share * (wrench @ gain.T)
 
 
-def _moved(chain: Chain, size: float, *, plate: int, by: Array) -> Chain:
-    """Take a plate to be where it is not, by a vector in its own axes times a size [m]."""
-    return _with_plate(chain, plate, shift_wrench(chain.wrenches[plate], -size * by))
+def _moved(wrench: Array, size: float, *, by: Array) -> Array:
+    """Take the plate to be where it is not, by a vector in its own axes times a size [m]."""
+    return shift_wrench(wrench, -size * by)
 
 
-def _turned(chain: Chain, size: float, *, plate: int, about: Array) -> Chain:
-    """Take a plate to be turned about an axis of its own through its centre [rad]."""
-    turn = rotation_about(about, size)
-    return _with_plate(chain, plate, transform_wrench(chain.wrenches[plate], turn, np.zeros(3)))
-
-
-def _with_plate(chain: Chain, plate: int, wrench: Array) -> Chain:
-    wrenches = list(chain.wrenches)
-    wrenches[plate] = wrench
-    return chain.changed(wrenches=tuple(wrenches))
+def _turned(wrench: Array, angle: float, *, about: Array) -> Array:
+    """Take the plate to be turned about an axis of its own through its centre [rad]."""
+    return transform_wrench(wrench, rotation_about(about, angle), np.zeros(3))

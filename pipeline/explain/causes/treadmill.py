@@ -1,6 +1,6 @@
 """What may be wrong with a moving treadmill: its compensation, and the platform's pose."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -15,7 +15,8 @@ from compensation.platform import LEFT
 from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench
-from pipeline.explain.cause import Cause, Prior, priors
+from pipeline.explain.cause import Altered, Cause, Prior, change_of, priors
+from pipeline.explain.causes.plates import of_plate, with_added
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.platform import in_lab
 
@@ -56,9 +57,8 @@ def compensation_causes(chain: Chain) -> Iterator[Cause]:
         left = model.rms_compensated / model.rms_measured
         if np.isfinite(left):
             share = replace(share, size=float(left))
-        own = [np.zeros_like(belt) for belt in chain.belts]
-        own[k] = chain.belts[k]
-        larger, later = partial(_subtracted, more=own), partial(_late_belt, plate=k)
+        larger = of_plate(k, partial(with_added, wrench=-chain.belts[k]))
+        later = partial(_late_belt, plate=k)
         yield Cause(f"{name}: size of its belt's moment", "compensation", share, larger)
         yield Cause(f"{name}: belt speed delayed", "compensation", known["belt_delay"], later)
 
@@ -96,13 +96,13 @@ def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
     residual = chain.residual
     weight = 1 / np.sqrt(np.nanmean(residual**2, axis=0))
     signals, effects = [], []
+    rows = np.split(factor, len(chain.lab.models))
     for k, (model, felt) in enumerate(zip(chain.lab.models, chain.accelerations, strict=True)):
         basis = _basis(model, felt, rate_hz)
         signals.append(_scaled(model, basis, slow))
         passed = _scaled(model, chain.low_pass(basis)[::step], slow)
         to_residual = _to_residual(chain, k)[::step] * weight[:, None]
-        own = factor[6 * k : 6 * k + 6]
-        effects.append(np.einsum("tac,cm,tsc->msta", to_residual, own, passed, optimize=True))
+        effects.append(np.einsum("tac,cm,tsc->msta", to_residual, rows[k], passed, optimize=True))
     whole = np.sum(effects, axis=0)
     known = np.isfinite(whole).all(axis=(0, 1, 3)) & np.isfinite(residual[::step]).all(axis=1)
     table = whole[:, :, known].reshape(whole.shape[0] * whole.shape[1], -1)
@@ -116,10 +116,9 @@ def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
     directions = []
     for n in order[: int(np.searchsorted(explained, SHARE)) + 1]:
         sizes = factor @ vectors[:, n].reshape(whole.shape[:2])
-        added = [
-            np.einsum("tsc,sc->tc", signal, sizes[6 * k : 6 * k + 6].T)
-            for k, signal in enumerate(signals)
-        ]
+        of_plates = np.split(sizes, len(signals))
+        pairs = zip(signals, of_plates, strict=True)
+        added = [np.einsum("tsc,sc->tc", signal, size.T) for signal, size in pairs]
         directions.append((vectors[:, n], added))
     return directions
 
@@ -153,22 +152,18 @@ def _root(covariance: Array) -> Array:
 
 def _to_residual(chain: Chain, plate: int) -> Array:
     """Give what a wrench of a plate, in its own axes, is in the residual, (T, 6, 6)."""
-    columns = []
-    for unit in np.eye(6):
-        alone = np.tile(unit, (len(chain.time), 1))
-        (moved,) = in_lab([alone], [chain.plates[plate]], chain.platform)
-        columns.append(shift_wrench(moved, chain.filtered.value[:, :3]))
-    return np.stack(columns, axis=2)
+    units = [np.tile(unit, (len(chain.time), 1)) for unit in np.eye(6)]
+    moved = [in_lab([unit], [chain.plates[plate]], chain.platform)[0] for unit in units]
+    return np.stack([shift_wrench(one, chain.filtered.value[:, :3]) for one in moved], axis=2)
 
 
 def _sensors_delay(chain: Chain) -> Prior:
     """Give how much later the accelerometers may be than the calibration found."""
-    errors = [sensor.delay_error_s for sensor in chain.lab.sensors]
-    stated = [error for error in errors if error is not None]
-    if not stated or len(stated) < len(errors):
+    sensors, between = chain.lab.sensors, priors()["accelerometer_delay_between_days"]
+    errors = [s.delay_error_s for s in sensors if s.delay_error_s is not None]
+    if not errors or len(errors) < len(sensors):
         return priors()["accelerometer_delay"]
-    between = priors()["accelerometer_delay_between_days"]
-    size = np.linalg.norm([max(stated), chain.lab.sensors_apart_s, between.size])
+    size = np.linalg.norm([max(errors), chain.lab.sensors_apart_s, between.size])
     return replace(between, size=float(size))
 
 
@@ -192,12 +187,9 @@ def _late_belt(chain: Chain, delay_s: float, *, plate: int) -> Chain:
     """Make the channel of a belt's speed later [s]."""
     later = list(chain.belts)
     later[plate] = delayed(chain.time, later[plate], delay_s)
-    added = [after - before for before, after in zip(chain.belts, later, strict=True)]
-    return _subtracted(chain, 1.0, more=added).changed(belts=tuple(later))
-
-
-PoseChange = Callable[[PlatformPose, float], PlatformPose]
-"""Gives a platform's pose with a fault of a size."""
+    less = with_added(chain.wrenches[plate], -1.0, wrench=later[plate] - chain.belts[plate])
+    wrenches = [less if k == plate else wrench for k, wrench in enumerate(chain.wrenches)]
+    return chain.changed(wrenches=tuple(wrenches), belts=tuple(later))
 
 
 def platform_causes(chain: Chain) -> Iterator[Cause]:
@@ -230,15 +222,10 @@ def platform_causes(chain: Chain) -> Iterator[Cause]:
     yield _of_pose("direction about z", "pose_direction", _turned)
 
 
-def _of_pose(title: str, kind: str, change: PoseChange, *, moving: bool = True) -> Cause:
-    """Give a cause that changes the pose."""
-    with_pose = partial(_with_pose, change=change)
-    return Cause(f"platform: {title}", "platform", priors()[kind], with_pose, of_platform=moving)
-
-
-def _with_pose(chain: Chain, size: float, *, change: PoseChange) -> Chain:
-    assert chain.platform is not None  # there are no causes else
-    return chain.changed(platform=change(chain.platform, size))
+def _of_pose(title: str, kind: str, altered: Altered, *, moving: bool = True) -> Cause:
+    """Give a cause that alters the pose by its size."""
+    change = change_of("platform", altered)
+    return Cause(f"platform: {title}", "platform", priors()[kind], change, of_platform=moving)
 
 
 def _late(pose: PlatformPose, delay_s: float, *, time: Array) -> PlatformPose:

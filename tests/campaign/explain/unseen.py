@@ -24,9 +24,9 @@ import pandas as pd
 from hbm.coordinates import INDEX, TREE
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Settings, Treadmill
+from pipeline.explain.budget import NORMAL_95
 from pipeline.explain.causes.markers import BELOW_TRUNK, marker_causes
 from pipeline.explain.linearise import CYCLE_S, explained_part, result_chain, rms
-from pipeline.explain.shares import NORMAL_95
 from pipeline.explain.uncertainty import measured_uncertainty, noise_of_samples
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import Laboratory

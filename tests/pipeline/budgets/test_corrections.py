@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,12 +10,14 @@ import pytest
 
 from pipeline.budgets.corrections import write_corrected
 from pipeline.budgets.explanation import StudyExplanation
-from pipeline.budgets.words import StatedNow, study_lines
+from pipeline.budgets.words import study_lines
 from pipeline.cli.app import main
+from pipeline.config.schema import Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.explain.budget import EstimatedCause, SharedCause
 from pipeline.run.store import read_trial
 from pipeline.trial.residuals import residual_table
+from pipeline.trial.result import Procedure
 from tests.pipeline.virtual_study import write_overground_study
 
 SIZES = {
@@ -25,6 +28,13 @@ SIZES = {
     "sub01: body mass": ("inertia", "1", 0.04),
 }
 """Identity -> group, unit, size."""
+RESULT = SimpleNamespace(
+    procedure=Procedure(),
+    settings=Settings(),
+    body=SimpleNamespace(mass=74.0),
+    subject=Subject(),
+)
+"""What every trial was processed with."""
 TRIALS = ("sub01 baseline", "sub01 sway", "sub02 sway")
 
 
@@ -40,7 +50,7 @@ def cause(name, group, unit, size, *, deviation=0.1, held_out=0.2, left=0.8):
 
 
 def corrected(study, out, causes):
-    found = StudyExplanation(5, "", TRIALS, tuple(causes), ())
+    found = StudyExplanation("", TRIALS, tuple(causes), ())
     return write_corrected(
         study, found, {"sub01": 74.0, "sub02": 60.0}, out.parent / "results", out
     )
@@ -118,7 +128,7 @@ def test_a_gain_that_all_plates_have_alike_may_be_the_body_model_and_is_not_writ
     ]
     written = read_study(tmp_path / "out").file.mend_plates
     assert {own.split(" ", 2)[2].split()[0] for own in written} == {"My", "Fz"}
-    lines = study_lines(found, {trial: StatedNow(0.0, 74.0, False) for trial in TRIALS})
+    lines = study_lines(found, dict.fromkeys(TRIALS, RESULT))
     (alike,) = (line for line in lines if "Mx" in line)
     assert alike.startswith(
         "Not certain: gain of Mx of all plates alike, plate 1 6.0 ± 1.2 %, plate 2 7.0 ± 1.4 %"

@@ -100,7 +100,7 @@ def test_a_file_brings_every_number_back(late, stretch, tmp_path):
 def test_a_file_of_another_version_is_refused(late, tmp_path):
     path = tmp_path / "walk_explained.json"
     write_explanation(replace(late, version=99), path)
-    with pytest.raises(ValueError, match="written by another version"):
+    with pytest.raises(ValueError, match="of another version of hbm: version"):
         read_explanation(path, Explanation)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.budgets.explanation import FORMAT_VERSION, Explanation, study_covariances
+from pipeline.budgets.explanation import Explanation, study_covariances
 from pipeline.config.schema import TrialName
 from pipeline.explain.budget import Budget, RmsUncertainty
 from pipeline.trial.residuals import AXES
@@ -39,7 +39,7 @@ def explanation(*values, of_window=()):
         uncertainty=values,
         of_window=of_window,
     )
-    return Explanation(FORMAT_VERSION, "", budget, ())
+    return Explanation("", budget, ())
 
 
 def table(*trials, window="cycle"):

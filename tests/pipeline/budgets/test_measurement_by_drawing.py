@@ -41,7 +41,7 @@ def drawn(trials):
     for name, trial in trials.items():
         part = explained_part(*trial)
         chain, counts = part.chain, part.counts
-        as_measured, *_ = linearised(chain, part.causes, left_by_filter(chain), part.series)
+        as_measured, *_ = linearised(part, left_by_filter(chain))
         square = np.zeros((DRAWS, 6))
         own = []
         for cause in part.causes:

@@ -1,5 +1,6 @@
 """A study's explanations: resumable, one trial's failure is its own."""
 
+import gzip
 import shutil
 from dataclasses import replace
 from html import unescape
@@ -8,13 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.budgets.explanation import Explanation, read_evidence, read_explanation
-from pipeline.budgets.study import (
+from pipeline.budgets.explanation import (
+    BANDS,
+    EVIDENCE,
     FOLDER,
+    Explanation,
     bands_of,
-    evidence_path,
+    beside,
     explain_planned,
     plan_explanations,
+    read_bands,
+    read_evidence,
+    read_explanation,
     study_of,
 )
 from pipeline.cli.app import main
@@ -65,11 +71,13 @@ def quick(monkeypatch):
 def known(copy, monkeypatch):
     """Trials are explained as they were: what that takes is not tested here."""
     by_key = {}
-    for path in (copy / FOLDER).glob("sub*.json"):
+    for path in (copy / FOLDER / f"sub01_{name}.json" for name in ("baseline", "sway")):
         own = read_explanation(path, Explanation)
-        budget = replace(own.budget, evidence=read_evidence(evidence_path(path)))
+        evidence = read_evidence(beside(path, EVIDENCE))
+        bands = read_bands(beside(path, BANDS))
+        budget = replace(own.budget, evidence=evidence, bands=bands)
         by_key[own.key] = replace(own, budget=budget)
-    monkeypatch.setattr("pipeline.budgets.study.explain", lambda *trial: by_key[trial[-1]])
+    monkeypatch.setattr("pipeline.budgets.explanation.explain", lambda *trial: by_key[trial[-1]])
 
 
 def outcomes(out):
@@ -180,3 +188,12 @@ def test_the_uncertainty_of_a_perturbed_trial_is_also_of_the_part_that_counts(ex
             np.testing.assert_allclose(own.rms, rms, rtol=0.5)  # of one side's cycles
             loads = np.array(rms) > 100
             np.testing.assert_allclose(own.rms[loads], np.array(rms)[loads], rtol=0.05)
+
+
+def test_damaged_evidence_is_named_with_what_to_do(explained, tmp_path):
+    whole = beside(explained / FOLDER / "sub01_sway.json", EVIDENCE).read_bytes()
+    path = tmp_path / "sub01_sway_evidence.json.gz"
+    for damaged in (whole[:-100], whole[:50], b"", b"{}", gzip.compress(b"{}")):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"sub01_sway_evidence.*run 'hbm explain' again"):
+            read_evidence(path)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,14 +10,15 @@ import pytest
 from pipeline.budgets.words import (
     MASS,
     WITH_MARKERS,
-    StatedNow,
     budget_lines,
     budget_table,
     size_in_words,
     what_to_do,
     what_to_fix_first,
 )
+from pipeline.config.schema import Settings, Subject
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare, alike_in_plates
+from pipeline.trial.result import Procedure
 
 CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, 1.0, np.ones(6))
 
@@ -38,7 +40,18 @@ def budget(*causes):
     return Budget("walk.c3d", False, 2 * axes, axes, 3 * axes, 9, 9, (), axes, causes, axes, ())
 
 
-UNCALIBRATED = StatedNow(delay_s=0.0, mass_kg=70.7, calibrated=False)
+UNCALIBRATED = SimpleNamespace(
+    procedure=Procedure(),
+    settings=Settings(),
+    body=SimpleNamespace(mass=70.7),
+    subject=Subject(),
+)
+"""What a trial was processed with."""
+
+
+CALIBRATED = SimpleNamespace(
+    **{**vars(UNCALIBRATED), "procedure": Procedure(plate_calibration="plates.json")}
+)
 
 
 def test_a_mass_is_advised_as_the_scales_would_show_it():
@@ -50,7 +63,7 @@ def test_a_mass_is_advised_as_the_scales_would_show_it():
 
 def test_a_delay_that_a_calibration_gives_is_not_stated_a_second_time():
     late = replace(CAUSE, name="plates delayed", group="delay", unit="s")
-    (found,) = what_to_fix_first(budget(late), replace(UNCALIBRATED, calibrated=True))
+    (found,) = what_to_fix_first(budget(late), CALIBRATED)
     assert found.action == "Measure the plates' delay (plates delayed 12.0 ± 2.0 ms)."
 
 
@@ -106,7 +119,8 @@ def test_what_moves_unseen_and_surely_counts_is_to_get_markers(groups, said):
 )
 def test_a_shoe_is_to_be_weighed_unless_none_is_stated_and_none_is_missing(size_kg, stated, acts):
     shoes = replace(CAUSE, name="shoes: missing mass", group="shoes", unit="kg", size=size_kg)
-    action = what_to_do(shoes, replace(UNCALIBRATED, shoes=stated))
+    known = {**vars(UNCALIBRATED), "subject": Subject(shoe_mass_kg=0.4 if stated else None)}
+    action = what_to_do(shoes, SimpleNamespace(**known))
     assert action.startswith("Weigh one shoe") == acts
     assert bool(action) == acts
 

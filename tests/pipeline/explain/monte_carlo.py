@@ -19,7 +19,7 @@ def draw_residuals(chain, causes, draws, seed=0):
             before, changed = changed, cause.change(changed, own)
             if "without markers" in cause.name:
                 unseen += changed.q - before.q
-        yield with_noise(changed, changed.markers.position, unseen, rng).residual
+        yield with_noise(changed, unseen, rng).residual
 
 
 def drawn_rms(part, draws):

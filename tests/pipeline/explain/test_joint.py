@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.explain.budget import TrialEvidence
+from pipeline.explain.budget import EstimatedCause, TrialEvidence
 from pipeline.explain.joint import explain_together
-from pipeline.explain.sizes import Evidence, Sharing, _faults, find_faults
+from pipeline.explain.sizes import FAULT, Evidence, _faults, find_faults
 
 B = 15
 """Coefficients of each axis."""
 FAULTS = ("gain", "place", "body mass", "zero")
 OTHERS = 8
-OWN = (Sharing.LABORATORY, Sharing.LABORATORY, Sharing.SUBJECT, Sharing.TRIAL)
 
 
 def trial(rng, name, subject, sizes, told=3.0):
@@ -32,8 +31,7 @@ def trial(rng, name, subject, sizes, told=3.0):
         axis=np.tile(np.arange(6), B),
         effects=effects,
         names=names,
-        rare=np.arange(count) < len(FAULTS),
-        sharing=(*OWN, *[Sharing.SUBJECT] * half, *[Sharing.TRIAL] * half),
+        levels=(*[FAULT] * len(FAULTS), *["subject"] * half, *["trial"] * half),
         subject=subject,
     )
 
@@ -42,12 +40,14 @@ def said(evidence, first=None, second=None):
     """What a trial says, with no more than the tests need to know of its residuals."""
     count = len(evidence.names)
     units = np.ones(count)
-    titles = tuple(name.rpartition(": ")[2] for name in evidence.names)
     groups = ("gain", "place", "inertia", "zero", *["skin"] * OTHERS)
+    causes = tuple(
+        EstimatedCause(name.rpartition(": ")[2], group, "1", 0.0, 1.0, 1.0, 1.0, np.ones(6))
+        for name, group in zip(evidence.names, groups, strict=True)
+    )
     return TrialEvidence(
-        *(evidence.subject, evidence, first or evidence, second or evidence),
-        *(titles, groups, ("1",) * count, ("",) * count),
-        *(units, units, 0.0 * units, np.nan * units),
+        *(evidence, first or evidence, second or evidence, causes),
+        *(0.0 * units, units, 0.0 * units),
         mean_square=np.full(6, 100.0),
         frames=100,
         along=np.ones((count, 6)),
@@ -153,7 +153,7 @@ def test_a_delay_that_bodies_show_is_surer_with_every_subject_but_not_with_every
     def late(own, seconds):
         found = said(own)
         found.found[1], found.mean[1], found.size[1] = 0.004, seconds, 0.004e-3
-        return replace(found, whole=replace(own, rare=own.rare & (np.arange(12) != 1)))
+        return replace(found, whole=replace(own, levels=("fault", "laboratory", *own.levels[2:])))
 
     trials = {f"t{k}": late(trial(rng, f"t{k}", f"s{k // 2}", np.zeros(4)), 0.01) for k in range(8)}
     (found,) = (own for own in explain_together(trials) if own.name == "place")

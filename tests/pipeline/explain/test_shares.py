@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.explain.shares import Shares, indistinct, shares_of_groups
+from pipeline.explain.explain import Shares, indistinct, shares_of_groups
 
 GROUPS = [[0, 1], [2], [3, 4], [5]]
 

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pipeline.explain.linearise import MIN_VARIANCE
 from pipeline.explain.series import cycle_series
-from pipeline.explain.sizes import MIN_VARIANCE, estimate_sizes
+from tests.pipeline.explain.coefficients import estimate_sizes
 
 TIME = np.arange(600) / 100
 SPANS = [(0.5, 1.62), (1.62, 2.70), (2.70, 3.85), (3.85, 4.93)]
@@ -75,7 +76,7 @@ def test_the_sizes_are_those_of_least_squares_with_the_priors_as_observations(rn
     residual = rng.normal(size=(1, B, 6))
     found = estimate_sizes(residual, effects, prior, *NEITHER[:, :12])
     again = estimate_sizes(residual, effects, prior, *NEITHER[:, :12])
-    deviation = np.tile(np.sqrt(found.unexplained**2 + MIN_VARIANCE), B)
+    deviation = np.tile(np.sqrt(found.undescribed[0] + MIN_VARIANCE), B)
     rows = np.vstack([(effects[:, 0].reshape(12, -1) / deviation).T, np.diag(1 / prior)])
     wanted = np.concatenate([residual.ravel() / deviation, np.zeros(12)])
     expected, *_ = np.linalg.lstsq(rows, wanted)

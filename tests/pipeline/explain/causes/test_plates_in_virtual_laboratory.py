@@ -11,7 +11,6 @@ from pipeline.explain.cause import Cause
 from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.linearise import result_chain
 from pipeline.explain.series import CycleSeries, cycle_series
-from pipeline.explain.sizes import estimate_sizes
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
@@ -23,6 +22,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 )
 from tests.campaign.explain.plate_faults import PlateFault, restated, true_sizes, with_faults
 from tests.campaign.explain.virtual_trial import Walked, recorded, walk_on
+from tests.pipeline.explain.coefficients import estimate_sizes
 
 SETTLED = slice(60, -60)
 STILL = Laboratory(Treadmill())
