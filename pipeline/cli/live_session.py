@@ -269,7 +269,7 @@ def follow(
                 shown_s = time.monotonic()
                 line.update(_coloured(monitor.status()))
                 if view is not None:
-                    view.show_board(monitor.board(source.streams), monitor.page())
+                    view.show_board(monitor.board(source.streams))
                     if view.address and not address:
                         address = view.address
                         console.say(f"open {address} in a browser on this machine")
@@ -292,13 +292,10 @@ def take_new(session: Session, monitor: Monitor, view: LiveView | None = None) -
         monitor.samples(session.samples.popleft())
     while session.frames:
         frame, latency_s = session.frames.popleft()
-        cycles = monitor.frame(frame, latency_s)
-        if view is None:
-            continue
-        loads = frame.residual, frame.by_foot, frame.platform
-        view.show(ShownFrame(frame.time, frame.q, frame.markers, *loads, frame.quality.counts))
-        for cycle in cycles:
-            view.show_cycle(cycle.side, cycle.curve)
+        monitor.frame(frame, latency_s)
+        if view is not None:
+            loads = frame.residual, frame.by_foot, frame.platform
+            view.show(ShownFrame(frame.time, frame.q, frame.markers, *loads, frame.quality.counts))
 
 
 def summary(
