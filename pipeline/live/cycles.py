@@ -3,7 +3,7 @@
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from pipeline.trial.gait.contact import MIN_STANCE_S
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION, shortage
 from pipeline.trial.gait.events import MIN_STRIDE_S, SIDES
 from pipeline.trial.quality import DOES_NOT_COUNT, Quality, free_of
-from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 
 MAX_CYCLE_S: Final = 2.5
 """Beyond it, the subject has stood still."""
@@ -175,19 +174,6 @@ class GaitTracker:
         return LiveCycle(side, start_s, stop_s, whole, *of_frames, unit)
 
 
-class Limits(NamedTuple):
-    """Peak residuals beside their published limits (Hicks et al. 2015, J Biomech Eng 137:020905).
-
-    Largest magnitude of the residual force and moment; 5 % of the largest ground reaction force,
-    and 1 % of the height of the centre of mass times that force.
-    """
-
-    force_n: float
-    moment_nm: float
-    max_force_n: float
-    max_moment_nm: float
-
-
 @dataclass(slots=True)
 class ConditionSoFar:
     """Summarises the gait cycles, or steps, of a condition as they end, in memory that stays.
@@ -206,6 +192,8 @@ class ConditionSoFar:
         Why others are not -> how many.
     newest
         Variant -> largest residuals in the newest cycle, (6,) [N, N·m].
+    peaks
+        Variant -> largest residual force [N], residual moment [N·m] and ground reaction force [N].
     """
 
     min_valid_share: float
@@ -213,11 +201,11 @@ class ConditionSoFar:
     cycles: int = 0
     left_out: Counter[str] = field(default_factory=Counter)
     newest: Mapping[str, Array] = field(default_factory=dict)
+    peaks: dict[str, Array] = field(default_factory=dict)
     _sides: Counter[str] = field(default_factory=Counter)
     _counted_s: float = -np.inf
     _frames: int = 0
     _squares: dict[str, Array] = field(default_factory=dict)
-    _peaks: dict[str, Array] = field(default_factory=dict)
 
     def add(self, cycle: LiveCycle) -> None:
         """Take a cycle that has ended."""
@@ -235,7 +223,7 @@ class ConditionSoFar:
             self._squares[variant] = self._squares.get(variant, 0.0) + squares
             size = np.linalg.norm(residual.reshape(-1, 2, 3), axis=2).max(axis=0)
             peaks = np.append(size, cycle.peak_ground_n[variant])
-            self._peaks[variant] = np.maximum(self._peaks.get(variant, 0.0), peaks)
+            self.peaks[variant] = np.maximum(self.peaks.get(variant, 0.0), peaks)
 
     @property
     def used(self) -> int:
@@ -246,11 +234,3 @@ class ConditionSoFar:
     def rms(self) -> Mapping[str, Array]:
         """Variant -> root mean square over all frames of all cycles, (6,) [N, N·m]."""
         return {v: np.sqrt(sums / self._frames) for v, sums in self._squares.items()}
-
-    def limits(self, center_of_mass_m: float) -> dict[str, Limits]:
-        """Give the peaks beside their limits, by variant.
-
-        The centre of mass is so high above the feet (`height_of_mass`) [m].
-        """
-        shares = np.array([MAX_FORCE_SHARE, MAX_MOMENT_SHARE * center_of_mass_m])
-        return {v: Limits(*peaks[:2], *shares * peaks[2]) for v, peaks in self._peaks.items()}
