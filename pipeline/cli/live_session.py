@@ -29,7 +29,7 @@ from pipeline.live.output import (
     STREAMS,
     SUMMARY,
     Recorder,
-    described_streams,
+    describe_stream,
     require_new,
     result_columns,
     result_outlet,
@@ -94,7 +94,7 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     require_folder(folder)
     require_new(folder)
     body = None if options.pose else prepared.body()
-    if body is not None and prepared.study is not None and prepared.static is not None:
+    if body is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
     news = deque[Finding]()
     with ExitStack() as ending, terminable(), ExitStack() as stack:
@@ -102,14 +102,15 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
             source = _source(prepared, options, console, news.append)
         stack.callback(source.close)
         console.say(f"receiving {senders(source.streams)}")
-        placed = place_plates(source.plates, prepared.static, prepared.live)
+        placed = place_plates(source.plates, prepared.static, prepared.study.file.live)
         if body is None:
             body = _shown(prepared, placed, source, console)
         subject, notes = body
         console.say_notes((*prepared.notes, *placed.notes, *notes))
-        plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
+        plates, laboratory = placed.plates, prepared.laboratory
+        settings = prepared.study.file.settings
         chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
-        described = described_streams(source.streams, placed.live, plates)
+        described = [describe_stream(each, placed.live, plates) for each in source.streams]
         recorder = Recorder(folder, described, result_columns())
         stack.callback(recorder.close)
         outlet = None
@@ -157,7 +158,7 @@ def _source(
         host, colon, port = options.qualisys.partition(":")
         if colon and not port.isdecimal():
             raise ValueError(f"--qualisys {options.qualisys}: expected ADDRESS or ADDRESS:PORT")
-        return QualisysSource(host, port=int(port or PORT), stated=prepared.stated, say=say)
+        return QualisysSource(host, port=int(port or PORT), stated=prepared.study.stated, say=say)
     markers, analog = prepared.streams
     console.say(f"searching at {options.listen} for {', '.join((markers, *analog))}")
     try:
@@ -170,7 +171,7 @@ def _source(
             return LslSource(
                 markers,
                 analog,
-                stated=prepared.stated,
+                stated=prepared.study.stated,
                 listen=options.listen,
                 timeout_s=SEARCH_S,
                 searching=lambda absent, there: line.update(

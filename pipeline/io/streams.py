@@ -7,6 +7,7 @@ Layer shares. Samples have a constant rate, but their time stamps scatter, and s
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Final
 from xml.etree import ElementTree
@@ -66,6 +67,15 @@ def parse_xml(text: str) -> Element:
         raise ValueError(f"its description is no XML: {error}; correct it in the sender") from error
 
 
+def text_of(element: Element, path: str) -> str:
+    """Give the text of a part of an element, printable; empty where it is absent."""
+    return printable((element.findtext(path) or "").strip())
+
+
+PARTS: Final = ("label", "unit", "type", "marker", "plate")
+"""What a description states of a channel."""
+
+
 def parse_channels(info: Element, count: int) -> tuple[Channel, ...]:
     """Give the channels of a stream.
 
@@ -99,15 +109,7 @@ def parse_channels(info: Element, count: int) -> tuple[Channel, ...]:
         return tuple(Channel(str(number)) for number in range(1, count + 1))
     if len(described) != count:
         raise ValueError(f"it describes {len(described)} channels, but sends {count}")
-    return tuple(
-        Channel(
-            *(
-                printable((channel.findtext(part) or "").strip())
-                for part in ("label", "unit", "type", "marker", "plate")
-            )
-        )
-        for channel in described
-    )
+    return tuple(Channel(*(text_of(channel, part) for part in PARTS)) for channel in described)
 
 
 def has_markers(content_type: str, channels: Sequence[Channel]) -> bool:
@@ -214,10 +216,8 @@ def si_units(channels: Sequence[Channel]) -> tuple[tuple[str, ...], Array]:
 
 def _si_unit(unit: str) -> tuple[str, float]:
     for si, convert in (("N", force_in_n), ("N·m", moment_in_nm)):
-        try:
+        with suppress(ValueError):
             return si, convert(unit)
-        except ValueError:
-            continue
     return unit, 1.0
 
 
@@ -287,7 +287,7 @@ def find_plates(
     for number, columns in columns_of.items():
         columns.sort(key=lambda k: COMPONENTS.index(channels[k].type))
         elements = info.findall("desc/plates/plate")
-        elements = [e for e in elements if (e.findtext("number") or "").strip() == number]
+        elements = [element for element in elements if text_of(element, "number") == number]
         try:
             if not number.isdecimal():
                 raise ValueError("its number is no number")

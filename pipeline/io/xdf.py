@@ -19,7 +19,7 @@ import pyxdf
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import listed, printable, short
+from hbm.spelling import listed, short
 from pipeline.io.columns import (
     DFLOW_PLATE,
     dflow_plates,
@@ -40,6 +40,7 @@ from pipeline.io.streams import (
     parse_channels,
     parse_xml,
     si_units,
+    text_of,
 )
 
 MAGIC: Final = b"XDF:"
@@ -185,8 +186,7 @@ def _header(body: bytes) -> Stream:
     possible = 0 < channels <= MAX_CHANNELS and 0 <= rate <= MAX_RATE_HZ
     if not possible or kind not in (*SAMPLE_BYTES, "string"):
         raise ValueError(f"a stream of {channels} channels of {kind!r} at {rate:g} Hz")
-    name, content_type = (printable(info.findtext(tag, "").strip()) for tag in ("name", "type"))
-    return Stream(name, content_type, info, rate, channels, kind)
+    return Stream(text_of(info, "name"), text_of(info, "type"), info, rate, channels, kind)
 
 
 def _count(stream: Stream, tag: int, body: bytes) -> None:
@@ -296,7 +296,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         markers,
         clock.time - clock.start_s,
         named,
-        axes=printable((stream.info.findtext("desc/axes") or "").strip()),
+        axes=text_of(stream.info, "desc/axes"),
         program="the stream's description",
         placed=lambda to_lab: [plate.plate(*samples, to_lab) for plate, samples in described],
         analog=analog,

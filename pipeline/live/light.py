@@ -60,7 +60,6 @@ class Kind(Enum):
     # said once: the light does not change
     MARKERS_ABSENT = "live_markers_absent", "stream"
     CLOCK_SET = "live_clock_set", "stream"
-    COMPONENT_ABSENT = "live_component_absent", "component"
     FRAMES_UNREAD = "live_frames_unread"
     CONNECTION_LOST = "live_connection_lost"
 

@@ -13,7 +13,7 @@ import numpy as np
 from hbm.spelling import listed, printable, short
 from pipeline.config.live import LOOPBACK
 from pipeline.io.stated import Stated
-from pipeline.io.streams import Channel, find_clock, parse_channels, parse_xml
+from pipeline.io.streams import Channel, find_clock, parse_channels, parse_xml, text_of
 from pipeline.live.output import load_lsl
 from pipeline.live.stream import (
     Convert,
@@ -99,7 +99,7 @@ def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescr
             stream, convert = describe_signals(*what, stated.axes or "")
             plates = describe_plates(root, channels, stated.axes or "")
             return LslDescription(channels, stated.axes, stream, plates, convert)
-        written = printable((root.findtext("desc/axes") or "").strip())
+        written = text_of(root, "desc/axes")
         stream, convert = describe_markers(*what, stated, written)
         return LslDescription(channels, stated.axes or written or None, stream, (), convert)
     except ValueError as error:
