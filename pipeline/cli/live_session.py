@@ -163,11 +163,6 @@ def _source(
     console.say(f"searching at {options.listen} for {', '.join((markers, *analog))}")
     try:
         with console.status("searching") as line:
-
-            def choose(name: str, there: Sequence[str]) -> int:
-                line.stop()
-                return _chosen(name, there, console)
-
             return LslSource(
                 markers,
                 analog,
@@ -178,21 +173,10 @@ def _source(
                     Text(f"missing: {listed(absent)}; there: {listed(sorted(there))}")
                 ),
                 senders=options.senders,
-                choose=choose if console.is_interactive and sys.stdin.isatty() else None,
             )
     except ConnectionError as absent:
         absent.add_note(ABSENT)
         raise
-
-
-def _chosen(name: str, there: Sequence[str], console: PlainConsole) -> int:
-    """Ask which of several senders of a stream is received."""
-    for number, sender in enumerate(there, start=1):
-        console.say(f"{number}: {name} from {sender}")
-    while True:
-        answer = console.input(f"Which {name}? 1 to {len(there)}: ")
-        if answer.strip() in map(str, range(1, len(there) + 1)):
-            return int(answer) - 1
 
 
 def _shown(

@@ -43,7 +43,6 @@ class Kind(Enum):
     MARKERS_LEFT_OUT = "live_markers_left_out"
     MARKER_GONE = "live_marker_gone", "markers", False, HIDDEN
     PLATES_LATE = "live_plates_late"
-    START_UNKNOWN = "live_start_unknown", "stream"
     SENSOR_CLIPPED = SensorFault.CLIPPED
     RANGE_EXCEEDED = SensorFault.BEYOND_RANGE
     WEIGHT_DIFFERS = "live_weight_differs"
@@ -60,6 +59,7 @@ class Kind(Enum):
     # said once: the light does not change
     MARKERS_ABSENT = "live_markers_absent", "stream"
     CLOCK_SET = "live_clock_set", "stream"
+    START_UNKNOWN = "live_start_unknown", "stream"
     FRAMES_UNREAD = "live_frames_unread"
     CONNECTION_LOST = "live_connection_lost"
 

@@ -326,7 +326,7 @@ class Monitor:
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._untimed_s = dict.fromkeys(streams, -np.inf)
-        self._silent, self._lasting = list[Finding](), list[Finding]()
+        self._silent = list[Finding]()
         self._held: set[Key] = set()
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
@@ -336,7 +336,7 @@ class Monitor:
         self.raised: dict[Key, tuple[Note, int]] = {}
         if absent := tuple(name for name in body.markers if name not in chain.tracker.markers):
             values = {"markers": absent}
-            self._note(Finding(Kind.MARKERS_ABSENT, (chain.stream.name,), values))
+            self.hear(Finding(Kind.MARKERS_ABSENT, (chain.stream.name,), values))
 
     def samples(self, received: Samples) -> None:
         """Take samples as they were received, in order; none where none had a time of its own."""
@@ -346,7 +346,7 @@ class Monitor:
             return
         self._time = float(time[-1])
         if received.clock_set_s:
-            self._note(Finding(Kind.CLOCK_SET, (name,), {"set_s": received.clock_set_s}))
+            self.hear(Finding(Kind.CLOCK_SET, (name,), {"set_s": received.clock_set_s}))
         self._arrived_s[name] = monotonic()
         self._silent = [silent for silent in self._silent if silent.subject != (name,)]
         if name == self.chain.stream.name:
@@ -381,11 +381,13 @@ class Monitor:
         self.look()
         return cycles
 
-    def hear(self, finding: Finding) -> None:
-        """Take what the source of the samples says; a start that is unknown stays so."""
-        self._note(finding)
-        if finding.kind is Kind.START_UNKNOWN:
-            self._lasting.append(finding)
+    def hear(self, *findings: Finding) -> None:
+        """Note findings, such as those of the source of the samples."""
+        for finding in findings:
+            note, (_, times) = finding.note, self.raised.get(finding.key, (None, 0))
+            self.notes.append((self._time, note))
+            self.raised[finding.key] = note, times + 1
+            self._say(note)
 
     def look_for_silence(self) -> None:
         """Find streams without a new sample for a second, once all that came was taken."""
@@ -398,10 +400,10 @@ class Monitor:
     def look(self) -> list[Finding]:
         """Give what is wrong now; what is new is noted."""
         found = [*self._silent, *(one for watch in self._watches for one in watch.found)]
-        self._note(*(one for one in found if one.key not in self._held))
+        self.hear(*(one for one in found if one.key not in self._held))
         self._held = {one.key for one in found}
         self._stopped = any(one.kind.stops for one in found)
-        return [*found, *self._lasting]
+        return found
 
     @property
     def condition(self) -> ConditionSoFar:
@@ -445,13 +447,6 @@ class Monitor:
                 f"{force_n:.0f} N (published limit {MAX_FORCE_SHARE * ground_n:.0f} N), "
                 f"{moment_nm:.0f} N·m ({max_moment_nm:.0f} N·m)"
             )
-
-    def _note(self, *findings: Finding) -> None:
-        for finding in findings:
-            note, (_, times) = finding.note, self.raised.get(finding.key, (None, 0))
-            self.notes.append((self._time, note))
-            self.raised[finding.key] = note, times + 1
-            self._say(note)
 
 
 def senders(streams: Sequence[StreamDescription]) -> str:
