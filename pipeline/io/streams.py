@@ -233,31 +233,22 @@ class PlateChannels:
 
     Attributes
     ----------
-    number
-        From 1.
+    place
+        The plate without samples, in the axes of the markers.
     columns
         Of Fx Fy Fz Mx My Mz in the plate's axes, (6,).
     factors
         One of their units in N and N·m, (6,).
-    corners, rotation, center
-        As in `pipeline.io.recording.Plate`.
     """
 
-    number: int
+    place: Plate
     columns: tuple[int, ...]
     factors: Array
-    corners: Array
-    rotation: Array
-    center: Array
 
-    def plate(self, time: Array, values: Array, to_lab: Array) -> Plate:
-        """Make the plate from samples of all channels, (N, K).
-
-        ``to_lab`` turns the axes in which its place is stated to the lab's, (3, 3).
-        """
+    def plate(self, time: Array, values: Array) -> Plate:
+        """Make the plate from samples of all channels, (N, K), in the axes of the markers."""
         wrench = values[:, list(self.columns)] * self.factors
-        place = to_lab @ self.rotation, to_lab @ self.center, self.corners @ to_lab.T
-        return Plate(self.number, time, wrench, *place)
+        return replace(self.place, time=time, wrench_in_plate=wrench)
 
 
 def find_plates(
@@ -301,16 +292,15 @@ def find_plates(
             units, factors = si_units([channels[k] for k in columns])
             if units != ("N",) * 3 + ("N·m",) * 3:
                 raise ValueError(f"its units are {listed(units)}, expected N and N·m")
-            place = _place(elements[0])
+            place = _place(int(number), elements[0])
+            plates.append(PlateChannels(place, tuple(columns), factors))
         except ValueError as error:
             left_out[number] = str(error)
-            continue
-        plates.append(PlateChannels(int(number), tuple(columns), factors, *place))
     return plates, left_out
 
 
-def _place(described: Element) -> tuple[Array, Array, Array]:
-    """Give corners, rotation and centre of a plate."""
+def _place(number: int, described: Element) -> Plate:
+    """Give a plate without samples by its corners, rotation and centre."""
     numbers = []
     for part, shape in PLACE.items():
         words = (described.findtext(part) or "").split()
@@ -322,7 +312,7 @@ def _place(described: Element) -> tuple[Array, Array, Array]:
     finite = np.isfinite([*rotation.flat, *center]).all()
     if not finite or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
         raise ValueError("its rotation is no rotation, or its center is not finite")
-    return corners, rotation, center
+    return Plate(number, np.empty(0), np.empty((0, 6)), rotation, center, corners)
 
 
 MAX_BACK_S: Final = 0.5

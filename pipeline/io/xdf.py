@@ -22,12 +22,13 @@ from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import (
     DFLOW_PLATE,
+    PlateColumns,
     dflow_plates,
     file_markers,
     recording_of,
 )
 from pipeline.io.input_file import open_file
-from pipeline.io.recording import Analog, Fact, Recording, impossible_samples
+from pipeline.io.recording import Analog, Fact, Plate, Recording, impossible_samples
 from pipeline.io.stated import Stated, without_impossible
 from pipeline.io.streams import (
     Channel,
@@ -262,7 +263,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         labels, unit, lambda kept: values[:, columns[kept]].astype(float), stated
     )
     signals, notes = list[Signals](), list[Note]()
-    described, named = [], list[Any]()
+    placed, named = list[Plate](), list[PlateColumns | Fact]()
     for other in regular:
         steady = clocks[other.name]
         rate = {"rate_hz": steady.rate_hz, "scatter_s": steady.scatter_s}
@@ -278,7 +279,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         facts += [
             Fact("left_out", f"plate {short(n)}", why, plate=True) for n, why in absent.items()
         ]
-        described += [(plate, (time, samples)) for plate in plates]
+        placed += [plate.plate(time, samples) for plate in plates]
         column_of = _of(other, _columns, channels, plates)
         units = {name: channels[k].unit for name, k in column_of.items()}
         by_name = {name: samples[:, k] for name, k in column_of.items()}
@@ -298,10 +299,9 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         named,
         axes=text_of(stream.info, "desc/axes"),
         program="the stream's description",
-        placed=lambda to_lab: [plate.plate(*samples, to_lab) for plate, samples in described],
+        placed=placed,
         analog=analog,
-        facts=facts,
-        notes=[*notes, *interpolated],
+        notes=[*notes, *interpolated, *facts],
     )
 
 
@@ -342,7 +342,7 @@ def _description(stream: Stream) -> tuple[object, ...]:
 
 def _columns(channels: Sequence[Channel], plates: Sequence[PlateChannels]) -> dict[str, int]:
     """Give the columns of other channels by their labels, or by the names that D-Flow gives."""
-    numbers = {plate.number for plate in plates}
+    numbers = {plate.place.number for plate in plates}
     used = {k for plate in plates for k in plate.columns}
     column_of: dict[str, int] = {}
     for k, channel in enumerate(channels):

@@ -318,7 +318,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         stated,
         replace(markers, notes=()),
         np.arange(header.frames) / samples.rate_hz,
-        placed=lambda to_lab: [plate.turned(to_lab) for plate in plates],
+        placed=plates,
         witnesses=witnesses,
         units=[channels[k][1] for k in sorted(taken)],
         screen_up=parameters.text("POINT", "Y_SCREEN"),
