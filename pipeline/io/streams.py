@@ -114,10 +114,9 @@ def parse_channels(info: Element, count: int) -> tuple[Channel, ...]:
 
 def has_markers(content_type: str, channels: Sequence[Channel]) -> bool:
     """Whether a stream holds positions of markers, by its content type or its channels' types."""
-    by_label = content_type.lower() == MOCAP and any(
-        COORDINATE.fullmatch(c.label) for c in channels
-    )
-    return by_label or any(POSITION.fullmatch(c.type) for c in channels)
+    labelled = any(COORDINATE.fullmatch(channel.label) for channel in channels)
+    typed = any(POSITION.fullmatch(channel.type) for channel in channels)
+    return typed or (labelled and content_type.lower() == MOCAP)
 
 
 def marker_channels(channels: Sequence[Channel]) -> tuple[list[str], Indices, str]:

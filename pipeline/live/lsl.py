@@ -263,6 +263,10 @@ FORGET_S: Final = 2.0
 """After it, a stream that no longer answers is not among those that are there."""
 
 
+Searching = Callable[[Sequence[str], Sequence[str]], object]
+"""Takes the names that are missing and those that are there."""
+
+
 class LslSource:
     """Receives one stream of markers and any of other signals, found by their names.
 
@@ -313,14 +317,15 @@ class LslSource:
         stated: Stated | None = None,
         listen: str = LOOPBACK,
         timeout_s: float = 5.0,
-        searching: Callable[[Sequence[str], Sequence[str]], object] | None = None,
+        searching: Searching = lambda absent, there: None,
         senders: Sequence[str] = (),
     ) -> None:
         names, lsl, stated = (markers, *analog), load_lsl(listen), stated or Stated()
         if len(set(names)) < len(names):
             raise ValueError(f"streams are named more than once: {listed(map(repr, names))}")
         self._resolver, self._sought_s = lsl.ContinuousResolver(forget_after=FORGET_S), 0.0
-        found, self._chosen = _find(self._resolver, names, timeout_s, searching, senders)
+        self._chosen: dict[str, Any] = {}
+        found = self._find(names, timeout_s, searching, senders)
         first = Inlet(lsl, found[0], stated, is_markers=True)
         of_all = replace(stated, axes=first.described.axes)
         self._inlets = [first, *(Inlet(lsl, info, of_all, is_markers=False) for info in found[1:])]
@@ -360,6 +365,33 @@ class LslSource:
                 return found
             wait = min(WAIT_S, remaining)
 
+    def _find(
+        self, names: Sequence[str], timeout_s: float, searching: Searching, senders: Sequence[str]
+    ) -> list[Any]:
+        """Give the streams of these names, once all are there.
+
+        Of several of one name all but one may be those of a program that has ended just now.
+        """
+        begun_s, complete_s = time.monotonic(), np.inf
+        while True:
+            there, now_s = _by_name(self._resolver), time.monotonic()
+            absent = [name for name in names if name not in there]
+            several = [name for name in names if len(there.get(name, [])) > 1]
+            if absent and now_s - begun_s > timeout_s:
+                raise ConnectionError(
+                    f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
+                    f"streams there: {listed(map(repr, map(printable, there)))}"
+                )
+            complete_s = np.inf if absent else min(complete_s, now_s if several else np.inf)
+            if absent:
+                searching(absent, list(there))
+            if several and now_s - complete_s > FORGET_S:
+                self._chosen = {name: _choose(name, there[name], senders) for name in several}
+            elif absent or several or now_s - begun_s <= SETTLE_S:
+                time.sleep(POLL_S)
+                continue
+            return [self._chosen.get(name, there[name][0]) for name in names]
+
     def _seek(self) -> None:
         """Take up again what is away, if it is there; a worker waits for answers.
 
@@ -388,38 +420,6 @@ class LslSource:
         self._workers.shutdown(cancel_futures=True)
         for inlet in self._inlets:
             inlet.close()
-
-
-def _find(
-    resolver: Any,
-    names: Sequence[str],
-    timeout_s: float,
-    searching: Callable[[Sequence[str], Sequence[str]], object] | None,
-    senders: Sequence[str],
-) -> tuple[list[Any], set[str]]:
-    """Give the streams of these names, once all are there, and names of which one was chosen.
-
-    Of several of one name all but one may be those of a program that has ended just now.
-    """
-    begun_s, complete_s = time.monotonic(), np.inf
-    while True:
-        there, now_s = _by_name(resolver), time.monotonic()
-        absent = [name for name in names if name not in there]
-        several = [name for name in names if len(there.get(name, [])) > 1]
-        if absent and now_s - begun_s > timeout_s:
-            raise ConnectionError(
-                f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
-                f"streams there: {listed(map(repr, map(printable, there)))}"
-            )
-        complete_s = np.inf if absent else min(complete_s, now_s if several else np.inf)
-        if absent and searching is not None:
-            searching(absent, list(there))
-        if several and now_s - complete_s > FORGET_S:
-            chosen = {name: _choose(name, there[name], senders) for name in several}
-            return [chosen.get(name, there[name][0]) for name in names], set(chosen)
-        if not (absent or several) and now_s - begun_s > SETTLE_S:
-            return [there[name][0] for name in names], set()
-        time.sleep(POLL_S)
 
 
 def _choose(name: str, there: Sequence[Any], senders: Sequence[str]) -> Any:

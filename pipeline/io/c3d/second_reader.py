@@ -109,11 +109,10 @@ def _read_by_ezc3d(path: Path) -> Arrays:
     size = path.stat().st_size
     memory, seconds = MEMORY_BYTES + MEMORY_PER_BYTE * size, SECONDS + SECONDS_PER_MB * size / 1e6
     with TemporaryDirectory(prefix="second_reader_", ignore_cleanup_errors=True) as folder:
-        target = Path(folder) / "arrays.npz"
-        wanted, limits = ",".join(COMPARED), (str(memory), str(int(seconds) + 1))
+        target, program = Path(folder) / "arrays.npz", (sys.executable, "-P", PROGRAM)
         try:
             done = subprocess.run(
-                [sys.executable, "-P", PROGRAM, path.resolve(), target, wanted, *limits],
+                [*program, path.resolve(), target, ",".join(COMPARED), str(memory)],
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
