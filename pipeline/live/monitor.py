@@ -15,7 +15,6 @@ from hbm.notes import Note
 from hbm.signals.converters import find_limits
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
-from pipeline.config.schema import NOUNS
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, LiveCycle
@@ -328,8 +327,7 @@ class Monitor:
         self._untimed_s = dict.fromkeys(streams, -np.inf)
         self._silent = list[Finding]()
         self._held: set[Key] = set()
-        least = chain.settings.min_valid_share
-        self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
+        self.condition = ConditionSoFar(chain.settings.min_valid_share)
         self.cycles, self.reasons = deque[LiveCycle](maxlen=10), Counter[str]()
         self.notes = deque[tuple[float, Note]](maxlen=MAX_NOTES)
         self._stopped, self.during_stop = False, 0
@@ -357,29 +355,29 @@ class Monitor:
                 watch.add(time, values[:, channels.columns] * channels.factor)
         self.look()
 
-    def frame(self, frame: LiveFrame, latency_s: float) -> list[LiveCycle]:
-        """Take a frame; give the gait cycles that it ends."""
+    def frame(self, frame: LiveFrame, latency_s: float) -> None:
+        """Take a frame."""
         self._time = frame.time
         self._latency.append(latency_s)
         self._steady_s = np.fmin(self._steady_s, frame.time + FITTED_S)
         if frame.time >= self._steady_s:
             self._recent.append(frame.quality)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
-        ended = self._gait.add(frame)
-        for each in ended:
-            if each.unit == "cycle":
-                self._weight.add(each)
-            if each.whole and not self._stopped:
-                self._so_far[each.unit].add(each)
-        cycles = [each for each in ended if each.unit == "cycle" and each.whole]
-        self.during_stop += len(cycles) * self._stopped
-        if ended:
+        strides = self._gait.add(frame)
+        cycles = [stride for stride in strides if stride.whole]
+        for stride in strides:
+            self._weight.add(stride)
+        if self._stopped:
+            self.during_stop += len(cycles)
+        else:
+            for cycle in cycles:
+                self.condition.add(cycle)
+        if strides:
             self.height_m = height_of_mass(self.chain.body, frame.q[None])
         self.cycles.extend(cycles)
         self._delay.add(frame)
         self._fit.add(frame)
         self.look()
-        return cycles
 
     def hear(self, *findings: Finding) -> None:
         """Note findings, such as those of the source of the samples."""
@@ -405,12 +403,6 @@ class Monitor:
         self._stopped = any(one.kind.stops for one in found)
         return found
 
-    @property
-    def condition(self) -> ConditionSoFar:
-        """The gait cycles so far or, where plates carry none of them, the steps."""
-        cycles, steps = self._so_far.values()
-        return steps if steps.cycles and not cycles.cycles else cycles
-
     def latency_ms(self, percent: float) -> float:
         """Give a percentile of the time from arrival to results over the last minute [ms]."""
         return 1000 * float(np.percentile(self._latency, percent)) if self._latency else np.nan
@@ -419,11 +411,10 @@ class Monitor:
         """Give what is read at a glance: light, gait cycles used, bars, and who sends what."""
         recent, condition = list(self._recent), self.condition
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
-        noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
         used, wanted, weight_n = condition.used, self._required, self.chain.body.mass * GRAVITY_MPS2
-        done, ended = f"{used} of {wanted} {noun} used", used >= wanted
-        shown = light(self.look(), shares, done, ended=ended, steady=steady)
-        progress = used / wanted, f"{used} / {wanted} {noun}"
+        done, steady = f"{used} of {wanted} gait cycles used", len(recent) >= MIN_FRAMES
+        shown = light(self.look(), shares, done, ended=used >= wanted, steady=steady)
+        progress = used / wanted, f"{used} / {wanted} gait cycles"
         limits = MAX_FORCE_SHARE * weight_n, MAX_MOMENT_SHARE * weight_n * self._standing_m
         return Board(*shown, *progress, condition.newest, *limits, senders(streams))
 

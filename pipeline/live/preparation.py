@@ -23,18 +23,13 @@ from pipeline.live.chain import stated_streams
 from pipeline.live.ground import PLATE_UNITS, AnalogStreams, SampleBuffer
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import Arrivals, Samples, StatedPlate, StreamDescription
+from pipeline.trial.chain import Chain
 from pipeline.trial.ground.calibrations import read_calibration
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import LEVEL
+from pipeline.trial.inputs import Inputs
 from pipeline.trial.study_files import read_body_files, read_study_laboratory
-from pipeline.trial.subject import (
-    MAX_STILL_EXTENT_M,
-    MIN_MASS_KG,
-    body_mass,
-    median_extent,
-    subject_body,
-)
+from pipeline.trial.subject import MAX_STILL_EXTENT_M, MIN_MASS_KG, median_extent
 
 MAX_DISTANCE_M: Final = 0.003
 """Between the centres of one plate: 3 mm change moments by 2 N·m under a body of 75 kg."""
@@ -234,19 +229,17 @@ class Preparation:
         pose = pose or self.static
         if pose is None:
             raise ValueError("no calibration pose: give --static FILE, or show it live with --pose")
-        pose = with_corrected_plates(pose, self.laboratory.plates)
-        person, study = self.person.person, self.study
-        mass, (hip_trial, segments) = body_mass(person, pose), read_body_files(study, self.person)
-        body = subject_body(
-            pose,
-            person,
-            study.file.settings,
-            mass.mass_kg,
-            marker_set=study.marker_set,
+        study, (hip_trial, segments) = self.study, read_body_files(self.study, self.person)
+        inputs = Inputs(
+            recording=pose,
+            subject=self.person.person,
             hip_trial=hip_trial,
-            segments=segments,
+            segments=segments or {},
+            marker_set=study.marker_set,
+            laboratory=self.laboratory,
         )
-        return body, (mass.note, *body.notes, *implausible(body))
+        chain = Chain(inputs, study.file.settings)
+        return chain.body, (chain.mass.note, *chain.body.notes, *implausible(chain.body))
 
 
 def _pose_file(study: Study, person: SubjectFile) -> Path | None:

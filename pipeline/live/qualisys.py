@@ -164,15 +164,15 @@ class Packets:
         rate_hz = _number(root, "General/Frequency", "the cameras")
         self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
         self._signals, self.plates = _signals(root, parse_axes(stated.axes or LAB_AXES))
-        every = [each for of in (FORCE, ANALOG) for each in self._signals[of].values()]
-        self.streams = (self.markers, *(each.description for each in every))
+        self.streams = (self.markers, *(each.description for each in self._signals.values()))
         require_unique([stream.name for stream in self.streams], f"{PROGRAM}: streams of one name")
-        self.components = [c for c in COMPONENTS if c == POSITIONS or self._signals[c]]
+        sending = {POSITIONS, *(component for component, _ in self._signals)}
+        self.components = [component for component in COMPONENTS if component in sending]
         self._base_s, self._last_s = 0.0, -np.inf
 
     def restart(self) -> None:
         """Expect sample numbers from another start."""
-        for signals in (each for of in self._signals.values() for each in of.values()):
+        for signals in self._signals.values():
             signals.origin_s = None
 
     def samples(self, data: bytes) -> list[Samples]:
@@ -223,7 +223,7 @@ class Packets:
                 number, channels, length = part.counts(3)
                 first = part.counts(1)[0] if length else 0
                 values = part.numbers(channels, length).T
-            if not length or (signals := self._signals[component].get(number)) is None:
+            if not length or (signals := self._signals.get((component, number))) is None:
                 continue
             if component == FORCE:
                 signals.check_moments(values)
@@ -249,12 +249,12 @@ class Packets:
 
 def _signals(
     root: Element, to_lab: Array
-) -> tuple[dict[int, dict[int, Signals]], tuple[StatedPlate, ...]]:
+) -> tuple[dict[tuple[int, int], Signals], tuple[StatedPlate, ...]]:
     """Give what plates and devices send, by component and number, and plates as described.
 
     Where several have one name, they have their numbers in it.
     """
-    found, plates = {FORCE: dict[int, Signals](), ANALOG: dict[int, Signals]()}, []
+    found, plates = dict[tuple[int, int], Signals](), list[StatedPlate]()
     force, length = (text_of(root, f"Force/Unit_{of}") for of in ("Force", "Length"))
     for component, path, tag in ((FORCE, "Force/Plate", ""), (ANALOG, "Analog/Device", "Device_")):
         elements = root.findall(path)
@@ -263,7 +263,7 @@ def _signals(
             name = text_of(element, f"{tag}Name")
             what = f"{element.tag} {name}"
             number = int(_number(element, f"{tag or 'Plate_'}ID", what))
-            if number in found[component]:
+            if (component, number) in found:
                 raise ValueError(f"{PROGRAM} numbers two of {element.tag} {number}; change one")
             if not name or counts[name] > 1:
                 name = f"{name} {number}".strip()
@@ -273,7 +273,7 @@ def _signals(
                 sent = [(f"{name}.{c}", "Nm" if c[0] == "M" else force) for c in WRENCH_COMPONENTS]
             rate_hz = _number(element, "Frequency", what)
             signals = Signals(*describe_signals(name, [Channel(*each) for each in sent], rate_hz))
-            found[component][number] = signals
+            found[component, number] = signals
             if component == FORCE:
                 of_plate = str(number), signals.description.labels
                 try:
