@@ -296,7 +296,7 @@ def recording_of(
     axes: str = "",
     program: str = "",
     on_subject: bool = True,
-    locate: Callable[[PlateColumns, Array], Located] | None = None,
+    torques: bool = False,
     placed: Sequence[Plate] = (),
     witnesses: Sequence[Plate] = (),
     units: Sequence[str] = (),
@@ -319,8 +319,9 @@ def recording_of(
     on_subject
         Whether forces are known to act on the subject. Otherwise they change sign where they pull
         on average, for nobody hangs from a plate, and do not show the axes.
-    locate
-        Finds wrenches about the origin; by default `wrench_about_origin`.
+    torques
+        Whether moments are torques at the centres of pressure (`wrench_of_torque`), or about one
+        point (`wrench_about_origin`).
     placed
         Further plates, in the file's axes.
     witnesses, units
@@ -363,9 +364,9 @@ def recording_of(
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
             said.append(Note.of("forces_reversed"))
         made = [plate.turned(to_lab) for plate in placed]
-        moments = []
+        moments, locate = [], wrench_of_torque if torques else wrench_about_origin
         for plate in columns:
-            wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
+            wrench, where = locate(plate, to_lab[2])
             read_as = map(stated.used_unit, CONVERT, plate.units)
             of_plate = ",".join([*read_as][: 3 if where == FREE else 2])
             made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, of_plate))

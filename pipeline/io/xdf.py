@@ -20,13 +20,7 @@ import pyxdf
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
-from pipeline.io.columns import (
-    DFLOW_PLATE,
-    PlateColumns,
-    dflow_plates,
-    file_markers,
-    recording_of,
-)
+from pipeline.io.columns import DFLOW_PLATE, PlateColumns, dflow_plates, file_markers, recording_of
 from pipeline.io.input_file import open_file
 from pipeline.io.recording import Analog, Fact, Plate, Recording, impossible_samples
 from pipeline.io.stated import Stated, without_impossible
@@ -194,10 +188,9 @@ def _count(stream: Stream, tag: int, body: bytes) -> None:
     """Count the samples of a chunk, which have to fit its length, or read the count at the end."""
     if tag == SAMPLES:
         count, start = _length(body, 0)
-        rest = (
-            len(body) - start - count * (1 + stream.channels * SAMPLE_BYTES.get(stream.format, 0))
-        )
-        if rest < 0 or (stream.format in SAMPLE_BYTES and rest > count * STAMP_BYTES):
+        size = SAMPLE_BYTES.get(stream.format, 0)
+        rest = len(body) - start - count * (1 + stream.channels * size)
+        if rest < 0 or (size and rest > count * STAMP_BYTES):
             raise ValueError(f"it cannot hold {count} samples of {stream.channels} channels")
         stream.samples += count
     elif tag == STREAM_FOOTER:
