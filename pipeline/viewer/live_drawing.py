@@ -67,7 +67,7 @@ class LiveDrawing:
         self._stream, self._scene = stream, scene
         self._board = b""
         self._start_s: float | None = None
-        self._number = -1
+        self._newest_s, self._number = -np.inf, -1
         centers = np.array([plate.center for plate in scene.plates]).reshape(-1, 3)
         ground = centers.mean(axis=0) if len(centers) else np.zeros(3)
         self._surface_m = float(ground[2])
@@ -79,10 +79,15 @@ class LiveDrawing:
         log_text(stream, "legend", LEGEND)
 
     def show(self, news: News) -> None:
-        """Send frames, whose time increases, and the board."""
+        """Send frames whose time increases, and the board."""
         numbered, board = news
-        if numbered:
-            self._send_frames(numbered)
+        later = []
+        for number, frame in numbered:
+            if frame.time > self._newest_s:
+                self._newest_s = frame.time
+                later.append((number, frame))
+        if later:
+            self._send_frames(later)
         if board is not None and (content := pickle.dumps(board)) != self._board:
             self._board = content  # drawing takes some 50 ms
             log_board(self._stream, board)
@@ -93,9 +98,9 @@ class LiveDrawing:
         if self._start_s is None:
             self._start_s = frames[0].time
         time = np.array([frame.time for frame in frames]) - self._start_s
-        unknown = np.full(6, np.nan)
+        absent = np.full(6, np.nan)
         residual = {
-            name: np.array([f.residual[name] if f.counts else unknown for f in frames])
+            name: np.array([f.residual[name] if f.counts else absent for f in frames])
             for name in scene.variants
         }
         numbers = np.array([number for number, _ in numbered])
@@ -109,7 +114,12 @@ class LiveDrawing:
         step = int(np.ceil(len(time) / (1 + np.ptp(time) * SCENE_RATE_HZ)))
         frames, time = frames[::-step][::-1], time[::-step][::-1]
         poses = [frame.platform for frame in frames if frame.platform is not None]
-        platform = PlatformPose(*map(np.array, zip(*poses, strict=True))) if poses else None
+        platform = None
+        if poses:
+            rotation, position = map(np.array, zip(*poses, strict=True))
+            unknown = np.isnan(rotation).any(axis=(1, 2)) | np.isnan(position).any(axis=1)
+            rotation[unknown], position[unknown] = np.nan, np.nan
+            platform = PlatformPose(rotation, position)
         send_scene(
             self._stream,
             {"time": time},
