@@ -51,7 +51,8 @@ def live(
     from pipeline.live.preparation import prepare
 
     prepared = prepare(study, subject, static, calibration)
-    address, wanted = listen or prepared.live.listen, cycles or prepared.cycles or REQUIRED
+    address = listen or prepared.study.file.live.listen
+    wanted = cycles or prepared.cycles or REQUIRED
     options = Options(out, pose, view, web, qualisys, address, sender or [], wanted, duration_s)
     return run_session(prepared, console, options)
 

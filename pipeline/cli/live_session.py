@@ -18,7 +18,6 @@ from hbm.spelling import listed
 from pipeline.cli.options import require_folder
 from pipeline.cli.stopping import SIGNAL_EXIT, recorded_requests, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
-from pipeline.config.schema import NOUNS
 from pipeline.io.write import write_text
 from pipeline.live.chain import LiveChain
 from pipeline.live.light import Finding
@@ -29,7 +28,7 @@ from pipeline.live.output import (
     STREAMS,
     SUMMARY,
     Recorder,
-    described_streams,
+    describe_stream,
     require_new,
     result_columns,
     result_outlet,
@@ -94,7 +93,7 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
     require_folder(folder)
     require_new(folder)
     body = None if options.pose else prepared.body()
-    if body is not None and prepared.study is not None and prepared.static is not None:
+    if body is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
     news = deque[Finding]()
     with ExitStack() as ending, terminable(), ExitStack() as stack:
@@ -102,14 +101,15 @@ def run_session(prepared: Preparation, console: PlainConsole, options: Options) 
             source = _source(prepared, options, console, news.append)
         stack.callback(source.close)
         console.say(f"receiving {senders(source.streams)}")
-        placed = place_plates(source.plates, prepared.static, prepared.live)
+        placed = place_plates(source.plates, prepared.static, prepared.study.file.live)
         if body is None:
             body = _shown(prepared, placed, source, console)
         subject, notes = body
         console.say_notes((*prepared.notes, *placed.notes, *notes))
-        plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
+        plates, laboratory = placed.plates, prepared.laboratory
+        settings = prepared.study.file.settings
         chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
-        described = described_streams(source.streams, placed.live, plates)
+        described = [describe_stream(each, placed.live, plates) for each in source.streams]
         recorder = Recorder(folder, described, result_columns())
         stack.callback(recorder.close)
         outlet = None
@@ -157,41 +157,25 @@ def _source(
         host, colon, port = options.qualisys.partition(":")
         if colon and not port.isdecimal():
             raise ValueError(f"--qualisys {options.qualisys}: expected ADDRESS or ADDRESS:PORT")
-        return QualisysSource(host, port=int(port or PORT), stated=prepared.stated, say=say)
+        return QualisysSource(host, port=int(port or PORT), stated=prepared.study.stated, say=say)
     markers, analog = prepared.streams
     console.say(f"searching at {options.listen} for {', '.join((markers, *analog))}")
     try:
         with console.status("searching") as line:
-
-            def choose(name: str, there: Sequence[str]) -> int:
-                line.stop()
-                return _chosen(name, there, console)
-
             return LslSource(
                 markers,
                 analog,
-                stated=prepared.stated,
+                stated=prepared.study.stated,
                 listen=options.listen,
                 timeout_s=SEARCH_S,
                 searching=lambda absent, there: line.update(
                     Text(f"missing: {listed(absent)}; there: {listed(sorted(there))}")
                 ),
                 senders=options.senders,
-                choose=choose if console.is_interactive and sys.stdin.isatty() else None,
             )
     except ConnectionError as absent:
         absent.add_note(ABSENT)
         raise
-
-
-def _chosen(name: str, there: Sequence[str], console: PlainConsole) -> int:
-    """Ask which of several senders of a stream is received."""
-    for number, sender in enumerate(there, start=1):
-        console.say(f"{number}: {name} from {sender}")
-    while True:
-        answer = console.input(f"Which {name}? 1 to {len(there)}: ")
-        if answer.strip() in map(str, range(1, len(there) + 1)):
-            return int(answer) - 1
 
 
 def _shown(
@@ -269,7 +253,7 @@ def follow(
                 shown_s = time.monotonic()
                 line.update(_coloured(monitor.status()))
                 if view is not None:
-                    view.show_board(monitor.board(source.streams), monitor.page())
+                    view.show_board(monitor.board(source.streams))
                     if view.address and not address:
                         address = view.address
                         console.say(f"open {address} in a browser on this machine")
@@ -292,13 +276,10 @@ def take_new(session: Session, monitor: Monitor, view: LiveView | None = None) -
         monitor.samples(session.samples.popleft())
     while session.frames:
         frame, latency_s = session.frames.popleft()
-        cycles = monitor.frame(frame, latency_s)
-        if view is None:
-            continue
-        loads = frame.residual, frame.by_foot, frame.platform
-        view.show(ShownFrame(frame.time, frame.q, frame.markers, *loads, frame.quality.counts))
-        for cycle in cycles:
-            view.show_cycle(cycle.side, cycle.curve)
+        monitor.frame(frame, latency_s)
+        if view is not None:
+            loads = frame.residual, frame.by_foot, frame.platform
+            view.show(ShownFrame(frame.time, frame.q, frame.markers, *loads, frame.quality.counts))
 
 
 def summary(
@@ -318,13 +299,12 @@ def summary(
             yield f"stream {name}: {clock.missing} samples not received"
         if clock.unused:
             yield f"stream {name}: {clock.unused} samples not used: late, repeated, or untimed"
-    unit = f"{NOUNS[condition.unit]}s"
-    yield f"{condition.cycles} {unit} of both feet used, {condition.used} of one foot"
+    yield f"{condition.cycles} gait cycles of both feet used, {condition.used} of one foot"
     yield from monitor.residuals()
     if monitor.during_stop:
-        yield f"{monitor.during_stop} {unit} not used: measured while the light showed stop"
+        yield f"{monitor.during_stop} gait cycles not used: measured while the light showed stop"
     for reason, count in condition.left_out.most_common():
-        yield f"{count} {unit} not used: {reason}"
+        yield f"{count} gait cycles not used: {reason}"
     if not chain.received:
         yield f"stream {chain.stream.name}: no frame received; does its program measure?"
     else:

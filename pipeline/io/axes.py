@@ -250,8 +250,27 @@ def settle_axes(
     above = typical(_middle(position[:, sites.high]) - _middle(position[:, sites.low]))
     if np.isfinite(above).all():
         evidence[ABOVE] = above
+    if axes is None and not np.isfinite(position).any():
+        raise AxesUnknownError(
+            "no marker is ever visible: export the file again with its trajectories"
+        )
     if axes is None:
-        return _inferred(position, sites, evidence, plate_normals, screen_up, file)
+        try:
+            up, up_evidence = _infer_up(evidence, plate_normals, screen_up)
+            left, pairs, doubts = _infer_left(position, sites, up, file)
+        except AxesUnknownError as error:
+            if sites.no_set and not sites.on_trunk:
+                reason = f"{sites.no_set}; for plates without a person, give --axes"
+            else:
+                reason = f"axes cannot be inferred: {error}; {ASK}"
+            raise AxesUnknownError(reason) from error
+        words = tuple(map(_direction_name, np.transpose([np.cross(left, up), left, up])))
+        by_toes = np.isfinite(between(position, sites.feet)).all(axis=-1).any()
+        shown = (
+            f"up by {', '.join(up_evidence)}; left by the marker pairs {', '.join(pairs)}; forward "
+            f"by left and up{' and the direction of the toes' * bool(by_toes)}"
+        )
+        return ",".join(words), [Note.of("axes", axes=words, evidence=shown), *doubts]
     rotation = parse_axes(axes)
     up = rotation[2]
     down = [source for source, vector in evidence.items() if vector @ up < 0]
@@ -277,37 +296,6 @@ def settle_axes(
     if (facing := _direction_name(rotation @ np.cross(left, up))) != "forward":
         notes.append(Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs))
     return axes, [*notes, *doubts]
-
-
-def _inferred(
-    position: Array,
-    sites: Sites,
-    evidence: Mapping[str, Array],
-    plate_normals: ArrayLike,
-    screen_up: str,
-    file: str,
-) -> tuple[str, list[Note | Fact]]:
-    """Infer axes; an `AxesUnknownError` says what is missing or contradicts itself."""
-    if not np.isfinite(position).any():
-        raise AxesUnknownError(
-            "no marker is ever visible: export the file again with its trajectories"
-        )
-    try:
-        up, up_evidence = _infer_up(evidence, plate_normals, screen_up)
-        left, pairs, doubts = _infer_left(position, sites, up, file)
-    except AxesUnknownError as error:
-        if sites.no_set and not sites.on_trunk:
-            reason = f"{sites.no_set}; for plates without a person, give --axes"
-        else:
-            reason = f"axes cannot be inferred: {error}; {ASK}"
-        raise AxesUnknownError(reason) from error
-    axes = tuple(map(_direction_name, np.transpose([np.cross(left, up), left, up])))
-    by_toes = np.isfinite(between(position, sites.feet)).all(axis=-1).any()
-    shown = (
-        f"up by {', '.join(up_evidence)}; left by the marker pairs {', '.join(pairs)}; forward by "
-        f"left and up{' and the direction of the toes' * bool(by_toes)}"
-    )
-    return ",".join(axes), [Note.of("axes", axes=axes, evidence=shown), *doubts]
 
 
 def mean_force(force: Array) -> Array:

@@ -296,12 +296,11 @@ def recording_of(
     axes: str = "",
     program: str = "",
     on_subject: bool = True,
-    locate: Callable[[PlateColumns, Array], Located] | None = None,
-    placed: Callable[[Array], list[Plate]] | None = None,
+    torques: bool = False,
+    placed: Sequence[Plate] = (),
     witnesses: Sequence[Plate] = (),
     units: Sequence[str] = (),
     screen_up: str = "",
-    facts: Iterable[Fact] = (),
     notes: Iterable[Note | Fact] = (),
     **others: Any,
 ) -> Recording:
@@ -320,19 +319,20 @@ def recording_of(
     on_subject
         Whether forces are known to act on the subject. Otherwise they change sign where they pull
         on average, for nobody hangs from a plate, and do not show the axes.
-    locate
-        Finds wrenches about the origin; by default `wrench_about_origin`.
+    torques
+        Whether moments are torques at the centres of pressure (`wrench_of_torque`), or about one
+        point (`wrench_about_origin`).
     placed
-        Rotation to the lab, (3, 3) -> further plates.
+        Further plates, in the file's axes.
     witnesses, units
-        Those plates in the file's axes, which they show, and their units as the file writes them.
+        Those of them that show the axes, and their units as the file writes them.
     screen_up
         Which axis the file says is up on a screen.
-    facts, notes, others
-        What was done or is in doubt, notes, and further attributes of the recording.
+    notes, others
+        What was done, is in doubt or to be noted, and further attributes of the recording.
     """
     plates = list(plates)
-    said = [*markers.notes, *notes, *facts, *(p for p in plates if isinstance(p, Fact))]
+    said = [*markers.notes, *notes, *(p for p in plates if isinstance(p, Fact))]
     found = [plate for plate in plates if isinstance(plate, PlateColumns)]
     mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
     with saying(said):
@@ -363,10 +363,10 @@ def recording_of(
         if not on_subject and total[2] < 0:
             columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
             said.append(Note.of("forces_reversed"))
-        made = placed(to_lab) if placed else []
-        moments = []
+        made = [plate.turned(to_lab) for plate in placed]
+        moments, locate = [], wrench_of_torque if torques else wrench_about_origin
         for plate in columns:
-            wrench, where = (locate or wrench_about_origin)(plate, to_lab[2])
+            wrench, where = locate(plate, to_lab[2])
             read_as = map(stated.used_unit, CONVERT, plate.units)
             of_plate = ",".join([*read_as][: 3 if where == FREE else 2])
             made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, of_plate))

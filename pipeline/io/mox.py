@@ -12,10 +12,10 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import printable, short
-from pipeline.io.columns import PlateColumns, dflow_plates, file_markers, recording_of, vectors
+from pipeline.io.columns import dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import open_file
 from pipeline.io.labels import require_unique, told_apart
-from pipeline.io.recording import Analog, Fact, Recording
+from pipeline.io.recording import Analog, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import TextTable, decoded, read_number, read_rate
 
@@ -71,7 +71,7 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
     parts = {f"{m['a'] or m['b']} {m['axis']}": channels[k] for k, m in marked.items()}
-    time, columns = _on_one_clock(parts)
+    columns, time = _on_one_clock(parts)
     table = TextTable(path, [], [])
     table.check_counts(header, {"nr_of_samples": len(time)})
     position = vectors(columns, (f"{stem} " for stem in stems))
@@ -80,21 +80,17 @@ def read_mox(path: Path, stated: Stated) -> Recording:
         f"FP{int(m['number'] or 1)}.{m['what'].capitalize()}{m['axis'].upper()}": channels[k]
         for k, m in on_plates.items()
     }
-    plates: list[PlateColumns | Fact] = []
-    if of_plates:
-        plate_time, columns = _on_one_clock(of_plates)
-        plates += dflow_plates(columns, plate_time)
+    plates = list(dflow_plates(*_on_one_clock(of_plates)))
     rest = {k: channel for k, channel in channels.items() if k not in {*marked, *on_plates}}
     # those of the commonest rate and length
     clocks = {name: (rate, len(samples)) for name, (rate, samples) in rest.items()}
     commonest = [clock for clock, _ in Counter(clocks.values()).most_common(1)]
-    kept = {name: rest[name] for name in rest if clocks[name] in commonest}
+    signals, times = _on_one_clock({k: rest[k] for k in rest if clocks[k] in commonest})
     analog = None
-    if kept:
-        times, columns = _on_one_clock(kept)
-        values = np.column_stack([*columns.values()])
-        analog = Analog(times, tuple(columns), ("",) * len(columns), values)
-    if left_out := [name for name in rest if name not in kept]:
+    if signals:
+        values = np.column_stack([*signals.values()])
+        analog = Analog(times, tuple(signals), ("",) * len(signals), values)
+    if left_out := [name for name in rest if name not in signals]:
         table.said.append(Note.of("parts_left_out", parts=left_out))
     if plates:
         table.said.append(Note.of("force_sign_unconfirmed"))
@@ -126,13 +122,13 @@ def _channels(content: bytes) -> tuple[dict[str, Channel], dict[str, str]]:
     return channels, {e.tag: e.text or "" for e in root.findall("viewer_header/*")}
 
 
-def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[Array, dict[str, Array]]:
-    """Give times, (N,) [s], and samples of channels that belong together."""
+def _on_one_clock(parts: Mapping[str, Channel]) -> tuple[dict[str, Array], Array]:
+    """Give samples and times, (N,) [s], of channels that belong together."""
     clocks = {(rate, len(samples)) for rate, samples in parts.values()}
     if len(clocks) > 1:
         raise ValueError(
             f"{short(next(iter(parts)))!r} and the like differ in rate or number of samples; the "
             "file is truncated or mixed"
         )
-    ((rate, count),) = clocks
-    return np.arange(count) / rate, {name: samples for name, (_, samples) in parts.items()}
+    ((rate, count),) = clocks or {(1.0, 0)}
+    return {name: samples for name, (_, samples) in parts.items()}, np.arange(count) / rate

@@ -16,7 +16,7 @@ from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import TextTable, read_rate, read_table
 
-TITLES: Final = ("devices", "trajectories", "model outputs")
+TITLES: Final = ("devices", "trajectories")
 HEADER_LINES: Final = 5
 """Title, rate, groups, components, units."""
 
@@ -48,7 +48,7 @@ def is_nexus(lines: Sequence[str]) -> bool:
 
 
 def _blocks(path: Path) -> tuple[dict[str, Block], list[Note | Fact]]:
-    """Cut an export into devices, trajectories and model outputs, by their titles."""
+    """Cut an export into devices and trajectories, by their titles."""
     blocks: dict[str, Block] = {}
     table = read_table(path, ",;\t")
     # an empty line, which is not among the rows, ends a block
@@ -112,9 +112,8 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
     Recording
         SI units, lab axes; times start at 0 at the first frame. Devices with Force and Moment are
         plates with identity rotation and centre at the lab origin, so that their wrench is about
-        the lab origin; their corners are unknown (NaN). Other devices are analog channels, Model
-        Outputs of three components are model outputs. Prefer C3D: it also knows the plates'
-        corners and the events.
+        the lab origin; their corners are unknown (NaN). Other devices are analog channels. Prefer
+        C3D: it also knows the plates' corners, the events and model outputs.
 
     Raises
     ------
@@ -147,9 +146,6 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
         lambda kept: np.stack([groups[k].values[:, :3] for k in kept], axis=1),
         stated,
     )
-    outputs = blocks.get("model outputs")
-    if outputs is not None and not np.array_equal(outputs.frame, block.frame):
-        raise ValueError("Model Outputs and Trajectories are not of the same frames")
     plates, analog = _devices(blocks["devices"], block) if "devices" in blocks else ([], None)
     return recording_of(
         path,
@@ -161,11 +157,6 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
         notes=said,
         analog=analog,
         first_frame=int(block.frame[0]),
-        model_outputs={
-            group.name.rpartition(":")[2]: group.values
-            for group in (outputs.groups if outputs else ())
-            if group.components == ("X", "Y", "Z")
-        },
     )
 
 

@@ -12,14 +12,7 @@ import numpy as np
 
 from hbm.spatial import Array
 from hbm.spelling import listed, short
-from pipeline.io.columns import (
-    SI_UNITS,
-    PlateColumns,
-    file_markers,
-    plate_of,
-    recording_of,
-    wrench_of_torque,
-)
+from pipeline.io.columns import SI_UNITS, PlateColumns, file_markers, plate_of, recording_of
 from pipeline.io.input_file import naming
 from pipeline.io.recording import Fact, Recording
 from pipeline.io.stated import Stated
@@ -156,9 +149,10 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     Notes
     -----
     Moment about the origin of force f at point p with torque t: p × f + t, unless t turns out to be
-    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point
-    has no meaning and is not used. MOT files often print times with so few digits that the steps
-    look uneven; force times within a twentieth of a step of even ones become even.
+    the moment about a fixed point (`pipeline.io.columns.wrench_of_torque`). Where a force is
+    exactly zero its point has no meaning and is not used. MOT files often print times with so few
+    digits that the steps look uneven; force times within a twentieth of a step of even ones become
+    even.
     """
     table = read_table(path)
     lines = table.rows
@@ -212,7 +206,7 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
         time - time[0],
         plates,
         on_subject=of_sto,
-        locate=wrench_of_torque,
+        torques=True,
         notes=table.said,
         first_frame=first,
         forces_beside=forces_beside(path) if forces is None else None,

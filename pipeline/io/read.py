@@ -91,14 +91,11 @@ def read_recording(
     path, stated = Path(path), as_stated(stated)
     kind = file_format(path)
     with naming(path):
-        beside = list[Path]()
-        for what, file, goes_with in (
-            ("file of forces", forces, "TRC or Qualisys"),
-            ("record file", record, "D-Flow"),
-        ):
-            if file is not None and kind not in goes_with:
-                raise ValueError(f"a {what} goes with a {goes_with} file, this is {kind}")
-            beside += [Path(file)] if file is not None else []
+        if forces is not None and kind not in ("TRC", "Qualisys"):
+            raise ValueError(f"a file of forces goes with a TRC or Qualisys file, this is {kind}")
+        if record is not None and kind != "D-Flow":
+            raise ValueError(f"a record file goes with a D-Flow file, this is {kind}")
+        beside = [Path(file) for file in (forces, record) if file is not None]
         try:
             return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *beside))
         except AxesUnknownError:

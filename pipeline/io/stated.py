@@ -12,14 +12,7 @@ from hbm.markers import MarkerSet
 from hbm.notes import Note
 from hbm.spatial import Array, Indices
 from hbm.spelling import listed, short
-from pipeline.io.units import (
-    MAX_VALUE,
-    force_in_n,
-    is_length,
-    length_in_m,
-    length_of_moment,
-    moment_in_nm,
-)
+from pipeline.io.units import MAX_VALUE, force_in_n, length_in_m, length_unit, moment_in_nm
 
 Quantity = Literal["force", "moment", "pressure"]
 """What a channel of a plate holds."""
@@ -166,8 +159,8 @@ class Stated:
         if self.plate_units is None:
             return unit
         force, moment, *pressure = parse_plate_units(self.plate_units)
-        length = unit if is_length(unit) else length_of_moment(moment)
-        return {"force": force, "moment": moment, "pressure": [*pressure, length][0]}[quantity]
+        length = [*pressure, length_unit(unit, moment)][0]
+        return {"force": force, "moment": moment, "pressure": length}[quantity]
 
     def plate_unit(self, quantity: Quantity, unit: str) -> float:
         """Give one of the stated unit of a plate's quantity, else of the file's, in SI units.

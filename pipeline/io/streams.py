@@ -7,6 +7,7 @@ Layer shares. Samples have a constant rate, but their time stamps scatter, and s
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Final
 from xml.etree import ElementTree
@@ -66,6 +67,15 @@ def parse_xml(text: str) -> Element:
         raise ValueError(f"its description is no XML: {error}; correct it in the sender") from error
 
 
+def text_of(element: Element, path: str) -> str:
+    """Give the text of a part of an element, printable; empty where it is absent."""
+    return printable((element.findtext(path) or "").strip())
+
+
+PARTS: Final = ("label", "unit", "type", "marker", "plate")
+"""What a description states of a channel."""
+
+
 def parse_channels(info: Element, count: int) -> tuple[Channel, ...]:
     """Give the channels of a stream.
 
@@ -99,23 +109,14 @@ def parse_channels(info: Element, count: int) -> tuple[Channel, ...]:
         return tuple(Channel(str(number)) for number in range(1, count + 1))
     if len(described) != count:
         raise ValueError(f"it describes {len(described)} channels, but sends {count}")
-    return tuple(
-        Channel(
-            *(
-                printable((channel.findtext(part) or "").strip())
-                for part in ("label", "unit", "type", "marker", "plate")
-            )
-        )
-        for channel in described
-    )
+    return tuple(Channel(*(text_of(channel, part) for part in PARTS)) for channel in described)
 
 
 def has_markers(content_type: str, channels: Sequence[Channel]) -> bool:
     """Whether a stream holds positions of markers, by its content type or its channels' types."""
-    by_label = content_type.lower() == MOCAP and any(
-        COORDINATE.fullmatch(c.label) for c in channels
-    )
-    return by_label or any(POSITION.fullmatch(c.type) for c in channels)
+    labelled = any(COORDINATE.fullmatch(channel.label) for channel in channels)
+    typed = any(POSITION.fullmatch(channel.type) for channel in channels)
+    return typed or (labelled and content_type.lower() == MOCAP)
 
 
 def marker_channels(channels: Sequence[Channel]) -> tuple[list[str], Indices, str]:
@@ -214,10 +215,8 @@ def si_units(channels: Sequence[Channel]) -> tuple[tuple[str, ...], Array]:
 
 def _si_unit(unit: str) -> tuple[str, float]:
     for si, convert in (("N", force_in_n), ("N·m", moment_in_nm)):
-        try:
+        with suppress(ValueError):
             return si, convert(unit)
-        except ValueError:
-            continue
     return unit, 1.0
 
 
@@ -233,31 +232,22 @@ class PlateChannels:
 
     Attributes
     ----------
-    number
-        From 1.
+    place
+        The plate without samples, in the axes of the markers.
     columns
         Of Fx Fy Fz Mx My Mz in the plate's axes, (6,).
     factors
         One of their units in N and N·m, (6,).
-    corners, rotation, center
-        As in `pipeline.io.recording.Plate`.
     """
 
-    number: int
+    place: Plate
     columns: tuple[int, ...]
     factors: Array
-    corners: Array
-    rotation: Array
-    center: Array
 
-    def plate(self, time: Array, values: Array, to_lab: Array) -> Plate:
-        """Make the plate from samples of all channels, (N, K).
-
-        ``to_lab`` turns the axes in which its place is stated to the lab's, (3, 3).
-        """
+    def plate(self, time: Array, values: Array) -> Plate:
+        """Make the plate from samples of all channels, (N, K), in the axes of the markers."""
         wrench = values[:, list(self.columns)] * self.factors
-        place = to_lab @ self.rotation, to_lab @ self.center, self.corners @ to_lab.T
-        return Plate(self.number, time, wrench, *place)
+        return replace(self.place, time=time, wrench_in_plate=wrench)
 
 
 def find_plates(
@@ -287,7 +277,7 @@ def find_plates(
     for number, columns in columns_of.items():
         columns.sort(key=lambda k: COMPONENTS.index(channels[k].type))
         elements = info.findall("desc/plates/plate")
-        elements = [e for e in elements if (e.findtext("number") or "").strip() == number]
+        elements = [element for element in elements if text_of(element, "number") == number]
         try:
             if not number.isdecimal():
                 raise ValueError("its number is no number")
@@ -301,16 +291,15 @@ def find_plates(
             units, factors = si_units([channels[k] for k in columns])
             if units != ("N",) * 3 + ("N·m",) * 3:
                 raise ValueError(f"its units are {listed(units)}, expected N and N·m")
-            place = _place(elements[0])
+            place = _place(int(number), elements[0])
+            plates.append(PlateChannels(place, tuple(columns), factors))
         except ValueError as error:
             left_out[number] = str(error)
-            continue
-        plates.append(PlateChannels(int(number), tuple(columns), factors, *place))
     return plates, left_out
 
 
-def _place(described: Element) -> tuple[Array, Array, Array]:
-    """Give corners, rotation and centre of a plate."""
+def _place(number: int, described: Element) -> Plate:
+    """Give a plate without samples by its corners, rotation and centre."""
     numbers = []
     for part, shape in PLACE.items():
         words = (described.findtext(part) or "").split()
@@ -322,7 +311,7 @@ def _place(described: Element) -> tuple[Array, Array, Array]:
     finite = np.isfinite([*rotation.flat, *center]).all()
     if not finite or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
         raise ValueError("its rotation is no rotation, or its center is not finite")
-    return corners, rotation, center
+    return Plate(number, np.empty(0), np.empty((0, 6)), rotation, center, corners)
 
 
 MAX_BACK_S: Final = 0.5

@@ -44,11 +44,6 @@ def length_in_m(unit: str) -> float:
     return _lookup(unit, _symbol(_plain(unit)), LENGTHS, "length", "mm, cm or m")
 
 
-def is_length(unit: str) -> bool:
-    """Tell whether a unit is one of length."""
-    return _symbol(_plain(unit)) in LENGTHS
-
-
 def force_in_n(unit: str) -> float:
     """Give one force unit in newtons; raises ValueError where it is unknown."""
     return _lookup(unit, _symbol(_plain(unit)), FORCES, "force", "N or kN")
@@ -61,9 +56,9 @@ def moment_in_nm(unit: str) -> float:
     return _lookup(unit, force + length, known, "moment", "Nmm or Nm")
 
 
-def length_of_moment(unit: str) -> str:
-    """Give the unit of length in a known unit of moment, such as "mm" in "Nmm"."""
-    return _force_and_length(unit)[1]
+def length_unit(unit: str, moment: str) -> str:
+    """Give a unit if it is one of length, else the length in a unit of moment: "mm" in "Nmm"."""
+    return unit if _symbol(_plain(unit)) in LENGTHS else _force_and_length(moment)[1]
 
 
 def acceleration_in_mps2(unit: str) -> float:

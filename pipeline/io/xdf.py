@@ -19,15 +19,10 @@ import pyxdf
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import listed, printable, short
-from pipeline.io.columns import (
-    DFLOW_PLATE,
-    dflow_plates,
-    file_markers,
-    recording_of,
-)
+from hbm.spelling import listed, short
+from pipeline.io.columns import DFLOW_PLATE, PlateColumns, dflow_plates, file_markers, recording_of
 from pipeline.io.input_file import open_file
-from pipeline.io.recording import Analog, Fact, Recording, impossible_samples
+from pipeline.io.recording import Analog, Fact, Plate, Recording, impossible_samples
 from pipeline.io.stated import Stated, without_impossible
 from pipeline.io.streams import (
     Channel,
@@ -40,6 +35,7 @@ from pipeline.io.streams import (
     parse_channels,
     parse_xml,
     si_units,
+    text_of,
 )
 
 MAGIC: Final = b"XDF:"
@@ -185,18 +181,16 @@ def _header(body: bytes) -> Stream:
     possible = 0 < channels <= MAX_CHANNELS and 0 <= rate <= MAX_RATE_HZ
     if not possible or kind not in (*SAMPLE_BYTES, "string"):
         raise ValueError(f"a stream of {channels} channels of {kind!r} at {rate:g} Hz")
-    name, content_type = (printable(info.findtext(tag, "").strip()) for tag in ("name", "type"))
-    return Stream(name, content_type, info, rate, channels, kind)
+    return Stream(text_of(info, "name"), text_of(info, "type"), info, rate, channels, kind)
 
 
 def _count(stream: Stream, tag: int, body: bytes) -> None:
     """Count the samples of a chunk, which have to fit its length, or read the count at the end."""
     if tag == SAMPLES:
         count, start = _length(body, 0)
-        rest = (
-            len(body) - start - count * (1 + stream.channels * SAMPLE_BYTES.get(stream.format, 0))
-        )
-        if rest < 0 or (stream.format in SAMPLE_BYTES and rest > count * STAMP_BYTES):
+        size = SAMPLE_BYTES.get(stream.format, 0)
+        rest = len(body) - start - count * (1 + stream.channels * size)
+        if rest < 0 or (size and rest > count * STAMP_BYTES):
             raise ValueError(f"it cannot hold {count} samples of {stream.channels} channels")
         stream.samples += count
     elif tag == STREAM_FOOTER:
@@ -262,7 +256,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         labels, unit, lambda kept: values[:, columns[kept]].astype(float), stated
     )
     signals, notes = list[Signals](), list[Note]()
-    described, named = [], list[Any]()
+    placed, named = list[Plate](), list[PlateColumns | Fact]()
     for other in regular:
         steady = clocks[other.name]
         rate = {"rate_hz": steady.rate_hz, "scatter_s": steady.scatter_s}
@@ -278,7 +272,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         facts += [
             Fact("left_out", f"plate {short(n)}", why, plate=True) for n, why in absent.items()
         ]
-        described += [(plate, (time, samples)) for plate in plates]
+        placed += [plate.plate(time, samples) for plate in plates]
         column_of = _of(other, _columns, channels, plates)
         units = {name: channels[k].unit for name, k in column_of.items()}
         by_name = {name: samples[:, k] for name, k in column_of.items()}
@@ -296,12 +290,11 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         markers,
         clock.time - clock.start_s,
         named,
-        axes=printable((stream.info.findtext("desc/axes") or "").strip()),
+        axes=text_of(stream.info, "desc/axes"),
         program="the stream's description",
-        placed=lambda to_lab: [plate.plate(*samples, to_lab) for plate, samples in described],
+        placed=placed,
         analog=analog,
-        facts=facts,
-        notes=[*notes, *interpolated],
+        notes=[*notes, *interpolated, *facts],
     )
 
 
@@ -342,7 +335,7 @@ def _description(stream: Stream) -> tuple[object, ...]:
 
 def _columns(channels: Sequence[Channel], plates: Sequence[PlateChannels]) -> dict[str, int]:
     """Give the columns of other channels by their labels, or by the names that D-Flow gives."""
-    numbers = {plate.number for plate in plates}
+    numbers = {plate.place.number for plate in plates}
     used = {k for plate in plates for k in plate.columns}
     column_of: dict[str, int] = {}
     for k, channel in enumerate(channels):

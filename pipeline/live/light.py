@@ -1,7 +1,7 @@
 """What is wrong with a session, and its one light: good, look or stop, with one sentence."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, Final
 
@@ -43,7 +43,6 @@ class Kind(Enum):
     MARKERS_LEFT_OUT = "live_markers_left_out"
     MARKER_GONE = "live_marker_gone", "markers", False, HIDDEN
     PLATES_LATE = "live_plates_late"
-    START_UNKNOWN = "live_start_unknown", "stream"
     SENSOR_CLIPPED = SensorFault.CLIPPED
     RANGE_EXCEEDED = SensorFault.BEYOND_RANGE
     WEIGHT_DIFFERS = "live_weight_differs"
@@ -60,17 +59,13 @@ class Kind(Enum):
     # said once: the light does not change
     MARKERS_ABSENT = "live_markers_absent", "stream"
     CLOCK_SET = "live_clock_set", "stream"
-    COMPONENT_ABSENT = "live_component_absent", "component"
+    START_UNKNOWN = "live_start_unknown", "stream"
     FRAMES_UNREAD = "live_frames_unread"
     CONNECTION_LOST = "live_connection_lost"
 
     def __init__(self, code: str, subject: str = "", stops: bool = False, frames: int = 0) -> None:
-        self.note_code, self.subject, self.stops, self.frames = (
-            code,
-            subject,
-            stops,
-            Quality(frames),
-        )
+        self.note_code, self.subject, self.stops = code, subject, stops
+        self.frames = Quality(frames)
 
 
 OF_FRAMES: Final = {k.frames: k for k in Kind if k.frames and k.name in Quality.__members__}
@@ -116,11 +111,6 @@ class Finding:
         subject = {self.kind.subject: self.subject} if self.kind.subject else {}
         return Note.of(self.kind.note_code, **subject, **self.values)
 
-    @property
-    def camera(self) -> object:
-        """Which camera does not see a hidden marker."""
-        return {**self.values}["camera"]
-
 
 def light(
     findings: Iterable[Finding],
@@ -152,9 +142,9 @@ def light(
     --------
     >>> light([], {}, "12 of 25 gait cycles used")
     ('good', '12 of 25 gait cycles used')
-    >>> gone = Finding(Kind.MARKER_GONE, ("LASIS",), {"gone_s": 0.5, "camera": "left camera"})
+    >>> gone = Finding(Kind.MARKER_GONE, ("LASIS",), {"gone_s": 0.5})
     >>> light([gone], {}, "12 of 25 gait cycles used")
-    ('look', 'LASIS is hidden: turn the left camera or re-attach the marker')
+    ('look', 'LASIS is hidden: turn a camera or re-attach the marker')
     """
     reasons = {r: share for r in OF_FRAMES if (share := not_used.get(r, 0.0)) > SOME and steady}
     of_kind = dict[Kind, list[Finding]]()
@@ -169,20 +159,13 @@ def light(
         if kind in of_kind:
             most = max((reasons.pop(r) for r in [*reasons] if r in kind.frames), default=0.0)
             stops = kind.stops or (most > MOST and kind is not Kind.SETTLING)
-            shown.append(("stop" if stops else "look", _together(of_kind[kind]).note.light))
+            first, subject = of_kind[kind][0], of_kind[kind][0].subject
+            if kind is Kind.MARKER_GONE:  # one sentence for all of them
+                subject = tuple(name for each in of_kind[kind] for name in each.subject)
+            note = replace(first, subject=subject).note
+            shown.append(("stop" if stops else "look", note.light))
     if not shown:
         starting: tuple[Colour, str] = "look", "Starting: wait for two seconds of frames"
         return ("good", f"{done}: end with Ctrl-C" if ended else done) if steady else starting
     colour, sentence = next((each for each in shown if each[0] == "stop"), shown[0])
     return colour, f"{sentence} (+{len(shown) - 1} more)" if len(shown) > 1 else sentence
-
-
-def _together(findings: Sequence[Finding]) -> Finding:
-    """Give one finding for several of a kind: of hidden markers all of them, else the first."""
-    first = findings[0]
-    if first.kind is not Kind.MARKER_GONE:
-        return first
-    cameras = {finding.camera for finding in findings}
-    camera = cameras.pop() if len(cameras) == 1 else "camera"
-    markers = tuple(name for finding in findings for name in finding.subject)
-    return Finding(first.kind, markers, {**first.values, "camera": camera})

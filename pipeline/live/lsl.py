@@ -13,7 +13,7 @@ import numpy as np
 from hbm.spelling import listed, printable, short
 from pipeline.config.live import LOOPBACK
 from pipeline.io.stated import Stated
-from pipeline.io.streams import Channel, find_clock, parse_channels, parse_xml
+from pipeline.io.streams import Channel, find_clock, parse_channels, parse_xml, text_of
 from pipeline.live.output import load_lsl
 from pipeline.live.stream import (
     Convert,
@@ -99,7 +99,7 @@ def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescr
             stream, convert = describe_signals(*what, stated.axes or "")
             plates = describe_plates(root, channels, stated.axes or "")
             return LslDescription(channels, stated.axes, stream, plates, convert)
-        written = printable((root.findtext("desc/axes") or "").strip())
+        written = text_of(root, "desc/axes")
         stream, convert = describe_markers(*what, stated, written)
         return LslDescription(channels, stated.axes or written or None, stream, (), convert)
     except ValueError as error:
@@ -253,8 +253,6 @@ class Inlet:
         self.lost, self._inlet = True, None
 
 
-Choose = Callable[[str, Sequence[str]], int]
-"""From the name of a stream and its senders to the number of one of them."""
 WAIT_S: Final = 0.001
 """Between looks at the streams; the fastest is waited for."""
 SETTLE_S: Final = 0.75
@@ -263,6 +261,10 @@ SEEK_S: Final = 0.1
 """Between looks for a stream that is away."""
 FORGET_S: Final = 2.0
 """After it, a stream that no longer answers is not among those that are there."""
+
+
+Searching = Callable[[Sequence[str], Sequence[str]], object]
+"""Takes the names that are missing and those that are there."""
 
 
 class LslSource:
@@ -285,14 +287,12 @@ class LslSource:
     senders
         Of several streams of one name, those of these computers, or with these identities, are
         received.
-    choose
-        Where that does not decide, called with the name and the senders; gives the number of one.
 
     Raises
     ------
     ValueError
         The extra is missing, a stream's description lacks something or contradicts itself, or
-        several streams have one name and none is chosen. One line.
+        several streams of one name match. One line.
     ConnectionError
         A stream is not there within the timeout, or does not answer.
 
@@ -317,15 +317,15 @@ class LslSource:
         stated: Stated | None = None,
         listen: str = LOOPBACK,
         timeout_s: float = 5.0,
-        searching: Callable[[Sequence[str], Sequence[str]], object] | None = None,
+        searching: Searching = lambda absent, there: None,
         senders: Sequence[str] = (),
-        choose: Choose | None = None,
     ) -> None:
         names, lsl, stated = (markers, *analog), load_lsl(listen), stated or Stated()
         if len(set(names)) < len(names):
             raise ValueError(f"streams are named more than once: {listed(map(repr, names))}")
         self._resolver, self._sought_s = lsl.ContinuousResolver(forget_after=FORGET_S), 0.0
-        found, self._chosen = _find(self._resolver, names, timeout_s, searching, senders, choose)
+        self._chosen: dict[str, Any] = {}
+        found = self._find(names, timeout_s, searching, senders)
         first = Inlet(lsl, found[0], stated, is_markers=True)
         of_all = replace(stated, axes=first.described.axes)
         self._inlets = [first, *(Inlet(lsl, info, of_all, is_markers=False) for info in found[1:])]
@@ -365,6 +365,33 @@ class LslSource:
                 return found
             wait = min(WAIT_S, remaining)
 
+    def _find(
+        self, names: Sequence[str], timeout_s: float, searching: Searching, senders: Sequence[str]
+    ) -> list[Any]:
+        """Give the streams of these names, once all are there.
+
+        Of several of one name all but one may be those of a program that has ended just now.
+        """
+        begun_s, complete_s = time.monotonic(), np.inf
+        while True:
+            there, now_s = _by_name(self._resolver), time.monotonic()
+            absent = [name for name in names if name not in there]
+            several = [name for name in names if len(there.get(name, [])) > 1]
+            if absent and now_s - begun_s > timeout_s:
+                raise ConnectionError(
+                    f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
+                    f"streams there: {listed(map(repr, map(printable, there)))}"
+                )
+            complete_s = np.inf if absent else min(complete_s, now_s if several else np.inf)
+            if absent:
+                searching(absent, list(there))
+            if several and now_s - complete_s > FORGET_S:
+                self._chosen = {name: _choose(name, there[name], senders) for name in several}
+            elif absent or several or now_s - begun_s <= SETTLE_S:
+                time.sleep(POLL_S)
+                continue
+            return [self._chosen.get(name, there[name][0]) for name in names]
+
     def _seek(self) -> None:
         """Take up again what is away, if it is there; a worker waits for answers.
 
@@ -395,47 +422,12 @@ class LslSource:
             inlet.close()
 
 
-def _find(
-    resolver: Any,
-    names: Sequence[str],
-    timeout_s: float,
-    searching: Callable[[Sequence[str], Sequence[str]], object] | None,
-    senders: Sequence[str],
-    choose: Choose | None,
-) -> tuple[list[Any], set[str]]:
-    """Give the streams of these names, once all are there, and names of which one was chosen.
-
-    Of several of one name all but one may be those of a program that has ended just now.
-    """
-    begun_s, complete_s = time.monotonic(), np.inf
-    while True:
-        there, now_s = _by_name(resolver), time.monotonic()
-        absent = [name for name in names if name not in there]
-        several = [name for name in names if len(there.get(name, [])) > 1]
-        if absent and now_s - begun_s > timeout_s:
-            raise ConnectionError(
-                f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
-                f"streams there: {listed(map(repr, map(printable, there)))}"
-            )
-        complete_s = np.inf if absent else min(complete_s, now_s if several else np.inf)
-        if absent and searching is not None:
-            searching(absent, list(there))
-        if several and now_s - complete_s > FORGET_S:
-            chosen = {name: _choose(name, there[name], senders, choose) for name in several}
-            return [chosen.get(name, there[name][0]) for name in names], set(chosen)
-        if not (absent or several) and now_s - begun_s > SETTLE_S:
-            return [there[name][0] for name in names], set()
-        time.sleep(POLL_S)
-
-
-def _choose(name: str, there: Sequence[Any], senders: Sequence[str], choose: Choose | None) -> Any:
-    """Give one of several streams of a name; a ValueError lists them where none is chosen."""
+def _choose(name: str, there: Sequence[Any], senders: Sequence[str]) -> Any:
+    """Give the stream of a name that is from one of the senders; a ValueError lists several."""
     matching = [info for info in there if set(_identity(info)) & set(senders)] or list(there)
     if len(matching) == 1:
         return matching[0]
     shown = [f"{short(host)} ({short(source)})" for host, source in map(_identity, matching)]
-    if choose is not None:
-        return matching[choose(short(name), shown)]
     raise ValueError(
         f"{len(matching)} streams are called {short(name)!r}: from {', '.join(shown)}; choose one: "
         "--sender COMPUTER, or its identity in brackets"

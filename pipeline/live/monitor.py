@@ -1,8 +1,8 @@
 """What a laboratory sees of a session: residuals so far, latency, and what is wrong."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import compress, pairwise
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import compress
 from time import monotonic
 from typing import Final, Protocol
 
@@ -11,20 +11,18 @@ import numpy as np
 from compensation import InertiaModel, marker_plate_delay
 from compensation.inertia.sensors import sensor_faults
 from hbm.coordinates import N_Q
-from hbm.model import Body
 from hbm.notes import Note
+from hbm.signals.converters import find_limits
 from hbm.signals.filtering import acceleration_lag_s
-from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
-from pipeline.config.schema import NOUNS
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
-from pipeline.live.cycles import ConditionSoFar, GaitTracker, Limits, LiveCycle
+from pipeline.live.cycles import ConditionSoFar, GaitTracker, LiveCycle
 from pipeline.live.ground import Channels
 from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Key, Kind, light
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import MAX_REST_N, rest_level
-from pipeline.trial.gait.events import SIDES
+from pipeline.trial.findings.raw import LEAST_LIMIT
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
@@ -34,10 +32,8 @@ from pipeline.trial.residuals import (
     reported,
 )
 from pipeline.trial.subject import differing_masses
-from pipeline.viewer.live import FULL_SCALE, Board
+from pipeline.viewer.live import Board
 
-MIDDLE_M: Final = 0.02
-"""From the middle of the body; markers that are nearer are neither left nor right."""
 GONE_S: Final = 0.4
 """A marker that a hand or a rail hides is back sooner."""
 FITTED_S: Final = 2.0
@@ -56,12 +52,6 @@ SENSORS_S: Final = 5.0
 """Of accelerometers, between judgements."""
 STRIDES: Final = 5
 """Of either foot, between judgements of their weight: some three seconds."""
-EXTREME: Final = (100.0, 100.0, 300.0, 20.0, 20.0, 20.0)
-"""From here on a component that stays exactly at its extreme is saturated, not at rest [N, N·m]."""
-SATURATED_SAMPLES: Final = 5
-SATURATED_STEPS: Final = 3
-SMALLER: Final = 0.9
-"""Of the extreme, between two steps."""
 
 
 class MarkerGaps:
@@ -69,15 +59,14 @@ class MarkerGaps:
 
     Examples
     --------
-    >>> gaps = MarkerGaps({"LASIS": "left camera"})
+    >>> gaps = MarkerGaps(["LASIS"])
     >>> gaps.add(np.array([0.0, 0.2, 0.4]), np.full((3, 1, 3), np.nan))
     >>> print(gaps.found[0].note)
     LASIS: hidden for 0.4 s
     """
 
-    def __init__(self, cameras: Mapping[str, str]) -> None:
-        self._cameras = list(cameras.items())
-        self._seen_s = np.full(len(cameras), np.nan)
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names, self._seen_s = names, np.full(len(names), np.nan)
         self.found: list[Finding] = []
 
     def add(self, time: Array, position: Array) -> None:
@@ -87,23 +76,10 @@ class MarkerGaps:
         self._seen_s = np.maximum(self._seen_s, seen)
         gone_s = time[-1] - self._seen_s
         self.found = [
-            Finding(Kind.MARKER_GONE, (name,), {"gone_s": hidden_s, "camera": camera})
-            for (name, camera), hidden_s in zip(self._cameras, gone_s, strict=True)
+            Finding(Kind.MARKER_GONE, (name,), {"gone_s": hidden_s})
+            for name, hidden_s in zip(self._names, gone_s, strict=True)
             if hidden_s >= GONE_S
         ]
-
-
-def cameras_of(body: Body) -> dict[str, str]:
-    """Give the camera to turn for each marker: that of its side, or any for one in the middle."""
-    cameras = {}
-    for name, segment, (_, to_left_m, _) in zip(
-        body.markers, body.marker_segment, body.marker_position, strict=True
-    ):
-        side = next((side for side in SIDES if segment.startswith(side)), "")
-        if not side and abs(to_left_m) > MIDDLE_M:
-            side = SIDES[int(to_left_m < 0)]
-        cameras[name] = f"{side} camera".strip()
-    return cameras
 
 
 class FitWatch:
@@ -234,9 +210,10 @@ class SignalWatch:
 def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = False) -> SignalWatch:
     """Find whether a plate is not zero without load, or saturated, ten seconds at a time.
 
-    Its samples are (N, 6), in its own axes. Zero is judged as of trials
-    (`pipeline.trial.checks.rest_level`). The plate's z axis points up (1) or down (-1). What it
-    reads without load on a platform that moves is the platform's inertia and weight.
+    Its samples are (N, 6), in its own axes. Both are judged as of trials
+    (`pipeline.trial.checks.rest_level`, `hbm.signals.converters.find_limits`). The plate's z axis
+    points up (1) or down (-1). What it reads without load on a platform that moves is the
+    platform's inertia and weight.
     """
     plate = (str(number),)
 
@@ -245,10 +222,12 @@ def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = Fal
         rest_n = None if moves else rest_level(vertical_n, time, weight_n)
         if rest_n is not None and abs(rest_n) > MAX_REST_N:
             yield Finding(Kind.PLATE_NOT_ZERO, plate, {"rest_n": rest_n})
-        for name, sizes, least in zip(WRENCH_COMPONENTS, np.abs(wrench).T, EXTREME, strict=True):
-            if _is_limited(sizes, least):
-                values = {"component": name, "value": float(np.nanmax(sizes))}
-                yield Finding(Kind.PLATE_SATURATED, plate, values)
+        step_s = float(np.median(np.diff(time)))
+        for name, channel, least in zip(WRENCH_COMPONENTS, wrench.T, LEAST_LIMIT, strict=True):
+            for level, _ in find_limits(channel, step_s):
+                if abs(level) >= least:
+                    values = {"component": name, "value": level}
+                    yield Finding(Kind.PLATE_SATURATED, plate, values)
 
     return SignalWatch(JUDGED_S, judge)
 
@@ -267,31 +246,14 @@ def sensor_watch(model: InertiaModel) -> SignalWatch:
     return SignalWatch(SENSORS_S, judge)
 
 
-def _is_limited(values: Array, least: float) -> bool:
-    """Whether magnitudes stay exactly at their largest value in several steps.
-
-    A subject who stands may repeat a value too, so only runs of samples count between which the
-    component was clearly smaller: steps that all end at the same limit.
-    """
-    largest = np.fmax.reduce(values)
-    if not largest >= least:
-        return False
-    runs = [a for a, b in stretches(values == largest) if b - a >= SATURATED_SAMPLES]
-    between = (np.fmin.reduce(values[a:b]) for a, b in pairwise(runs))
-    return bool(1 + sum(each < SMALLER * largest for each in between) >= SATURATED_STEPS)
-
-
 LATENCIES: Final = 6000
 """Of the newest frames, a minute at 100 Hz."""
 MAX_NOTES: Final = 200
 """That are kept; a session of hours repeats itself."""
-SHOWN_NOTES: Final = 8
 SILENT_S: Final = 1.0
 """Without samples a stream has gone."""
 REQUIRED: Final = 25
 """Gait cycles: as many as the means of a trial need."""
-CELLS: Final = 8
-"""Letters of a bar on a terminal."""
 
 
 class Watch(Protocol):
@@ -324,6 +286,8 @@ class Monitor:
         The last ten gait cycles.
     notes
         The newest ones as they arose, each with its time on the streams' clock [s].
+    height_m
+        Of the centre of mass above the feet in the newest cycle.
     raised
         Kind and subject of findings -> the newest one in words, and how often it arose.
     reasons
@@ -342,8 +306,8 @@ class Monitor:
         self.chain, self._say, self._required = chain, say, required
         self._gait, self._delay = GaitTracker(chain.motion.longest_s), DelayWatch()
         body, ground, names = chain.body, chain.ground, chain.tracker.markers
-        cameras, moves = cameras_of(body), ground.platform is not None
-        self._markers = MarkerGaps({name: cameras[name] for name in names})
+        moves = ground.platform is not None
+        self._markers = MarkerGaps(names)
         self._columns = list(chain.tracker.columns)
         self._fit, self._weight = FitWatch(names, self._columns), WeightWatch(body.mass)
         self._signals: list[tuple[Channels, SignalWatch]] = [
@@ -357,21 +321,20 @@ class Monitor:
         self._latency = deque[float](maxlen=LATENCIES)
         self._recent = deque[Quality](maxlen=max(1, round(FITTED_S * chain.stream.rate_hz)))
         self._time = self._steady_s = np.nan
-        self._height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
+        self.height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._untimed_s = dict.fromkeys(streams, -np.inf)
-        self._silent, self._lasting = list[Finding](), list[Finding]()
+        self._silent = list[Finding]()
         self._held: set[Key] = set()
-        least = chain.settings.min_valid_share
-        self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
+        self.condition = ConditionSoFar(chain.settings.min_valid_share)
         self.cycles, self.reasons = deque[LiveCycle](maxlen=10), Counter[str]()
         self.notes = deque[tuple[float, Note]](maxlen=MAX_NOTES)
         self._stopped, self.during_stop = False, 0
         self.raised: dict[Key, tuple[Note, int]] = {}
         if absent := tuple(name for name in body.markers if name not in chain.tracker.markers):
             values = {"markers": absent}
-            self._note(Finding(Kind.MARKERS_ABSENT, (chain.stream.name,), values))
+            self.hear(Finding(Kind.MARKERS_ABSENT, (chain.stream.name,), values))
 
     def samples(self, received: Samples) -> None:
         """Take samples as they were received, in order; none where none had a time of its own."""
@@ -381,7 +344,7 @@ class Monitor:
             return
         self._time = float(time[-1])
         if received.clock_set_s:
-            self._note(Finding(Kind.CLOCK_SET, (name,), {"set_s": received.clock_set_s}))
+            self.hear(Finding(Kind.CLOCK_SET, (name,), {"set_s": received.clock_set_s}))
         self._arrived_s[name] = monotonic()
         self._silent = [silent for silent in self._silent if silent.subject != (name,)]
         if name == self.chain.stream.name:
@@ -392,35 +355,37 @@ class Monitor:
                 watch.add(time, values[:, channels.columns] * channels.factor)
         self.look()
 
-    def frame(self, frame: LiveFrame, latency_s: float) -> list[LiveCycle]:
-        """Take a frame; give the gait cycles that it ends."""
+    def frame(self, frame: LiveFrame, latency_s: float) -> None:
+        """Take a frame."""
         self._time = frame.time
         self._latency.append(latency_s)
         self._steady_s = np.fmin(self._steady_s, frame.time + FITTED_S)
         if frame.time >= self._steady_s:
             self._recent.append(frame.quality)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
-        ended = self._gait.add(frame)
-        for each in ended:
-            if each.unit == "cycle":
-                self._weight.add(each)
-            if each.whole and not self._stopped:
-                self._so_far[each.unit].add(each)
-        cycles = [each for each in ended if each.unit == "cycle" and each.whole]
-        self.during_stop += len(cycles) * self._stopped
-        if ended:
-            self._height_m = height_of_mass(self.chain.body, frame.q[None])
+        strides = self._gait.add(frame)
+        cycles = [stride for stride in strides if stride.whole]
+        for stride in strides:
+            self._weight.add(stride)
+        if self._stopped:
+            self.during_stop += len(cycles)
+        else:
+            for cycle in cycles:
+                self.condition.add(cycle)
+        if strides:
+            self.height_m = height_of_mass(self.chain.body, frame.q[None])
         self.cycles.extend(cycles)
         self._delay.add(frame)
         self._fit.add(frame)
         self.look()
-        return cycles
 
-    def hear(self, finding: Finding) -> None:
-        """Take what the source of the samples says; a start that is unknown stays so."""
-        self._note(finding)
-        if finding.kind is Kind.START_UNKNOWN:
-            self._lasting.append(finding)
+    def hear(self, *findings: Finding) -> None:
+        """Note findings, such as those of the source of the samples."""
+        for finding in findings:
+            note, (_, times) = finding.note, self.raised.get(finding.key, (None, 0))
+            self.notes.append((self._time, note))
+            self.raised[finding.key] = note, times + 1
+            self._say(note)
 
     def look_for_silence(self) -> None:
         """Find streams without a new sample for a second, once all that came was taken."""
@@ -433,21 +398,10 @@ class Monitor:
     def look(self) -> list[Finding]:
         """Give what is wrong now; what is new is noted."""
         found = [*self._silent, *(one for watch in self._watches for one in watch.found)]
-        self._note(*(one for one in found if one.key not in self._held))
+        self.hear(*(one for one in found if one.key not in self._held))
         self._held = {one.key for one in found}
         self._stopped = any(one.kind.stops for one in found)
-        return [*found, *self._lasting]
-
-    @property
-    def condition(self) -> ConditionSoFar:
-        """The gait cycles so far or, where plates carry none of them, the steps."""
-        cycles, steps = self._so_far.values()
-        return steps if steps.cycles and not cycles.cycles else cycles
-
-    @property
-    def limits(self) -> dict[str, Limits]:
-        """Variant -> peaks and their published limits; empty before the first cycle."""
-        return self.condition.limits(self._height_m)
+        return found
 
     def latency_ms(self, percent: float) -> float:
         """Give a percentile of the time from arrival to results over the last minute [ms]."""
@@ -457,61 +411,38 @@ class Monitor:
         """Give what is read at a glance: light, gait cycles used, bars, and who sends what."""
         recent, condition = list(self._recent), self.condition
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
-        noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
         used, wanted, weight_n = condition.used, self._required, self.chain.body.mass * GRAVITY_MPS2
-        done, ended = f"{used} of {wanted} {noun} used", used >= wanted
-        shown = light(self.look(), shares, done, ended=ended, steady=steady)
-        progress = used / wanted, f"{used} / {wanted} {noun}"
+        done, steady = f"{used} of {wanted} gait cycles used", len(recent) >= MIN_FRAMES
+        shown = light(self.look(), shares, done, ended=used >= wanted, steady=steady)
+        progress = used / wanted, f"{used} / {wanted} gait cycles"
         limits = MAX_FORCE_SHARE * weight_n, MAX_MOMENT_SHARE * weight_n * self._standing_m
         return Board(*shown, *progress, condition.newest, *limits, senders(streams))
 
     def status(self) -> str:
-        """Give one line: light, bars of the newest residuals, latency."""
+        """Give one line: light, largest residuals of the newest cycle, latency."""
         board = self.board()
-        *_, newest = (np.zeros(6), *board.peaks.values())
-        limits = np.repeat([board.limit_n, board.limit_nm], 3)
-        bars = " ".join(map(_bar, AXES, newest, limits, FULL_SCALE))
+        largest = [f" · {_in_words(peaks)}" for peaks in board.peaks.values()][-1:]
         latency = f" · {self.latency_ms(50):.1f} ms" if self._latency else ""
-        return f"{board.colour.upper()}: {board.sentence} · {bars}{latency}"
+        return f"{board.colour.upper()}: {board.sentence}{''.join(largest)}{latency}"
 
-    def residuals(self) -> list[str]:
-        """Say the residuals of each variant so far, and peaks with their published limits."""
-        return [
-            f"residuals {variant}: RMS {_in_words(self.condition.rms[variant])}; peaks "
-            f"{peak.force_n:.0f} N (published limit {peak.max_force_n:.0f} N), "
-            f"{peak.moment_nm:.0f} N·m ({peak.max_moment_nm:.0f} N·m)"
-            for variant, peak in self.limits.items()
-        ]
+    def residuals(self) -> Iterator[str]:
+        """Say the residuals of each variant so far, and peaks with their published limits.
 
-    def page(self) -> str:
-        """Give frames, latency, residuals with their limits and the newest notes as Markdown."""
-        chain = self.chain
-        lines = [
-            f"{chain.received} frames received, {chain.marked} not used",
-            f"computed within {self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f} ms)",
-            *self.residuals(),
-            *(str(note) for _, note in list(self.notes)[-SHOWN_NOTES:]),
-        ]
-        return "\n".join(f"- {line}" for line in lines)
-
-    def _note(self, *findings: Finding) -> None:
-        for finding in findings:
-            note, (_, times) = finding.note, self.raised.get(finding.key, (None, 0))
-            self.notes.append((self._time, note))
-            self.raised[finding.key] = note, times + 1
-            self._say(note)
+        The limits are 5 % of the largest ground reaction force, and 1 % of the height of the centre
+        of mass times that force (Hicks et al. 2015, J Biomech Eng 137:020905).
+        """
+        for variant, (force_n, moment_nm, ground_n) in self.condition.peaks.items():
+            max_moment_nm = MAX_MOMENT_SHARE * self.height_m * ground_n
+            yield (
+                f"residuals {variant}: RMS {_in_words(self.condition.rms[variant])}; peaks "
+                f"{force_n:.0f} N (published limit {MAX_FORCE_SHARE * ground_n:.0f} N), "
+                f"{moment_nm:.0f} N·m ({max_moment_nm:.0f} N·m)"
+            )
 
 
 def senders(streams: Sequence[StreamDescription]) -> str:
     """Say which streams are received, at which rates, from which computers."""
     return ", ".join(f"{s.name} ({s.rate_hz:g} Hz) from {s.sender}" for s in streams)
-
-
-def _bar(axis: str, size: float, limit: float, full: float) -> str:
-    """Draw a bar whose length is fixed, with its limit, such as "Fx ██|·····  25"."""
-    filled, at = round(CELLS * min(size / full, 1.0)), round(CELLS * limit / full)
-    letters = "█" * filled + "·" * (CELLS - filled)
-    return f"{axis} {letters[:at]}|{letters[at:]} {size:3.0f}"
 
 
 def _in_words(rms: Array) -> str:

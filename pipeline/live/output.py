@@ -3,7 +3,7 @@
 import socket
 import struct
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from ipaddress import IPv4Address
@@ -21,26 +21,32 @@ from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.live import LOOPBACK, Live, own_address
 from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
-from pipeline.io.streams import COMPONENTS, PLACE, Channel
+from pipeline.io.streams import COMPONENTS, PARTS, PLACE, Channel
 from pipeline.io.write import whole_file
 from pipeline.live.chain import LiveFrame
 from pipeline.live.stream import LAB_AXES, Samples, StreamDescription, marker_channels
 
-PARTS = "label", "unit", "type", "marker", "plate"
-"""Of a channel that are described, those that are not empty."""
+FORMAT: Final = "double64"
+"""Of all samples: nothing is rounded."""
 
 
 def describe(
-    channels: Sequence[Channel], parts: Sequence[tuple[str, str]] = (), plates: Sequence[Plate] = ()
+    name: str,
+    content_type: str,
+    channels: Sequence[Channel],
+    rate_hz: float,
+    parts: Sequence[tuple[str, str]] = (),
+    plates: Sequence[Plate] = (),
 ) -> Element:
-    """Give the ``desc`` of a stream: its channels, further parts, and plates that are among them.
+    """Give the ``info`` of a stream that is sent or recorded, as XDF has it.
 
-    Their places are in the axes of the markers.
+    Besides its channels it has further parts, and plates that are among the channels; their places
+    are in the axes of the markers.
 
     Examples
     --------
-    >>> desc = describe([Channel("Belt", "m/s")], [("filter_delay_s", "0.0375")])
-    >>> desc.findtext("channels/channel/unit"), desc.findtext("filter_delay_s")
+    >>> info = describe("Belts", "", [Channel("Belt", "m/s")], 100.0, [("delay_s", "0.0375")])
+    >>> info.findtext("desc/channels/channel/unit"), info.findtext("desc/delay_s")
     ('m/s', '0.0375')
     """
     described = (
@@ -52,7 +58,10 @@ def describe(
         for plate in plates
     )
     of_plates = [element("plates", *placed)] if plates else []
-    return element("desc", element("channels", *described), *parts, *of_plates)
+    about = ("name", name), ("type", content_type), ("channel_count", str(len(channels)))
+    numbers = ("nominal_srate", repr(rate_hz)), ("channel_format", FORMAT)
+    desc = element("desc", element("channels", *described), *parts, *of_plates)
+    return element("info", *about, *numbers, desc)
 
 
 def _written(numbers: int | Array) -> str:
@@ -70,20 +79,18 @@ def element(tag: str, *inside: Element | tuple[str, str]) -> Element:
     return made
 
 
-Description = tuple[str, str, Sequence[Channel], float, Sequence[tuple[str, str]], Sequence[Plate]]
-"""Name, content type, channels, rate [Hz], further parts, and plates of a stream that is sent."""
-
-
-def description_of(stream: StreamDescription, live: Live, plates: Sequence[Plate]) -> Description:
-    """Describe a stream that is received, to send or record it.
+def describe_stream(
+    stream: StreamDescription, live: Live, plates: Sequence[Plate], prefix: str = ""
+) -> Element:
+    """Describe a stream that is received, to send or record it under its name after a prefix.
 
     It has three channels per marker, or one per label. Channels of plates that are named as D-Flow
     names them say by that what they are.
     """
-    name, labels, rate_hz = stream.name, stream.labels, stream.rate_hz
+    name, labels, rate_hz = prefix + stream.name, stream.labels, stream.rate_hz
     if stream.kind == "markers":
         channels = marker_channels(labels, "meters")
-        return name, "MoCap", channels, rate_hz, [("axes", LAB_AXES)], ()
+        return describe(name, "MoCap", channels, rate_hz, [("axes", LAB_AXES)])
     of_plate = {
         label: (component, str(plate.number))
         for plate in plates
@@ -94,20 +101,7 @@ def description_of(stream: StreamDescription, live: Live, plates: Sequence[Plate
     parts = zip(labels, stream.units, kinds, numbers, strict=True)
     channels = tuple(Channel(label, unit, kind, plate=of) for label, unit, kind, of in parts)
     placed = [plate for plate in plates if str(plate.number) in numbers]
-    return name, "Analog", channels, rate_hz, (), placed
-
-
-def described_streams(
-    streams: Sequence[StreamDescription], live: Live, plates: Sequence[Plate]
-) -> list[Element]:
-    """Describe streams that are received, one ``info`` each, as XDF has it."""
-    described = []
-    for stream in streams:
-        name, kind, channels, rate_hz, parts, placed = description_of(stream, live, plates)
-        about = ("name", name), ("type", kind), ("channel_count", str(len(channels)))
-        numbers = ("nominal_srate", repr(rate_hz)), ("channel_format", "double64")
-        described.append(element("info", *about, *numbers, describe(channels, parts, placed)))
-    return described
+    return describe(name, "Analog", channels, rate_hz, plates=placed)
 
 
 MAGIC: Final = b"XDF:"
@@ -125,8 +119,7 @@ class XdfWriter:
     path
         The file; an existing one is not overwritten.
     descriptions
-        One per stream: an ``info`` element with ``name``, ``type``, ``channel_count``,
-        ``nominal_srate`` and ``desc``, as streams of Lab Streaming Layer have it.
+        One per stream, as `describe` gives them.
 
     Raises
     ------
@@ -141,9 +134,8 @@ class XdfWriter:
     """
 
     def __init__(self, path: Path, descriptions: Sequence[Element]) -> None:
-        names = [info.findtext("name", "") for info in descriptions]
-        self._numbers = {name: number for number, name in enumerate(names, start=1)}
-        self._counts, self._file = [0] * len(names), path.open("xb")
+        self._names = [info.findtext("name", "") for info in descriptions]
+        self._counts, self._file = [0] * len(descriptions), path.open("xb")
         self._file.write(MAGIC)
         self._chunk(FILE_HEADER, tostring(element("info", ("version", "1.0"))))
         for number, info in enumerate(descriptions, start=1):
@@ -161,7 +153,7 @@ class XdfWriter:
         count, channels = samples.values.shape
         if not count:
             return
-        number = self._numbers[samples.stream]
+        number = 1 + self._names.index(samples.stream)
         parts = [("bytes", "u1"), ("stamp", "<f8"), ("values", "<f8", (channels,))]
         rows = np.empty(count, np.dtype(parts))
         rows["bytes"], rows["stamp"], rows["values"] = BYTES_OF_STAMP, samples.time, samples.values
@@ -333,7 +325,14 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
         reason = [*str(broken).splitlines(), type(broken).__name__][0]
         raise ValueError(f"Lab Streaming Layer does not load: {reason}") from broken
     if not _listening:
-        _require_own(address)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_port:
+            try:
+                any_port.bind((str(address), 0))
+            except OSError as error:
+                raise ValueError(
+                    f"listen: {address} is not an address of this computer ({error.strerror}); its "
+                    "network settings list those that it has"
+                ) from error
         scope = "ResolveScope = machine\n" if address.is_loopback else ""
         interfaces = "" if address.is_loopback else f"Interfaces = {{{address}}}\n"
         lsl.set_config_content(
@@ -351,17 +350,6 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
     return lsl
 
 
-def _require_own(address: IPv4Address) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_port:
-        try:
-            any_port.bind((str(address), 0))
-        except OSError as error:
-            raise ValueError(
-                f"listen: {address} is not an address of this computer ({error.strerror}); its "
-                "network settings list those that it has"
-            ) from error
-
-
 RESULTS: Final = "hbm"
 """Name of the stream of results; it names no person."""
 BUFFER_S: Final = 10
@@ -373,16 +361,9 @@ class Outlet:
 
     Parameters
     ----------
-    name
-        The stream's name. It is also its identity, by which receivers find it again.
-    content_type
-        As XDF's meta-data name it, such as "MoCap".
-    channels
-        What each channel holds.
-    rate_hz
-        Nominal sampling rate [Hz].
-    parts, plates
-        What else its description states, as for `pipeline.live.output.describe`.
+    info
+        As `describe` gives it. The stream's name is also its identity, by which receivers find it
+        again.
     listen
         As for `pipeline.live.output.load_lsl`, with its errors.
 
@@ -392,22 +373,14 @@ class Outlet:
     anyone.
     """
 
-    def __init__(
-        self,
-        name: str,
-        content_type: str,
-        channels: Sequence[Channel],
-        rate_hz: float,
-        parts: Sequence[tuple[str, str]] = (),
-        plates: Sequence[Plate] = (),
-        *,
-        listen: str = LOOPBACK,
-    ) -> None:
-        lsl, identity = load_lsl(listen), f"hbm-residuals {name}"
-        about = name, content_type, len(channels), rate_hz, "double64", identity
-        info = lsl.StreamInfo(*about)
-        append_description(info.desc(), describe(channels, parts, plates))
-        self._outlet: Any = lsl.StreamOutlet(info, 0, BUFFER_S)
+    def __init__(self, info: Element, *, listen: str = LOOPBACK) -> None:
+        lsl = load_lsl(listen)
+        tags = "name", "type", "channel_count", "nominal_srate"
+        name, content_type, count, rate_hz = (info.findtext(tag, "") for tag in tags)
+        about = name, content_type, int(count), float(rate_hz), FORMAT, f"hbm-residuals {name}"
+        described = lsl.StreamInfo(*about)
+        append_description(described.desc(), info.iterfind("desc/*"))
+        self._outlet: Any = lsl.StreamOutlet(described, 0, BUFFER_S)
 
     def push(self, time: Array, values: Array) -> None:
         """Send samples, (N, K), taken at times on this computer's clock, (N,) [s]."""
@@ -443,7 +416,8 @@ def result_outlet(
         description states both.
     """
     parts = [(part, repr(float(delay_s))) for part, delay_s in delays_s.items()]
-    return Outlet(name, "Biomechanics", result_channels(), rate_hz, parts, listen=listen)
+    info = describe(name, "Biomechanics", result_channels(), rate_hz, parts)
+    return Outlet(info, listen=listen)
 
 
 def result_channels() -> tuple[Channel, ...]:
@@ -472,7 +446,7 @@ def result_channels() -> tuple[Channel, ...]:
     return (*q, *tau, *residual, *rest)
 
 
-def append_description(desc: Any, described: Element) -> None:
+def append_description(desc: Any, described: Iterable[Element]) -> None:
     """Write the parts of a description into that of a stream of the library."""
     for part in described:
         if len(part):

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -15,26 +15,21 @@ from hbm.plausibility.motion import implausible
 from hbm.spatial import GRAVITY_MPS2
 from hbm.spelling import short
 from pipeline.config.live import Live
-from pipeline.config.schema import Settings, SubjectFile, Treadmill
+from pipeline.config.schema import Condition, StudyFile, SubjectFile
 from pipeline.config.study import Study, read_study
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.stated import Stated
 from pipeline.live.chain import stated_streams
 from pipeline.live.ground import PLATE_UNITS, AnalogStreams, SampleBuffer
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import Arrivals, Samples, StatedPlate, StreamDescription
+from pipeline.trial.chain import Chain
 from pipeline.trial.ground.calibrations import read_calibration
-from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import LEVEL
+from pipeline.trial.inputs import Inputs
 from pipeline.trial.study_files import read_body_files, read_study_laboratory
-from pipeline.trial.subject import (
-    MAX_STILL_EXTENT_M,
-    MIN_MASS_KG,
-    body_mass,
-    median_extent,
-    subject_body,
-)
+from pipeline.trial.subject import MAX_STILL_EXTENT_M, MIN_MASS_KG, median_extent
 
 MAX_DISTANCE_M: Final = 0.003
 """Between the centres of one plate: 3 mm change moments by 2 N·m under a body of 75 kg."""
@@ -187,26 +182,19 @@ class Preparation:
     Attributes
     ----------
     study
-        The study; None where only files are stated.
+        How frames are computed and what streams are; one in memory where only files are stated.
     person
         Who walks, and that person's files.
-    settings, live, laboratory
-        How frames are computed, what streams are, the treadmill and its calibrations.
+    laboratory
+        The treadmill and its calibrations.
     static
         Recording of the calibration pose; None where the subject shows it live.
     """
 
-    study: Study | None
+    study: Study
     person: SubjectFile
-    settings: Settings
-    live: Live
     laboratory: Laboratory
     static: Recording | None
-
-    @property
-    def stated(self) -> Stated:
-        """What is stated of axes, labels and units."""
-        return self.study.stated if self.study is not None else Stated()
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -222,13 +210,13 @@ class Preparation:
     @property
     def cycles(self) -> int | None:
         """How many gait cycles the conditions of the study analyse, at most; None if all."""
-        conditions = self.study.file.conditions.values() if self.study is not None else ()
+        conditions = self.study.file.conditions.values()
         return max((each.cycles for each in conditions if each.cycles), default=None)
 
     @property
     def streams(self) -> tuple[str, tuple[str, ...]]:
         """Names of the stream of markers and of the others, as stated or as replays call them."""
-        treadmill, stated = self.laboratory.treadmill, self.live
+        treadmill, stated = self.laboratory.treadmill, self.study.file.live
         commanded = treadmill.platform is not None and treadmill.platform.channels
         needed = bool(treadmill.accelerometers or treadmill.belt or commanded)
         return stated.markers or MARKERS, stated.analog or (PLATES, *[ANALOG] * needed)
@@ -241,15 +229,17 @@ class Preparation:
         pose = pose or self.static
         if pose is None:
             raise ValueError("no calibration pose: give --static FILE, or show it live with --pose")
-        pose = with_corrected_plates(pose, self.laboratory.plates)
-        person, study = self.person.person, self.study
-        mass, of_study = body_mass(person, pose), dict[str, Any]()
-        if study is not None:
-            hip_trial, segments = read_body_files(study, self.person)
-            of_study = {"hip_trial": hip_trial, "segments": segments}
-            of_study["marker_set"] = study.marker_set
-        body = subject_body(pose, person, self.settings, mass.mass_kg, **of_study)
-        return body, (mass.note, *body.notes, *implausible(body))
+        study, (hip_trial, segments) = self.study, read_body_files(self.study, self.person)
+        inputs = Inputs(
+            recording=pose,
+            subject=self.person.person,
+            hip_trial=hip_trial,
+            segments=segments or {},
+            marker_set=study.marker_set,
+            laboratory=self.laboratory,
+        )
+        chain = Chain(inputs, study.file.settings)
+        return chain.body, (chain.mass.note, *chain.body.notes, *implausible(chain.body))
 
 
 def _pose_file(study: Study, person: SubjectFile) -> Path | None:
@@ -282,10 +272,11 @@ def prepare(
                 "by which markers or channels the platform is brought to the lab; give --study "
                 "FOLDER"
             )
-        recording = read_recording(static, Stated()) if static else None
-        person, still = SubjectFile(id="subject", trials={}), Laboratory(Treadmill())
-        return Preparation(None, person, Settings(), Live(), still, recording)
-    read = read_study(study.parent if study.is_file() else study, recordings=False)
+        person = SubjectFile(id="subject", trials={})
+        file = StudyFile(conditions={"live": Condition()})
+        read = Study(Path(), file, {person.id: person}, None)
+    else:
+        read = read_study(study.parent if study.is_file() else study, recordings=False)
     if subject is None and len(read.subjects) != 1:
         raise ValueError(
             f"the study has {len(read.subjects)} subjects; choose who walks: --subject, one of "
@@ -298,4 +289,4 @@ def prepare(
         laboratory = replace(laboratory, calibration=fitted)
     path = static or _pose_file(read, person)
     recording = read_recording(path, read.stated) if path else None
-    return Preparation(read, person, read.file.settings, read.file.live, laboratory, recording)
+    return Preparation(read, person, laboratory, recording)

@@ -17,13 +17,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from hbm.spatial import WRENCH_COMPONENTS, Array
-from hbm.spelling import printable, short
+from hbm.spelling import short
 from pipeline.io.axes import parse_axes
 from pipeline.io.labels import require_unique
 from pipeline.io.qualisys import plate_at
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
-from pipeline.io.streams import AXES, Channel, parse_xml
+from pipeline.io.streams import AXES, Channel, parse_xml, text_of
 from pipeline.io.units import length_in_m
 from pipeline.live.light import Finding, Kind
 from pipeline.live.stream import (
@@ -67,8 +67,6 @@ POSITIONS, ANALOG, FORCE = 1, 3, 4
 """Components of a frame, by their numbers in the protocol."""
 COMPONENTS: Final = {POSITIONS: "3D", ANALOG: "Analog", FORCE: "Force"}
 """What commands call them."""
-ABSENT_S: Final = 1.0
-"""Devices send samples in bursts, so that single frames lack them."""
 SAME_START_S: Final = 0.05
 """Sample numbers and time stamps count from the same start if they agree within it."""
 RESTART_S: Final = 0.5
@@ -158,25 +156,23 @@ class Packets:
             root = parse_xml(written.decode("utf-8", "replace"))
         except ValueError as error:
             raise ValueError(f"{PROGRAM} sends broken parameters: {error}") from error
-        names = [_text(label, "Name") for label in root.iterfind("The_3D/Label")]
+        names = [text_of(label, "Name") for label in root.iterfind("The_3D/Label")]
         if not names:
             raise ValueError(f"{PROGRAM} has no labelled markers; apply an AIM model")
         self._sent, self._say = len(names), say
         channels = marker_channels(names, "mm")
-        rate_hz = _number(root.find("General"), "Frequency", "the cameras")
+        rate_hz = _number(root, "General/Frequency", "the cameras")
         self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
         self._signals, self.plates = _signals(root, parse_axes(stated.axes or LAB_AXES))
-        every = [each for of in (FORCE, ANALOG) for each in self._signals[of].values()]
-        self.streams = (self.markers, *(each.description for each in every))
+        self.streams = (self.markers, *(each.description for each in self._signals.values()))
         require_unique([stream.name for stream in self.streams], f"{PROGRAM}: streams of one name")
-        self.components = [c for c in COMPONENTS if c == POSITIONS or self._signals[c]]
+        sending = {POSITIONS, *(component for component, _ in self._signals)}
+        self.components = [component for component in COMPONENTS if component in sending]
         self._base_s, self._last_s = 0.0, -np.inf
-        self._seen_s = dict[int, float]()
 
     def restart(self) -> None:
         """Expect sample numbers from another start."""
-        self._seen_s.clear()
-        for signals in (each for of in self._signals.values() for each in of.values()):
+        for signals in self._signals.values():
             signals.origin_s = None
 
     def samples(self, data: bytes) -> list[Samples]:
@@ -201,13 +197,6 @@ class Packets:
                     signals.origin_s = self._origin_s(signals, stamp_s, number_s, taken_s[-1])
                 times = self._base_s + (taken_s + signals.origin_s)
                 found.append(Samples(sent.name, times, signals.convert(values)))
-        for component in self.components:
-            self._seen_s.setdefault(component, stamp_s)
-            if component in parts:
-                self._seen_s[component] = stamp_s
-            elif stamp_s - self._seen_s[component] > ABSENT_S:
-                self._seen_s[component] = np.inf  # is said once
-                self._say(Finding(Kind.COMPONENT_ABSENT, (COMPONENTS[component],)))
         return found
 
     def _markers_of(self, part: _Bytes, stamp_s: float) -> Samples:
@@ -234,7 +223,7 @@ class Packets:
                 number, channels, length = part.counts(3)
                 first = part.counts(1)[0] if length else 0
                 values = part.numbers(channels, length).T
-            if not length or (signals := self._signals[component].get(number)) is None:
+            if not length or (signals := self._signals.get((component, number))) is None:
                 continue
             if component == FORCE:
                 signals.check_moments(values)
@@ -260,30 +249,31 @@ class Packets:
 
 def _signals(
     root: Element, to_lab: Array
-) -> tuple[dict[int, dict[int, Signals]], tuple[StatedPlate, ...]]:
+) -> tuple[dict[tuple[int, int], Signals], tuple[StatedPlate, ...]]:
     """Give what plates and devices send, by component and number, and plates as described.
 
     Where several have one name, they have their numbers in it.
     """
-    found, plates = {FORCE: dict[int, Signals](), ANALOG: dict[int, Signals]()}, []
-    force, length = (_text(root.find("Force"), f"Unit_{of}") for of in ("Force", "Length"))
+    found, plates = dict[tuple[int, int], Signals](), list[StatedPlate]()
+    force, length = (text_of(root, f"Force/Unit_{of}") for of in ("Force", "Length"))
     for component, path, tag in ((FORCE, "Force/Plate", ""), (ANALOG, "Analog/Device", "Device_")):
         elements = root.findall(path)
-        counts = Counter(_text(element, f"{tag}Name") for element in elements)
+        counts = Counter(text_of(element, f"{tag}Name") for element in elements)
         for element in elements:
-            name = _text(element, f"{tag}Name")
+            name = text_of(element, f"{tag}Name")
             what = f"{element.tag} {name}"
             number = int(_number(element, f"{tag or 'Plate_'}ID", what))
-            if number in found[component]:
+            if (component, number) in found:
                 raise ValueError(f"{PROGRAM} numbers two of {element.tag} {number}; change one")
             if not name or counts[name] > 1:
                 name = f"{name} {number}".strip()
-            sent = [(_text(c, "Label"), _text(c, "Unit")) for c in element.iterfind("Channel")]
+            every = element.iterfind("Channel")
+            sent = [(text_of(channel, "Label"), text_of(channel, "Unit")) for channel in every]
             if component == FORCE:
                 sent = [(f"{name}.{c}", "Nm" if c[0] == "M" else force) for c in WRENCH_COMPONENTS]
             rate_hz = _number(element, "Frequency", what)
             signals = Signals(*describe_signals(name, [Channel(*each) for each in sent], rate_hz))
-            found[component][number] = signals
+            found[component, number] = signals
             if component == FORCE:
                 of_plate = str(number), signals.description.labels
                 try:
@@ -293,9 +283,9 @@ def _signals(
     return found, tuple(plates)
 
 
-def _number(element: Element | None, tag: str, what: str) -> float:
+def _number(element: Element, tag: str, what: str) -> float:
     """Give a positive number of an element."""
-    text = _text(element, tag)
+    text = text_of(element, tag)
     try:
         found = float(text)
     except ValueError:
@@ -303,10 +293,6 @@ def _number(element: Element | None, tag: str, what: str) -> float:
     if not 0 < found < np.inf:
         raise ValueError(f"{PROGRAM} states no {tag} of {short(what)}, but {short(text)!r}")
     return found
-
-
-def _text(element: Element | None, tag: str) -> str:
-    return printable((element.findtext(tag) or "").strip()) if element is not None else ""
 
 
 PORT: Final = 22223

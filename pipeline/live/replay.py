@@ -10,7 +10,7 @@ import numpy as np
 from hbm.spatial import Array
 from pipeline.config.live import LOOPBACK, Live
 from pipeline.io.recording import Plate, Recording
-from pipeline.live.output import Outlet, description_of, load_lsl
+from pipeline.live.output import Outlet, describe_stream, load_lsl
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 
 MARKERS: Final = "Markers"
@@ -176,8 +176,10 @@ class Replay:
             raise ValueError(f"speed must be above 0 and at most {MAX_SPEED:g}, got {speed:g}")
         self._now: Callable[[], float] = load_lsl(listen).local_clock
         self._speed, self._source = speed, RecordedSource(recording)
-        sent = [description_of(s, Live(), plates) for s, plates, *_ in recorded_streams(recording)]
-        self._outlets = {d[0]: Outlet(prefix + d[0], *d[1:], listen=listen) for d in sent}
+        self._outlets = {
+            stream.name: Outlet(describe_stream(stream, Live(), plates, prefix), listen=listen)
+            for stream, plates, *_ in recorded_streams(recording)
+        }
         self.names = tuple(prefix + name for name in self._outlets)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._play, name="replay", daemon=True)

@@ -396,16 +396,17 @@ def describe_plates(
     """
     found, left_out = find_plates(info, channels)
     every, to_lab = [channel.label for channel in channels], parse_axes(axes)
-    nothing, plates = (np.empty(0), np.empty((0, len(channels)))), list[StatedPlate]()
+    plates = list[StatedPlate]()
     for plate in found:
+        number = str(plate.place.number)
         labels = tuple(every[column] for column in plate.columns)
         for label in labels:
             if not label or every.count(label) > 1:
                 raise ValueError(
-                    f"plate {plate.number}: the label {short(label)!r} of a channel is "
+                    f"plate {number}: the label {short(label)!r} of a channel is "
                     f"{'that of another one too' if label else 'empty'}; rename it"
                 )
-        plates.append(StatedPlate(str(plate.number), labels, plate.plate(*nothing, to_lab)))
+        plates.append(StatedPlate(number, labels, plate.place.turned(to_lab)))
     described = {plate.number for plate in plates}
     plates += [plate for plate in _dflow_plates(every) if plate.number not in described]
     return (*plates, *(StatedPlate(number, problem=why) for number, why in left_out.items()))

@@ -13,7 +13,7 @@ from pipeline.trial.residuals import AXES
 from pipeline.viewer.board import SENT, WHITE
 from pipeline.viewer.file import rgba
 from pipeline.viewer.live import FULL_SCALE
-from pipeline.viewer.plots import BACKGROUND, HEIGHT, SHOWN_CYCLES, WIDTH, panel_name
+from pipeline.viewer.plots import panel_name
 from pipeline.viewer.scene import GROUND_SCALE, MIN_ERROR_LINE_M, RESIDUAL_SCALES
 
 WINDOW_S: Final = 2.0
@@ -93,32 +93,24 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
 
 def live_layout(target: Array) -> rrb.Blueprint:
     """Lay out a live view, whose camera looks at a point, (3,) [m]; its scales are fixed."""
-
-    def picture(
-        name: str, origin: str, size: tuple[float, float], background: str
-    ) -> rrb.Spatial2DView:
-        return rrb.Spatial2DView(
-            name=name,
-            origin=origin,
-            visual_bounds=rrb.VisualBounds2D(x_range=[0, size[0]], y_range=[0, size[1]]),
-            background=rgba(background)[0],
-        )
-
-    name = f"Last {SHOWN_CYCLES} gait cycles of the right foot (else left), the newest brightest"
-    window = _time(-LIVE_WINDOW_S, 0.0)
+    window, (width, height) = _time(-LIVE_WINDOW_S, 0.0), SENT
+    light = rrb.Spatial2DView(
+        name="Light",
+        origin="board",
+        visual_bounds=rrb.VisualBounds2D(x_range=[0, width], y_range=[0, height]),
+        background=rgba(WHITE)[0],
+    )
     return _with_panels(
         rrb.Horizontal(
             rrb.Vertical(
                 _scene(target[None]),
                 rrb.Tabs(
                     _residuals("The last seconds", window, columns=3, scales=FULL_SCALE),
-                    picture(name, "cycles", (WIDTH, HEIGHT), BACKGROUND),
-                    _text("status"),
                     _text("legend"),
                 ),
                 row_shares=[3, 2],
             ),
-            picture("Light", "board", SENT, WHITE),
+            light,
         ),
         state="following",
     )

@@ -22,10 +22,8 @@ Screen = Literal["window", "browser", "none"]
 """A window of its own, a page for a browser of this machine, or pictures that nobody sees."""
 Colour = Literal["good", "look", "stop"]
 """Of the light of a session."""
-Cycle = tuple[str, Mapping[str, Array]]
-"""Side, and variant -> residuals over 0 to 100 % in the reported axes, (101, 6) [N, N·m]."""
-News = tuple[list[tuple[int, "ShownFrame"]], list[Cycle], "Board | None", str | None]
-"""New frames with their numbers; gait cycles; board and text, None where they are the same."""
+News = tuple[list[tuple[int, "ShownFrame"]], "Board | None"]
+"""New frames with their numbers; the board, None where it is the same."""
 FULL_SCALE: Final = (100.0, 100.0, 100.0, 50.0, 50.0, 50.0)
 """Of all bars and curves of residuals, whatever they are [N, N·m]."""
 PROGRAM: Final = "pipeline.viewer.live_drawing"
@@ -33,7 +31,6 @@ PERIOD_S: Final = 1 / 30
 """Pause between what is sent: with the time that drawing takes, about 25 pictures a second."""
 MAX_WAITING: Final = 1000
 """Frames that wait for a slow viewer, 10 s at 100 Hz; then the oldest are left out."""
-MAX_WAITING_CYCLES: Final = 10
 SENT_AT_ONCE: Final = 100
 """Frames: to pack more would hold up the thread that computes them."""
 MAX_WRITE_S: Final = 1.0
@@ -178,12 +175,9 @@ class LiveView:
         self.address: str | None = None
         self.fault: str | None = None
         self.left_out = self.shown = 0
-        self._scene = scene
         self._lock = threading.Lock()
         self._waiting = deque[tuple[int, ShownFrame]]()
-        self._cycles = deque[Cycle](maxlen=MAX_WAITING_CYCLES)
         self._board: Board | None = None
-        self._status: str | None = None
         self._count = 0
         self._over = False
         self._ready, self._closing = threading.Event(), threading.Event()
@@ -209,21 +203,10 @@ class LiveView:
                 self._waiting.popleft()
                 self.left_out += 1
 
-    def show_cycle(self, side: str, residual: Mapping[str, Array]) -> None:
-        """Show a gait cycle; the last ten of a side stay, of the right one if there are any.
-
-        Variant -> residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; NaN where
-        frames do not count.
-        """
+    def show_board(self, board: Board) -> None:
+        """Show the light in place of the last one."""
         with self._lock:
-            self._cycles.append(
-                (side, {name: residual[name].copy() for name in self._scene.variants})
-            )
-
-    def show_board(self, board: Board, status: str) -> None:
-        """Show the light, and details, a text in Markdown, in place of the last ones."""
-        with self._lock:
-            self._board, self._status = board, status
+            self._board = board
 
     def close(self) -> None:
         """End the viewer; takes at most some seconds, whatever state it is in."""
@@ -255,11 +238,9 @@ class LiveView:
                 with self._lock:
                     sent = min(len(self._waiting), SENT_AT_ONCE)
                     frames = [self._waiting.popleft() for _ in range(sent)]
-                    news: News = frames, list(self._cycles), self._board, self._status
-                    self._cycles.clear()
-                    self._board = self._status = None
-                if sent or news[1] or news[2] is not None:
-                    self._ask(news)
+                    board, self._board = self._board, None
+                if sent or board is not None:
+                    self._ask((frames, board))
                     self.shown += sent
                     sent = 0
         except (EOFError, pickle.UnpicklingError):

@@ -9,8 +9,7 @@ import pickle
 import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from secrets import token_hex
@@ -22,19 +21,11 @@ import rerun as rr
 
 from compensation.platform import PlatformPose
 from hbm.markers import Markers
-from hbm.spatial import Array
 from pipeline.trial.residuals import reported
 from pipeline.viewer.board import log_board
-from pipeline.viewer.file import printable
 from pipeline.viewer.layout import LEGEND, live_layout, log_text
 from pipeline.viewer.live import LiveScene, News, Screen, ShownFrame
-from pipeline.viewer.plots import (
-    SHOWN_CYCLES,
-    draw_cycle_axes,
-    draw_residual_curves,
-    log_cycles,
-    send_residual_curves,
-)
+from pipeline.viewer.plots import draw_residual_curves, send_residual_curves
 from pipeline.viewer.scene import draw_scene, send_scene
 from pipeline.viewer.serve import (
     GrowingRecording,
@@ -74,7 +65,6 @@ class LiveDrawing:
 
     def __init__(self, stream: rr.RecordingStream, scene: LiveScene) -> None:
         self._stream, self._scene = stream, scene
-        self._cycles: dict[str, deque[Mapping[str, Array]]] = {}
         self._board = b""
         self._start_s: float | None = None
         self._newest_s, self._number = -np.inf, -1
@@ -86,14 +76,11 @@ class LiveDrawing:
         stream.send_recording_name("live")
         draw_scene(stream, scene.body, scene.markers, scene.plates, scene.variants)
         draw_residual_curves(stream, scene.variants)
-        draw_cycle_axes(stream)
         log_text(stream, "legend", LEGEND)
-        stream.set_time("time", duration=0.0)
-        log_cycles(stream, [])
 
     def show(self, news: News) -> None:
-        """Send frames, the last gait cycles, the board and the status."""
-        numbered, cycles, board, status = news
+        """Send frames whose time increases, and the board."""
+        numbered, board = news
         later = []
         for number, frame in numbered:
             if frame.time > self._newest_s:
@@ -101,49 +88,31 @@ class LiveDrawing:
                 later.append((number, frame))
         if later:
             self._send_frames(later)
-        for side, cycle in cycles:
-            self._cycles.setdefault(side, deque(maxlen=SHOWN_CYCLES)).append(cycle)
-        now_s = 0.0 if self._start_s is None else self._newest_s - self._start_s
-        self._stream.set_time("time", duration=now_s)
-        if cycles:
-            log_cycles(self._stream, list(self._cycles.get("right") or self._cycles["left"]))
         if board is not None and (content := pickle.dumps(board)) != self._board:
             self._board = content  # drawing takes some 50 ms
             log_board(self._stream, board)
-        if status is not None:
-            text = rr.TextDocument(printable(status), media_type="text/markdown")
-            self._stream.log("status", text)
 
     def _send_frames(self, numbered: Sequence[tuple[int, ShownFrame]]) -> None:
-        """Send frames whose time increases, at the time since the first one."""
-        frames = [frame for _, frame in numbered]
+        """Send frames at the time since the first one."""
+        scene, frames = self._scene, [frame for _, frame in numbered]
         if self._start_s is None:
             self._start_s = frames[0].time
         time = np.array([frame.time for frame in frames]) - self._start_s
-        unknown = np.full(6, np.nan)
+        absent = np.full(6, np.nan)
         residual = {
-            name: np.array([f.residual[name] if f.counts else unknown for f in frames])
-            for name in self._scene.variants
+            name: np.array([f.residual[name] if f.counts else absent for f in frames])
+            for name in scene.variants
         }
         numbers = np.array([number for number, _ in numbered])
         before = np.append(self._number, numbers[:-1])
+        self._number = int(numbers[-1])
         gaps = np.flatnonzero(numbers > before + 1)  # where frames were left out
         curves = {name: np.insert(value, gaps, np.nan, axis=0) for name, value in residual.items()}
         broken = {"time": np.insert(time, gaps, time[gaps] - 1e-6)}
         send_residual_curves(self._stream, broken, curves)
+        # the scene has fewer frames than the curves, the newest among them
         step = int(np.ceil(len(time) / (1 + np.ptp(time) * SCENE_RATE_HZ)))
-        self._send_scene(
-            frames[::-step][::-1],
-            time[::-step][::-1],
-            {name: reported(value[::-step][::-1]) for name, value in residual.items()},
-        )
-        self._number = int(numbers[-1])
-
-    def _send_scene(
-        self, frames: Sequence[ShownFrame], time: Array, residual: Mapping[str, Array]
-    ) -> None:
-        """Send frames, with residuals in lab axes."""
-        scene = self._scene
+        frames, time = frames[::-step][::-1], time[::-step][::-1]
         poses = [frame.platform for frame in frames if frame.platform is not None]
         platform = None
         if poses:
@@ -159,7 +128,7 @@ class LiveDrawing:
             Markers(time, tuple(scene.markers), np.array([frame.markers for frame in frames])),
             platform,
             {name: np.array([f.ground[name] for f in frames]) for name in scene.variants},
-            residual,
+            {name: reported(value[::-step][::-1]) for name, value in residual.items()},
             surface_m=self._surface_m,
             threshold_n=scene.contact_threshold_n,
         )

@@ -1,8 +1,4 @@
-"""Curves and states over time, and the last gait cycles of every residual as small plots.
-
-Time-series views of Rerun 0.41 show only the timeline that the cursor moves on, so the last cycles
-are drawn line by line, in a picture of `WIDTH` × `HEIGHT`.
-"""
+"""Curves and states over time."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -15,33 +11,9 @@ from hbm.spatial import Array, Mask
 from pipeline.figures.style import COLOURS
 from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
 from pipeline.viewer.file import Clock, Timelines, printable, rgba, send
-from pipeline.viewer.live import FULL_SCALE
 
 LARGEST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
 OTHER_COLOUR: Final = "#4A4F57"
-
-SHOWN_CYCLES: Final = 10
-COLUMNS: Final = 3
-CELL: Final = np.array([384.0, 188.0])
-"""Width and height of a plot with its title."""
-SIZE: Final = np.array([360.0, 150.0])
-"""Of a plot's frame, whose corner is so far from that of its cell:"""
-CORNER: Final = np.array([12.0, 30.0])
-CORNERS: Final = np.array([[k % COLUMNS, k // COLUMNS] * CELL + CORNER for k in range(len(AXES))])
-"""Upper left corners of the frames, (6, 2)."""
-WIDTH: Final = float(COLUMNS * CELL[0])
-HEIGHT: Final = float(2 * CELL[1])
-FRAME: Final = np.array([[0, 0.5], [0, 0], [1, 0], [1, 1], [0, 1], [0, 0.5], [1, 0.5]]) * SIZE
-"""Its outline, and the line at zero."""
-TITLE: Final = np.array([SIZE[0] / 2, -26])
-"""Middle of a plot's title, from the corner of its frame."""
-FRAME_COLOUR: Final = "#5A5F66"
-TEXT_COLOUR: Final = "#B4BAC1"
-BACKGROUND: Final = "#0D1011"
-OLDEST: Final = 0.3
-"""Share of a curve's colour in the oldest cycle; the newest has all of it."""
-FRAME_PX: Final = 0.5
-CURVE_PX: Final = 0.9
 
 
 def panel_name(k: int) -> str:
@@ -127,48 +99,3 @@ def changes_of(mask: Mask, time: Array, label: str) -> list[tuple[float, str]]:
         for start, stop in stretches(mask)
         for change in ((float(time[start]), label), (float(ends[stop]), ""))
     ]
-
-
-def draw_cycle_axes(stream: rr.RecordingStream) -> None:
-    """Draw what stays of the plots: their frames, and titles with their fixed scales."""
-    width, colour = rr.Radius.ui_points(FRAME_PX), rgba(FRAME_COLOUR)
-    frames = rr.LineStrips2D([corner + FRAME for corner in CORNERS], radii=width, colors=colour)
-    stream.log("cycles/frames", frames, static=True)
-    titles = [f"{panel_name(k)}, 0 to 100 %, ± {full:g}" for k, full in enumerate(FULL_SCALE)]
-    places, colour = CORNERS + TITLE, rgba(TEXT_COLOUR)
-    texts = rr.Points2D(places, radii=0.0, colors=colour, labels=titles, show_labels=True)
-    stream.log("cycles/titles", texts, static=True)
-
-
-def log_cycles(stream: rr.RecordingStream, cycles: Sequence[Mapping[str, Array]]) -> None:
-    """Log the curves of gait cycles at the present time of the recording.
-
-    Each has a variant's residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; the
-    newest is last, and NaN breaks a curve.
-    """
-    strips, colours = list[Array](), list[str]()
-    for age, cycle in zip(range(len(cycles) - 1, -1, -1), cycles, strict=True):
-        for variant, residual in cycle.items():
-            own = _curves(residual)
-            strips += own
-            colours += [_faded(COLOURS[variant], age)] * len(own)
-    width = rr.Radius.ui_points(CURVE_PX)
-    curves = rr.LineStrips2D(strips, radii=width, colors=rgba(*colours), draw_order=40.0)
-    stream.log("cycles/curves", curves)
-
-
-def _curves(residual: Array) -> list[Array]:
-    """Give the points of the six curves, in as many pieces as gaps make of them."""
-    pieces, x = list[Array](), np.linspace(0, SIZE[0], len(residual))
-    for k, full in enumerate(FULL_SCALE):
-        inside = np.clip(residual[:, k] / full, -1, 1)
-        points = CORNERS[k] + np.column_stack([x, (1 - inside) * SIZE[1] / 2])
-        known = stretches(np.isfinite(residual[:, k]))
-        pieces += [points[start:stop] for start, stop in known if stop - start > 1]
-    return pieces
-
-
-def _faded(colour: str, age: int) -> str:
-    share = 1 - (1 - OLDEST) * age / (SHOWN_CYCLES - 1)
-    mixed = share * rgba(colour)[0, :3] + (1 - share) * rgba(BACKGROUND)[0, :3]
-    return f"#{mixed.astype(np.uint8).tobytes().hex()}"

@@ -2,7 +2,7 @@
 
 A program of its own that imports nothing of this project: a damaged file may take all memory that
 the process may have, or end it. Arguments: C3D file, file of arrays (.npz), parameters wanted
-(``GROUP:NAME``, separated by commas), bytes of memory, seconds.
+(``GROUP:NAME``, separated by commas), bytes of memory.
 """
 
 import sys
@@ -11,8 +11,8 @@ from typing import Any
 
 def main() -> None:
     """Read one file as the arguments say; exit with ezc3d's own words where it refuses."""
-    source, target, wanted, memory, seconds = sys.argv[1:]
-    _limit(int(memory), int(seconds))
+    source, target, wanted, memory = sys.argv[1:]
+    _limit(int(memory))
     try:
         _read(source, target, wanted.split(","))
     except Exception as error:  # of any kind: the file may hold anything
@@ -45,17 +45,12 @@ def _text(data: Any) -> str:
     return bytes(data or b"").decode("utf-8", "replace").split("\0", 1)[0].strip()
 
 
-def _limit(memory: int, seconds: int) -> None:
+def _limit(memory: int) -> None:
     try:
         import resource
     except ImportError:  # Windows has none: only the time is limited there
         return
-    for kind, limit in (
-        (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_CPU, seconds),
-        (resource.RLIMIT_FSIZE, memory),
-        (resource.RLIMIT_AS, memory),
-    ):
+    for kind, limit in ((resource.RLIMIT_CORE, 0), (resource.RLIMIT_AS, memory)):
         try:
             resource.setrlimit(kind, (limit, limit))
         except (ValueError, OSError):  # macOS knows RLIMIT_AS and does not allow it

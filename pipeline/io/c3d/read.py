@@ -110,19 +110,15 @@ def sort_labels(
     labels += [""] * (n_points - len(labels))
     labels = [label or f"unlabelled_{k + 1}" for k, label in enumerate(labels)]
     bare, notes = without_prefixes(labels, stated)
-    computed = _outputs(parameters, labels, bare)
-    outputs = numbered({k: name for k, name in bare.items() if k in computed})
-    return {k: name for k, name in bare.items() if k not in computed}, outputs, notes
-
-
-def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, str]) -> set[int]:
     computed = {name for group in OUTPUT_GROUPS for name in parameters.texts("POINT", group)}
     names = {*bare.values()}
     for stem in {name[:-1] for name in names if len(name) > 1}:
         frame = {stem + suffix for suffix in SEGMENT_FRAME_SUFFIXES}
         computed |= frame if frame <= names else set()
     computed |= {*filter(OUTPUT_NAME.search, names)}
-    return {k for k, name in bare.items() if {labels[k], name} & computed}
+    outputs = {k: name for k, name in bare.items() if {labels[k], name} & computed}
+    markers = {k: name for k, name in bare.items() if k not in outputs}
+    return markers, numbered(outputs), notes
 
 
 def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note | Fact]]:
@@ -318,7 +314,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         stated,
         replace(markers, notes=()),
         np.arange(header.frames) / samples.rate_hz,
-        placed=lambda to_lab: [plate.turned(to_lab) for plate in plates],
+        placed=plates,
         witnesses=witnesses,
         units=[channels[k][1] for k in sorted(taken)],
         screen_up=parameters.text("POINT", "Y_SCREEN"),

@@ -109,11 +109,10 @@ def _read_by_ezc3d(path: Path) -> Arrays:
     size = path.stat().st_size
     memory, seconds = MEMORY_BYTES + MEMORY_PER_BYTE * size, SECONDS + SECONDS_PER_MB * size / 1e6
     with TemporaryDirectory(prefix="second_reader_", ignore_cleanup_errors=True) as folder:
-        target = Path(folder) / "arrays.npz"
-        wanted, limits = ",".join(COMPARED), (str(memory), str(int(seconds) + 1))
+        target, program = Path(folder) / "arrays.npz", (sys.executable, "-P", PROGRAM)
         try:
             done = subprocess.run(
-                [sys.executable, "-P", PROGRAM, path.resolve(), target, wanted, *limits],
+                [*program, path.resolve(), target, ",".join(COMPARED), str(memory)],
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
@@ -184,9 +183,8 @@ def _same(first: NDArray[Any], second: NDArray[Any]) -> bool:
         return ours == theirs
     if first.shape != second.shape:
         return False
-    apart = np.abs(first.astype(float) - second)
-    alike = (apart <= SMALLEST) | (apart == 65536) | (np.isnan(first) & np.isnan(second))
-    return bool((alike | (first == second)).all())
+    alike = np.isclose(first, second, rtol=0, atol=SMALLEST, equal_nan=True)
+    return bool((alike | (np.abs(first.astype(float) - second) == 65536)).all())
 
 
 def _seen(points: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -201,10 +199,8 @@ def _different_samples(
     """Name each marker, (T, M, 3), or channel, (N, M), that differs: first frame, both values."""
     if not first.shape[1]:
         return []
-    apart = np.abs(first - second)
-    same = apart <= np.maximum(ROUNDING * np.abs(first), SMALLEST)
-    different = ~(same | (first == second) | (np.isnan(first) & np.isnan(second)))
-    different = different.reshape(*first.shape[:2], -1).any(axis=-1)
+    same = np.isclose(first, second, rtol=ROUNDING, atol=SMALLEST, equal_nan=True)
+    different = ~same.reshape(*first.shape[:2], -1).all(axis=-1)
     found = []
     for k in np.flatnonzero(different.any(axis=0)).tolist():
         at = int(different[:, k].argmax())

@@ -189,6 +189,7 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
 @needs_lsl
 def test_a_search_that_is_stopped_ends_with_one_line(walk, tmp_path):
     with hbm("--static", walk, "--out", tmp_path / "out") as live:
+        assert live.stdout.readline() == f"calibration pose: {walk.name}\n"
         assert "searching at 127.0.0.1 for Markers, Plates" in live.stdout.readline()
         time.sleep(0.5)
         live.send_signal(signal.SIGTERM)

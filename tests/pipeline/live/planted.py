@@ -23,7 +23,7 @@ PERSON = Subject(sex="male", mass_kg=74.6)
 REALTIME = Settings(filter="realtime")
 EXPECTED = {
     "none": ("good", "12 gait cycles used: end with Ctrl-C"),
-    "marker lost": ("look", "LASIS is hidden: turn the left camera or re-attach the marker"),
+    "marker lost": ("look", "LASIS is hidden: turn a camera or re-attach the marker"),
     "plate not zeroed": ("stop", "Plate 1 reads 15 N without load: step off and zero it"),
     "plates late": ("look", "ms later than the markers: set plate_delay_s = 0.0"),
     "foot beside the plate": (

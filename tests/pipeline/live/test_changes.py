@@ -40,7 +40,7 @@ class Sent:
         self._root = ElementTree.Element("info")
         ElementTree.SubElement(self._root, "channel_format").text = form
         parts = [("axes", axes)] if axes else []
-        self._root.append(describe(channels, parts, plates))
+        self._root.append(describe("", "", channels, rate_hz, parts, plates).find("desc"))
 
     def name(self):
         return "Stream"

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
-from pipeline.live.output import STREAMS, Recorder, described_streams
+from pipeline.live.output import STREAMS, Recorder, describe_stream
 from pipeline.live.replay import RecordedSource
 from pipeline.live.session import Session
 from pipeline.trial.ground.laboratory import Laboratory
@@ -48,7 +48,7 @@ def test_the_same_frames_with_the_same_numbers(recorded, tmp_path, lost):
     trial, where, body = recorded
     source = PerturbedSource(RecordedSource(trial, chunk_s=0.1), LOST[lost])
     chain = chain_of(body, where, REALTIME, trial, wait_s=1.0)
-    described = described_streams(source.streams, chain.live, trial.plates)
+    described = [describe_stream(each, chain.live, trial.plates) for each in source.streams]
     with closing(Recorder(tmp_path, described, ())) as recorder:
         session = Session(source, chain)
         while not source.ended:

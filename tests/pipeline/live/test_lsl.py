@@ -108,7 +108,7 @@ def test_a_replay_arrives_sample_for_sample_with_its_own_intervals(trial, prefix
 
 
 def test_positions_are_in_lab_axes_and_metres_and_unseen_markers_are_nan(prefix, opened):
-    outlet = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    outlet = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
     source = LslSource(prefix, stated=Stated(axes="left,back,up", rename={"SACR": "SACRUM"}))
     opened += [outlet, source]
     sent = np.arange(1.0, 10.0)[None] * [[1.0], [2.0], [3.0]]
@@ -123,8 +123,8 @@ def test_positions_are_in_lab_axes_and_metres_and_unseen_markers_are_nan(prefix,
 
 def test_forces_and_moments_arrive_in_si_units_and_other_units_as_they_are(prefix, opened):
     channels = (Channel("Fz", "kN"), Channel("Mx", "Nmm"), Channel("Acc", "g"), Channel("?"))
-    outlet = Outlet(f"{prefix}a", "", channels, 1000.0)
-    markers = Outlet(f"{prefix}m", "MoCap", MARKERS, 100.0)
+    outlet = Outlet(describe(f"{prefix}a", "", channels, 1000.0))
+    markers = Outlet(describe(f"{prefix}m", "MoCap", MARKERS, 100.0))
     source = LslSource(f"{prefix}m", [f"{prefix}a"], stated=AXES)
     opened += [outlet, markers, source]
     now = load_lsl().local_clock()
@@ -152,14 +152,14 @@ def test_after_a_pause_no_stream_runs_ahead(trial, prefix, opened):
 
 
 def test_a_stream_that_goes_away_and_returns_is_taken_up_again(prefix, opened):
-    first = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    first = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
     source = LslSource(prefix, stated=AXES)
     opened.append(source)
     first.push(np.array([load_lsl().local_clock()]), np.ones((1, 9)))
     assert len(receive(source, 1)[prefix][0]) == 1
     first.close()
     assert source.receive(0.3) == []
-    second = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    second = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
     opened.append(second)
     for _ in range(100):
         second.push(np.array([load_lsl().local_clock()]), np.full((1, 9), 7.0))
@@ -173,7 +173,7 @@ def await_return(source, name, value, timeout_s=10.0):
     """Send until something arrives; gives it, and the outlet's own times."""
     sent = []
     deadline = time.monotonic() + timeout_s
-    with closing(Outlet(name, "MoCap", MARKERS, 100.0)) as outlet:
+    with closing(Outlet(describe(name, "MoCap", MARKERS, 100.0))) as outlet:
         while time.monotonic() < deadline:
             sent.append(load_lsl().local_clock())
             outlet.push(np.array(sent[-1:]), np.full((1, 9), value))
@@ -186,7 +186,7 @@ def test_a_sender_whose_clock_began_anew_is_on_this_computers_clock_from_its_fir
     prefix, opened
 ):
     """As if the clock had been an hour behind before the sender's computer started anew."""
-    first = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    first = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
     source = LslSource(prefix, stated=AXES)
     opened.append(source)
     (inlet,) = source._inlets
@@ -207,13 +207,13 @@ def receive_nothing(source, outlet, values, timeout_s=10.0):
 
 def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(prefix, opened):
     channels = MARKERS[3:6] + MARKERS[:3] + MARKERS[6:]
-    first = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    first = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
     source = LslSource(prefix, stated=AXES)
     opened.append(source)
     first.push(np.array([load_lsl().local_clock()]), np.ones((1, 9)))
     assert len(receive(source, 1)[prefix][0]) == 1
     first.close()
-    second = Outlet(prefix, "MoCap", channels, 100.0)
+    second = Outlet(describe(prefix, "MoCap", channels, 100.0))
     opened.append(second)
     with pytest.raises(ValueError, match="came back with another description of its channels"):
         receive_nothing(source, second, np.full((1, len(channels)), 7.0))
@@ -221,13 +221,13 @@ def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(pref
 
 def test_receiving_goes_on_while_a_sender_that_is_back_does_not_answer(prefix, opened, monkeypatch):
     """What waits for it is another thread."""
-    first = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    first = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
     source = LslSource(prefix, stated=AXES)
     opened.append(source)
     asked, answered = threading.Event(), threading.Event()
     monkeypatch.setattr(lsl, "require_like", lambda *_: (asked.set(), answered.wait(5.0)))
     first.close()
-    second = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    second = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
     opened.append(second)
     deadline = time.monotonic() + 10.0
     while not asked.is_set() and time.monotonic() < deadline:
@@ -244,8 +244,8 @@ def test_receiving_goes_on_while_a_sender_that_is_back_does_not_answer(prefix, o
 def test_a_sender_that_hangs_is_replaced_by_one_of_its_name(prefix, opened):
     """A process that is stopped keeps its connection, as a computer without power does."""
     code = (
-        "import time; from tests.pipeline.live.test_lsl import MARKERS, Outlet; "
-        f"outlet = Outlet({prefix!r}, 'MoCap', MARKERS, 100.0); time.sleep(60)"
+        "import time; from tests.pipeline.live.test_lsl import MARKERS, Outlet, describe; "
+        f"outlet = Outlet(describe({prefix!r}, 'MoCap', MARKERS, 100.0)); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", code]) as hung:
         try:
@@ -259,7 +259,7 @@ def test_a_sender_that_hangs_is_replaced_by_one_of_its_name(prefix, opened):
 
 
 def test_a_stream_that_states_no_rate_has_the_one_of_its_time_stamps(prefix, opened):
-    outlet = Outlet(prefix, "MoCap", MARKERS, 0.0)
+    outlet = Outlet(describe(prefix, "MoCap", MARKERS, 0.0))
     opened.append(outlet)
     stop = threading.Event()
 
@@ -284,27 +284,16 @@ def second(name, identity):
     """Open a stream of markers with a name that another one has, and an identity of its own."""
     lsl = load_lsl()
     info = lsl.StreamInfo(name, "MoCap", 9, 100.0, "double64", identity)
-    append_description(info.desc(), describe(MARKERS))
+    append_description(info.desc(), describe("", "", MARKERS, 1.0).find("desc"))
     return lsl.StreamOutlet(info)
 
 
-@pytest.mark.parametrize("by", ["option", "question"])
-def test_of_several_senders_that_is_received_which_a_person_chooses(prefix, opened, by):
+def test_of_several_senders_that_is_received_which_a_person_chooses(prefix, opened):
     """It stays the one: where it has gone, the other one is not taken in its place."""
-    asked = []
-
-    def choose(name, senders):
-        asked.append((name, sorted(senders)))
-        return next(k for k, sender in enumerate(senders) if "cameras b" in sender)
-
     one, other = second(prefix, "cameras a"), second(prefix, "cameras b")
-    answers = {"senders": ["cameras b"]} if by == "option" else {"choose": choose}
-    source = LslSource(prefix, stated=AXES, **answers)
+    source = LslSource(prefix, stated=AXES, senders=["cameras b"])
     opened.append(source)
-    here = gethostname()
-    listed = [f"{here} (cameras a)", f"{here} (cameras b)"]
-    assert asked == ([] if by == "option" else [(prefix, listed)])
-    assert source.streams[0].sender == here
+    assert source.streams[0].sender == gethostname()
     now = load_lsl().local_clock()
     one.push_sample([1.0] * 9, now)
     other.push_sample([2.0] * 9, now)
@@ -323,7 +312,7 @@ def refused(match, markers, kind=ValueError, stated=AXES):
 
 
 def test_streams_that_are_absent_not_told_apart_or_lack_something_are_one_line(prefix, opened):
-    opened.append(Outlet(f"{prefix}there", "MoCap", MARKERS, 100.0))
+    opened.append(Outlet(describe(f"{prefix}there", "MoCap", MARKERS, 100.0)))
     absent = "no stream is called '.*' within 1 s; streams there: .*there"
     refused(absent, prefix, ConnectionError)
     same = load_lsl().StreamInfo(f"{prefix}there", "", 1, 1, "float32", "another")
@@ -331,9 +320,9 @@ def test_streams_that_are_absent_not_told_apart_or_lack_something_are_one_line(p
     several = f"2 streams are called .*: from {gethostname()} .*choose one: --sender COMPUTER"
     refused(several, f"{prefix}there")
     del other
-    opened.append(Outlet(f"{prefix}b", "", (Channel("Fz", "N"),), 10.0))
+    opened.append(Outlet(describe(f"{prefix}b", "", (Channel("Fz", "N"),), 10.0)))
     refused("no markers: no channel of type PositionX", f"{prefix}b")
-    opened.append(Outlet(f"{prefix}c", "MoCap", MARKERS, 10.0))
+    opened.append(Outlet(describe(f"{prefix}c", "MoCap", MARKERS, 10.0)))
     refused("axes of its markers are unknown", f"{prefix}c", stated=Stated())
 
 
@@ -364,7 +353,7 @@ def test_results_arrive_as_they_were_sent_with_their_labels_and_times(prefix, op
 
 @pytest.mark.skipif(not Path("/proc/net/udp").exists(), reason="lists sockets as Linux does")
 def test_discovery_listens_on_the_loopback_alone(prefix, opened):
-    opened.append(Outlet(prefix, "MoCap", MARKERS, 100.0))
+    opened.append(Outlet(describe(prefix, "MoCap", MARKERS, 100.0)))
     own = {str(f.readlink()) for f in Path("/proc/self/fd").iterdir() if f.is_symlink()}
     rows = [
         line.split()
@@ -387,7 +376,7 @@ def test_a_replay_does_not_wait_for_receivers_of_streams_that_nobody_wants(trial
 
 
 def test_infinite_values_arrive_as_gaps_without_a_warning(prefix, opened):
-    outlet = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    outlet = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
     source = LslSource(prefix, stated=Stated(axes="left,back,up"))
     opened += [outlet, source]
     sent = np.ones((2, 9))

@@ -17,7 +17,7 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.read import read_recording
 from pipeline.io.streams import Channel, parse_channels
 from pipeline.live.ground import AnalogStreams, LiveGround
-from pipeline.live.output import XdfWriter, described_streams
+from pipeline.live.output import XdfWriter, describe_stream
 from pipeline.live.preparation import place_plates
 from pipeline.live.replay import RecordedSource
 from pipeline.live.stream import (
@@ -177,7 +177,7 @@ def test_a_recorded_session_of_plates_named_as_in_dflow_is_read_back(walker, as_
         describe_plates(ElementTree.Element("info"), channels, "right,up,back"), None, Live()
     )
     markers = RecordedSource(walker).streams[0]
-    described = described_streams([markers, stream], placed.live, placed.plates)
+    described = [describe_stream(each, placed.live, placed.plates) for each in [markers, stream]]
     with closing(XdfWriter(tmp_path / "a.xdf", described)) as writer:
         seen = walker.markers
         writer.write(Samples("Markers", seen.time, seen.position.reshape(len(seen.time), -1)))

@@ -244,7 +244,7 @@ PARAMETERS = {
     "no labelled markers; apply an AIM model": parameters(()),
     "broken parameters: its description is no XML": "<QTM_Parameters",
     "broken parameters": b"\xff\xfe\x00\x80",
-    "no Frequency of the cameras, but '0'": parameters(NAMES, rate=0),
+    "no General/Frequency of the cameras, but '0'": parameters(NAMES, rate=0),
     "no Frequency of Plate Left, but 'fast'": parameters(NAMES, plates=["Left"], force_rate="fast"),
     "Left states 1e\\+09 Hz, expected 1 to 50000": parameters(
         NAMES, plates=["Left"], force_rate=1e9
@@ -436,12 +436,3 @@ def test_plates_lie_beside_the_frames_whatever_their_numbers_count_from(
     assert late_s == pytest.approx(0, abs=1e-6 if numbered else 0.005)
     starts = [finding.subject for finding in said if finding.kind is Kind.START_UNKNOWN]
     assert starts == [("Left",), ("Right",)]
-
-
-def test_a_part_that_frames_lack_is_named(source, server, said):
-    for k in range(130):
-        forces = [(10 * k, acting_on_plate(10))] * 2
-        server.send(frame(k, k / 100, None if k else np.ones((3, 3)), forces=forces))
-    collect(source, 2, timeout_s=0.5)
-    absent = [f.subject for f in said if f.kind is Kind.COMPONENT_ABSENT]
-    assert sorted(absent) == [("3D",), ("Analog",)]

@@ -18,7 +18,7 @@ from pipeline.live.output import (
     RESULTS_FOLDER,
     STREAMS,
     Recorder,
-    described_streams,
+    describe_stream,
     result_columns,
     result_row,
 )
@@ -65,7 +65,7 @@ def followed(walker, result, tmp_path_factory):
     """A session of the whole walk, recorded, and what its monitor saw."""
     folder = tmp_path_factory.mktemp("session") / "live"
     source, computed = RecordedSource(walker), chain(walker, result)
-    described = described_streams(source.streams, computed.live, walker.plates)
+    described = [describe_stream(each, computed.live, walker.plates) for each in source.streams]
     with closing(Recorder(folder, described, result_columns())) as recorder:
         session = Session(source, computed, recorder)
         ended(session, source)
@@ -123,7 +123,7 @@ def test_a_session_of_repeated_samples_processed_afterwards_gives_the_residuals_
 
     rng = np.random.default_rng(0)
     source, computed = Repeating(walker), chain(walker, result)
-    described = described_streams(source.streams, computed.live, walker.plates)
+    described = [describe_stream(each, computed.live, walker.plates) for each in source.streams]
     with closing(Recorder(tmp_path / "live", described, result_columns())) as recorder:
         ended(Session(source, computed, recorder), source)
     read = read_recording(tmp_path / "live" / STREAMS)
@@ -296,6 +296,6 @@ def test_the_moment_limit_does_not_depend_on_where_the_laboratory_has_its_origin
         monitor = Monitor(computed, walker.plates)
         for frame in frames:
             monitor.frame(replace(frame, q=frame.q + raised_m * (np.arange(46) == 2)), 0.0)
-        limits.append(monitor.limits["measured"].max_moment_nm)
+        limits.append(monitor.height_m * monitor.condition.peaks["measured"][2])
     assert limits[0] > 1
     assert limits[1] == pytest.approx(limits[0], rel=1e-9)

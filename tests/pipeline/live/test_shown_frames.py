@@ -22,11 +22,8 @@ class View:
     """Keeps what it is shown."""
 
     def __init__(self):
-        self.frames, self.cycles = [], []
+        self.frames = []
         self.show = self.frames.append
-
-    def show_cycle(self, side, curve):
-        self.cycles.append(side)
 
 
 def test_a_view_is_shown_of_live_frames_what_it_is_shown_of_the_trial(study, laboratory):
@@ -37,7 +34,6 @@ def test_a_view_is_shown_of_live_frames_what_it_is_shown_of_the_trial(study, lab
     session = SimpleNamespace(samples=deque(), frames=deque((frame, 1e-3) for frame in frames))
     take_new(session, Monitor(chain, walk.plates), view)
     assert len(view.frames) == len(frames)
-    assert set(view.cycles) == {"left", "right"}
     compared = 0
     for live, of_trial, frame in zip(view.frames, shown_frames(whole), frames, strict=True):
         np.testing.assert_array_equal(live.markers, of_trial.markers)

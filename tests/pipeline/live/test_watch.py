@@ -87,7 +87,7 @@ def test_a_marker_is_found_as_long_as_it_is_hidden_once_it_has_been_for_long(gon
     position = np.ones((300, 2, 3))
     position[50 : 50 + gone, 1] = np.nan
     position[200:230, 0] = np.nan  # shorter
-    gaps, time = MarkerGaps(dict.fromkeys(["LASIS", "RASIS"], "camera")), np.arange(300) / 100
+    gaps, time = MarkerGaps(["LASIS", "RASIS"]), np.arange(300) / 100
     for k in range(0, 300, each):
         part = slice(k, k + each)
         gaps.add(time[part], position[part])

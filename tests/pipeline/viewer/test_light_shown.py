@@ -70,15 +70,13 @@ def test_the_colour_of_the_light_is_on_the_screen_for_each_frequent_fault(
         assert view.wait(PATIENCE_S), view.fault
         for frame in first.frames[-LAST:]:
             view.show(shown(frame))
-        for cycle in first.monitor.cycles:
-            view.show_cycle(cycle.side, cycle.curve)
         with open_browser() as browser:
             browser.resize(*SCREEN)
             browser.open(view.address)
             settled_page(browser)
             for fault in faults:
                 played = first if fault == faults[0] else laboratory.played(fault)
-                view.show_board(played.board, played.monitor.page())
+                view.show_board(played.board)
                 path = Path(os.environ.get("LIVE_SCREENS", tmp_path)) / f"{fault}.png"
                 colour = EXPECTED[fault][0]
                 assert seen_on(browser, path, colour) == {colour}, fault

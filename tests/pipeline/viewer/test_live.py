@@ -8,9 +8,8 @@ import rerun.blueprint as rrb
 
 from pipeline.trial.residuals import AXES, reported
 from pipeline.viewer.file import recording_file
-from pipeline.viewer.live import FULL_SCALE, LiveScene
+from pipeline.viewer.live import LiveScene
 from pipeline.viewer.live_drawing import LiveDrawing
-from pipeline.viewer.plots import SHOWN_CYCLES, SIZE
 from pipeline.viewer.trial import write_recording
 from tests.pipeline.stored_recording import Stored
 from tests.pipeline.viewer_frames import shown_frames
@@ -18,7 +17,6 @@ from tests.pipeline.viewer_trial import viewer_trial
 
 FRAMES = 60
 VARIANTS = ("measured", "compensated")
-SIDES = ("left", "right")
 LOST = slice(20, 30)
 
 
@@ -32,16 +30,12 @@ def scene_of(trial):
 
 
 def draw(scene, path, batches):
-    """Draw batches of numbered frames, and of news without frames, into a file."""
+    """Draw batches of numbered frames into a file."""
     with recording_file(path, "live", "live", rrb.Blueprint(auto_views=False)) as stream:
         drawing = LiveDrawing(stream, scene)
         for batch in batches:
-            drawing.show(batch if isinstance(batch, tuple) else (batch, [], None, None))
+            drawing.show((batch, None))
     return Stored(path)
-
-
-def news(cycles=(), status=None):
-    return [], list(cycles), None, status
 
 
 def cut(frames, sizes):
@@ -121,32 +115,8 @@ def test_frames_whose_time_does_not_increase_are_not_drawn(trial, tmp_path):
 
 def test_time_is_shown_since_the_first_frame(trial, tmp_path):
     frames = [replace(frame, time=1e6 + frame.time) for frame in shown_frames(trial)[:4]]
-    scene = scene_of(trial)
-    first = [news(status="# RMS\n漢 5 N"), *cut(frames, [1, 1, 1])]
-    stored = draw(scene, tmp_path / "live.rrd", first)
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", cut(frames, [1, 1, 1]))
     np.testing.assert_allclose(stored.times("residual/Fx"), [0, 0.01, 0.02, 0.03], atol=1e-8)
-    np.testing.assert_array_equal(stored.times("status"), [0])
-    assert stored.rows("status", "text")[-1].tolist() == ["# RMS\n? 5 N"]
-
-
-def curves_of(stored):
-    return [np.array(strip) for strip in stored.lists("cycles/curves", "strips")[-1]]
-
-
-def test_the_last_ten_cycles_of_the_right_foot_stay_drawn(trial, tmp_path):
-    def cycle(size):
-        return {"measured": np.full((101, 6), size), "compensated": np.zeros((101, 6))}
-
-    scene = scene_of(trial)
-    batches = [news([(side, cycle(k))]) for k in range(14) for side in SIDES]
-    stored = draw(scene, tmp_path / "live.rrd", batches)
-    strips = curves_of(stored)
-    assert len(strips) == SHOWN_CYCLES * len(VARIANTS) * len(AXES)
-    newest_fx = strips[-2 * len(AXES)]
-    zero_fx = strips[-len(AXES)]
-    height = zero_fx[0, 1] - newest_fx[0, 1]
-    assert np.ptp(zero_fx[:, 1]) == 0
-    assert height == pytest.approx(13 / FULL_SCALE[0] * SIZE[1] / 2, abs=1e-3)
 
 
 def test_a_platform_of_unknown_pose_and_a_frame_that_does_not_count_are_gaps(trial, tmp_path):

@@ -103,23 +103,16 @@ def assert_it_ends(view, frames, fault):
 
     wait_for(noticed_while_frames_come)
     assert view.fault == fault
-    view.show_board(BOARD, "on")
-    view.show_cycle("left", dict.fromkeys(frames[0].residual, np.zeros((101, 6))))
+    view.show_board(BOARD)
     view.show(frames[0])
     shown = next(number) + 1
     wait_for(lambda: view.shown + view.left_out == shown)
 
 
 @needs_vulkan
-def test_body_residuals_and_gait_cycles_are_seen_until_the_drawing_process_is_killed(trial, frames):
-    curves = {
-        name: np.outer(np.sin(np.linspace(0, 6, 101)), np.full(6, size))
-        for name, size in (("measured", 30.0), ("compensated", 10.0))
-    }
+def test_body_and_residuals_are_seen_until_the_drawing_process_is_killed(trial, frames):
     with live_view(trial, "none") as view:
-        for side in ("left", "right"):
-            view.show_cycle(side, curves)
-        view.show_board(BOARD, "# Running RMS\n| Fx | 12 N |\n|---|---|")
+        view.show_board(BOARD)
         walk(view, frames, FRAMES)
         viewer = ViewerClient.connect(view.address)
         (shown,) = settled(viewer, 9).recordings
@@ -154,7 +147,7 @@ def test_a_page_shows_what_comes_and_requests_only_what_is_served_here(trial, fr
         state = settled_page(browser)
         assert state.active.startswith("Recording:hbm_residuals_live:")
         assert (state.timeline, state.playing) == ("time", FOLLOWING)
-        assert {"Light", "Status", "Legend", "Fx forward (N)", "Mz about up (N·m)"} <= state.views
+        assert {"Light", "Legend", "Fx forward (N)", "Mz about up (N·m)"} <= state.views
         walk(view, frames, 50, first=FRAMES)
         wait_for(lambda: page_state(browser).time == (FRAMES + 49) * 10_000_000)
         browser.screenshot(tmp_path / "page.png")
