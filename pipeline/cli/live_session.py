@@ -18,6 +18,7 @@ from hbm.spelling import listed
 from pipeline.cli.options import require_folder
 from pipeline.cli.stopping import SIGNAL_EXIT, recorded_requests, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
+from pipeline.config.schema import NOUNS
 from pipeline.io.write import write_text
 from pipeline.live.chain import LiveChain
 from pipeline.live.light import Finding
@@ -299,12 +300,13 @@ def summary(
             yield f"stream {name}: {clock.missing} samples not received"
         if clock.unused:
             yield f"stream {name}: {clock.unused} samples not used: late, repeated, or untimed"
-    yield f"{condition.cycles} gait cycles of both feet used, {condition.used} of one foot"
+    unit = f"{NOUNS[condition.unit]}s"
+    yield f"{condition.cycles} {unit} of both feet used, {condition.used} of one foot"
     yield from monitor.residuals()
     if monitor.during_stop:
-        yield f"{monitor.during_stop} gait cycles not used: measured while the light showed stop"
+        yield f"{monitor.during_stop} {unit} not used: measured while the light showed stop"
     for reason, count in condition.left_out.most_common():
-        yield f"{count} gait cycles not used: {reason}"
+        yield f"{count} {unit} not used: {reason}"
     if not chain.received:
         yield f"stream {chain.stream.name}: no frame received; does its program measure?"
     else:

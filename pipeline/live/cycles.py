@@ -1,4 +1,4 @@
-"""Gait cycles as soon as they are known, and the residuals of a condition so far."""
+"""Gait cycles and steps as soon as they are known, and the residuals of a condition so far."""
 
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array, Indices
+from pipeline.config.schema import Unit
 from pipeline.live.chain import LiveFrame
 from pipeline.trial.gait.contact import MIN_STANCE_S
 from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION, shortage
@@ -23,7 +24,7 @@ PERCENT: Final = np.arange(101)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveCycle:
-    """A stride that has just ended.
+    """A stride, or a step to the other foot's strike, that has just ended.
 
     Attributes
     ----------
@@ -47,6 +48,8 @@ class LiveCycle:
         NaN unless all its frames count, or would if the plates carried the subject.
     quality
         Flags of its frames, lost ones included, (M,).
+    unit
+        "cycle" or "step".
     """
 
     side: str
@@ -59,6 +62,7 @@ class LiveCycle:
     curve: Mapping[str, Array]
     vertical_n: float = np.nan
     quality: Indices = field(default_factory=lambda: np.zeros(1, int))
+    unit: Unit = "cycle"
 
 
 @dataclass(slots=True)
@@ -82,11 +86,12 @@ class _Foot:
 
 @dataclass(slots=True)
 class GaitTracker:
-    """Finds gait cycles frame by frame.
+    """Finds gait cycles and steps frame by frame.
 
     A contact and its loss count once they last 0.1 s, as in trials (``MIN_STANCE_S``), and are
     known that much later. A stride takes 0.4 to 2.5 s and 0.6 to 1.5 of the median of the last ten;
-    it is a gait cycle if the other foot has struck once in it, if that foot strikes at all.
+    it is a gait cycle if the other foot has struck once in it, if that foot strikes at all. A step,
+    from one foot's strike to the other's, takes half as long.
     Contacts are those of the filtered forces, and as late as these. Filters go on from one frame to
     the next within ``longest_s``.
 
@@ -108,36 +113,45 @@ class GaitTracker:
     longest_s: float
     _frames: deque[LiveFrame] = field(default_factory=deque)
     _feet: tuple[_Foot, _Foot] = field(default_factory=lambda: (_Foot(), _Foot()))
-    _durations: deque[float] = field(default_factory=lambda: deque(maxlen=TYPICAL_OF))
+    _durations: dict[Unit, deque[float]] = field(
+        default_factory=lambda: {u: deque(maxlen=TYPICAL_OF) for u in ("cycle", "step")}
+    )
 
     def add(self, frame: LiveFrame) -> list[LiveCycle]:
-        """Take a frame and give the strides that it ends."""
+        """Take a frame and give the strides and steps that it ends."""
         self._frames.append(frame)
         while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * MIN_STANCE_S:
             self._frames.popleft()
         ended = []
-        feet = zip(SIDES, self._feet, self._feet[::-1], frame.contact.tolist(), strict=True)
-        for side, foot, other, loaded in feet:
+        for side, other_side, foot, other, loaded in zip(
+            SIDES, SIDES[::-1], self._feet, self._feet[::-1], frame.contact.tolist(), strict=True
+        ):
             at = foot.change(loaded, frame.time)
             if at is None or not loaded:
                 continue
             other.others_strikes += 1
-            if self._is_usual(foot.strike_s, at):
+            if self._is_usual("cycle", foot.strike_s, at):
                 whole = other.strike_s == -np.inf or foot.others_strikes == 1
-                ended.append(self._cycle(side, foot.strike_s, at, whole))
+                ended.append(self._cycle("cycle", side, foot.strike_s, at, whole))
+            last_s = other.strike_s
+            if foot.strike_s < last_s and self._is_usual("step", last_s, at):
+                ended.append(self._cycle("step", other_side, last_s, at, True))
             foot.strike_s, foot.others_strikes = at, 0
         return ended
 
-    def _is_usual(self, start_s: float, stop_s: float) -> bool:
-        duration = stop_s - start_s
-        usual = float(np.median(self._durations)) if self._durations else duration
-        if not MIN_STRIDE_S <= duration <= MAX_CYCLE_S:
+    def _is_usual(self, unit: Unit, start_s: float, stop_s: float) -> bool:
+        duration, past = stop_s - start_s, self._durations[unit]
+        usual = float(np.median(past)) if past else duration
+        part = 1.0 if unit == "cycle" else 0.5
+        if not part * MIN_STRIDE_S <= duration <= part * MAX_CYCLE_S:
             return False
-        self._durations.append(duration)
+        past.append(duration)
         kept = self._frames[0].time <= start_s  # not so after a gap in the stream
         return kept and MIN_DURATION <= duration / usual <= MAX_DURATION
 
-    def _cycle(self, side: str, start_s: float, stop_s: float, whole: bool) -> LiveCycle:
+    def _cycle(
+        self, unit: Unit, side: str, start_s: float, stop_s: float, whole: bool
+    ) -> LiveCycle:
         inside = [f for f in self._frames if start_s <= f.time < stop_s]
         time, quality = (np.array([getattr(f, of) for f in inside]) for of in ("time", "quality"))
         counts = free_of(quality)
@@ -157,12 +171,12 @@ class GaitTracker:
         vertical_n = float(force[:, 2].mean()) if known else np.nan
         flags = np.append(quality, np.repeat(gap, lost))
         of_frames = time[counts], residual, peak, curve, vertical_n, flags
-        return LiveCycle(side, start_s, stop_s, whole, *of_frames)
+        return LiveCycle(side, start_s, stop_s, whole, *of_frames, unit)
 
 
 @dataclass(slots=True)
 class ConditionSoFar:
-    """Summarises the gait cycles of a condition as they end, in memory that stays.
+    """Summarises the gait cycles, or steps, of a condition as they end, in memory that stays.
 
     A frame that is in a cycle of either foot counts once; trials count the cycles of one foot.
 
@@ -170,6 +184,8 @@ class ConditionSoFar:
     ----------
     min_valid_share
         Of a gait cycle's frames that count: with less the cycle does not, as in trials.
+    unit
+        "cycle" or "step".
     cycles
         Those that are used, of both sides.
     left_out
@@ -181,6 +197,7 @@ class ConditionSoFar:
     """
 
     min_valid_share: float
+    unit: Unit = "cycle"
     cycles: int = 0
     left_out: Counter[str] = field(default_factory=Counter)
     newest: Mapping[str, Array] = field(default_factory=dict)

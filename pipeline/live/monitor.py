@@ -15,6 +15,7 @@ from hbm.notes import Note
 from hbm.signals.converters import find_limits
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
+from pipeline.config.schema import NOUNS
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.cycles import ConditionSoFar, GaitTracker, LiveCycle
@@ -327,7 +328,8 @@ class Monitor:
         self._untimed_s = dict.fromkeys(streams, -np.inf)
         self._silent = list[Finding]()
         self._held: set[Key] = set()
-        self.condition = ConditionSoFar(chain.settings.min_valid_share)
+        least = chain.settings.min_valid_share
+        self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
         self.cycles, self.reasons = deque[LiveCycle](maxlen=10), Counter[str]()
         self.notes = deque[tuple[float, Note]](maxlen=MAX_NOTES)
         self._stopped, self.during_stop = False, 0
@@ -363,16 +365,17 @@ class Monitor:
         if frame.time >= self._steady_s:
             self._recent.append(frame.quality)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
-        strides = self._gait.add(frame)
+        ended = self._gait.add(frame)
+        strides = [each for each in ended if each.unit == "cycle"]
         cycles = [stride for stride in strides if stride.whole]
         for stride in strides:
             self._weight.add(stride)
         if self._stopped:
             self.during_stop += len(cycles)
         else:
-            for cycle in cycles:
-                self.condition.add(cycle)
-        if strides:
+            for each in (each for each in ended if each.whole):
+                self._so_far[each.unit].add(each)
+        if ended:
             self.height_m = height_of_mass(self.chain.body, frame.q[None])
         self.cycles.extend(cycles)
         self._delay.add(frame)
@@ -403,6 +406,12 @@ class Monitor:
         self._stopped = any(one.kind.stops for one in found)
         return found
 
+    @property
+    def condition(self) -> ConditionSoFar:
+        """The gait cycles so far or, where plates carry none of them, the steps."""
+        cycles, steps = self._so_far.values()
+        return steps if steps.cycles and not cycles.cycles else cycles
+
     def latency_ms(self, percent: float) -> float:
         """Give a percentile of the time from arrival to results over the last minute [ms]."""
         return 1000 * float(np.percentile(self._latency, percent)) if self._latency else np.nan
@@ -412,9 +421,10 @@ class Monitor:
         recent, condition = list(self._recent), self.condition
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
         used, wanted, weight_n = condition.used, self._required, self.chain.body.mass * GRAVITY_MPS2
-        done, steady = f"{used} of {wanted} gait cycles used", len(recent) >= MIN_FRAMES
+        noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
+        done = f"{used} of {wanted} {noun} used"
         shown = light(self.look(), shares, done, ended=used >= wanted, steady=steady)
-        progress = used / wanted, f"{used} / {wanted} gait cycles"
+        progress = used / wanted, f"{used} / {wanted} {noun}"
         limits = MAX_FORCE_SHARE * weight_n, MAX_MOMENT_SHARE * weight_n * self._standing_m
         return Board(*shown, *progress, condition.newest, *limits, senders(streams))
 

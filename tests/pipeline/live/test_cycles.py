@@ -8,7 +8,7 @@ import pytest
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.cycles import ConditionSoFar, GaitTracker
 from pipeline.trial.gait.contact import MIN_STANCE_S
-from pipeline.trial.gait.events import event_times
+from pipeline.trial.gait.events import SIDES, event_times
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
@@ -35,7 +35,7 @@ def followed(frames):
 
 
 def cycles_of(tracker, frame):
-    return [each for each in tracker.add(frame) if each.whole]
+    return [each for each in tracker.add(frame) if each.whole and each.unit == "cycle"]
 
 
 def so_far_of(result):
@@ -102,6 +102,35 @@ def test_gait_cycles_are_left_out_and_counted_as_in_trials(result, frames, flag,
     assert set(counted) <= {reason, "an end or a gap too near for the filters to settle"}
     assert (counted[reason] > 2) == (reason is not None)
     assert so_far.cycles > 2
+
+
+def test_steps_follow_one_another_and_are_those_of_the_trial(result, frames):
+    tracker = GaitTracker(0.042)
+    steps = [e for frame in frames for e in tracker.add(frame) if e.unit == "step"]
+    np.testing.assert_array_equal([a.stop_s for a in steps[:-1]], [b.start_s for b in steps[1:]])
+    assert [a.side for a in steps[:-1]] != [b.side for b in steps[1:]]
+    of_trial = np.sort(
+        np.concatenate([event_times(result.events, "foot_strike", side) for side in SIDES])
+    )
+    within = [step for step in steps if of_trial[0] - 0.1 < step.start_s < of_trial[-1] + 0.1]
+    assert len(within) > 8
+    assert max(np.abs(of_trial - step.start_s).min() for step in within) < 0.04
+
+
+def test_where_the_plates_carry_a_step_alone_the_summary_is_of_that_step(result, frames):
+    """Feet are on the plates from one strike to the next but 0.1 s; strides are carried by less
+    than half."""
+    tracker, so_far = GaitTracker(0.042), {u: ConditionSoFar(0.6, u) for u in ("cycle", "step")}
+    strikes = [e.time for e in result.events if e.label == "foot_strike" and e.time > 8]
+    start, stop = sorted(strikes)[:2]
+    for frame in frames:
+        on = start - 0.03 <= frame.time < stop
+        quality = frame.quality | (Quality(0) if on else Quality.NOT_CARRIED)
+        for each in tracker.add(replace(frame, quality=quality)):
+            if each.whole:
+                so_far[each.unit].add(each)
+    assert so_far["cycle"].cycles == 0
+    assert so_far["step"].cycles == 1
 
 
 def test_a_subject_who_stands_makes_no_cycle(frames):
