@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
 from hbm.signals.filtering import LowPassMethod, low_pass
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, freeze_arrays
 
 SETTLING_SAMPLES: Final = 100
 """At the start of a trial, which depend on the belt's motion before; 1 s at 100 Hz."""
@@ -103,9 +103,7 @@ class BeltModel:
     rms_compensated: float = field(default=float("nan"), kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "theta", read_only(self.theta))
-        if self.theta.shape != (5,):
-            raise ValueError(f"belt model: theta must have shape (5,), got {self.theta.shape}")
+        freeze_arrays(self, "belt model", theta=(5,))
         if self.advance < 0:
             raise ValueError(f"belt model: advance must be 0 or more samples, got {self.advance}")
         largest = np.max(np.abs(self.poles))

@@ -11,7 +11,7 @@ from hbm.engines.engine import Engine, choose_engine
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
-from hbm.spatial import Array, Mask, frozen, read_only, shift_wrench
+from hbm.spatial import Array, Mask, freeze_arrays, frozen, shift_wrench
 
 FRAMES_AT_ONCE: Final = 2000
 """Bounds the memory for intermediate results, 2 to 3 kB a frame."""
@@ -57,12 +57,8 @@ class Dynamics:
 
     def __post_init__(self) -> None:
         frames = len(self.time)
-        shapes = {"time": (frames,), "tau": (frames, N_Q), "residual": (frames, 6)}
-        for name, shape in (shapes | {"power": (frames, N_Q)}).items():
-            value = read_only(getattr(self, name))
-            if value.shape != shape:
-                raise ValueError(f"dynamics: {name} must have shape {shape}, got {value.shape}")
-            object.__setattr__(self, name, value)
+        shapes = dict.fromkeys(("tau", "power"), (frames, N_Q))
+        freeze_arrays(self, "dynamics", time=(frames,), residual=(frames, 6), **shapes)
 
     def without_forces(self, unknown: Mask) -> "Dynamics":
         """Give the same with some generalized forces and their power left out, (T, 46)."""

@@ -42,10 +42,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, N_Q
-from hbm.spatial import Array, Mask, read_only
-
-FLAGS: Final = ("converged", "observed")
-"""Fields of `Motion` that are true or false."""
+from hbm.spatial import Array, Mask, freeze_arrays
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,15 +96,13 @@ class Motion:
         frames = len(self.time)
         if self.gradient is None:
             object.__setattr__(self, "gradient", np.full(frames, np.nan))
-        columns = dict.fromkeys(("q", "v", "a", "observed"), (frames, N_Q))
-        columns["marker_error"] = frames, len(self.markers)
-        for name in ("time", "q", "v", "a", "marker_error", "gradient", *FLAGS):
-            shape = columns.get(name, (frames,))
-            given = getattr(self, name)
-            value = read_only(given, bool) if name in FLAGS else read_only(given)
-            if value.shape != shape:
-                raise ValueError(f"motion: {name} must have shape {shape}, got {value.shape}")
-            object.__setattr__(self, name, value)
+        freeze_arrays(
+            self,
+            "motion",
+            **dict.fromkeys(("time", "gradient", "converged"), (frames,)),
+            **dict.fromkeys(("q", "v", "a", "observed"), (frames, N_Q)),
+            marker_error=(frames, len(self.markers)),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from hbm.coordinates import SEGMENTS
-from hbm.spatial import Array, read_only, skew
+from hbm.spatial import Array, freeze_arrays, read_only, skew
 from hbm.spelling import did_you_mean, no_segment, parse_toml, shown
 
 Sex = Literal["male", "female", "unspecified"]
@@ -125,8 +125,7 @@ class Inertia:
     def __post_init__(self) -> None:
         if not self.mass >= 0:
             raise ValueError(f"a mass must not be negative, got {self.mass:g} kg")
-        for name in ("center", "tensor"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "inertia", center=(3,), tensor=(3, 3))
 
     def __add__(self, other: "Inertia") -> "Inertia":
         """Join two parts rigidly, given in the same frame (parallel-axis theorem)."""

@@ -321,34 +321,29 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
     def height(point: Array) -> float:
         return float((point - hips) @ up)
 
-    def share(level: str) -> float:
-        return height_per_cervicale(level, sex)
-
     if "C7" in at:
         cervicale = height(at["C7"])
     elif "JN" in at:
-        cervicale = height(at["JN"]) / share("notch")
+        cervicale = height(at["JN"]) / height_per_cervicale("notch", sex)
         anatomy.rules["C7 (cervicale)"] = "its level on the trunk's axis follows from JN"
     else:
         drop = SHOULDER_DROP_PER_WIDTH * distance(at["LSHO"], at["RSHO"])
-        cervicale = (height((at["LSHO"] + at["RSHO"]) / 2) - drop) / share("mid_shoulders")
+        shoulders = height((at["LSHO"] + at["RSHO"]) / 2) - drop
+        cervicale = shoulders / height_per_cervicale("mid_shoulders", sex)
         anatomy.rules["C7 (cervicale)"] = "its level on the trunk's axis follows from the acromions"
     if "XIPH" in at:
         xiphoid = height(at["XIPH"])
     else:
-        xiphoid = share("xiphoid") * cervicale
+        xiphoid = height_per_cervicale("xiphoid", sex) * cervicale
         anatomy.rules["XIPH"] = "its level on the trunk's axis follows from the cervicale"
     if not 0 < xiphoid < cervicale:
         raise ValueError(
             f"along the trunk, the xiphoid lies {1000 * xiphoid:.0f} mm and the cervicale "
             f"{1000 * cervicale:.0f} mm above the hips; check the labels XIPH, C7 and JN"
         )
-    for name, value in (
-        ("cervicale", cervicale),
-        ("mid_shoulders", share("mid_shoulders") * cervicale),
-        ("xiphoid", xiphoid),
-    ):
-        anatomy.points[name] = hips_on_axis + value * up
+    mid_shoulders = height_per_cervicale("mid_shoulders", sex) * cervicale
+    levels = {"cervicale": cervicale, "mid_shoulders": mid_shoulders, "xiphoid": xiphoid}
+    anatomy.points |= {name: hips_on_axis + level * up for name, level in levels.items()}
 
 
 def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
