@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import CARRIERS, LIMBS, N_Q
-from hbm.ik.frame_tracking import FrameSolution, FrameTracker
-from hbm.ik.tracking import solve_ik
+from hbm.ik.tracking import FrameSolution, FrameTracker, solve_ik
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES, INDEX
-from hbm.ik.frame_tracking import FrameTracker
 from hbm.ik.problem import POSTURE_PRECISION, Problem
-from hbm.ik.tracking import solve_ik
+from hbm.ik.tracking import FrameTracker, solve_ik
 from tests.hbm.motions import markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 
