@@ -66,9 +66,6 @@ class Motion:
     observed
         Whether the visible markers determined each coordinate, (T, 46); the others were held at
         zero or interpolated in time.
-    gradient
-        Largest entry of the cost's gradient at the last step, (T,) [m and m²/rad]; NaN where
-        nothing was solved.
 
     Examples
     --------
@@ -90,16 +87,13 @@ class Motion:
     marker_error: Array
     converged: Mask
     observed: Mask
-    gradient: Array | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.time)
-        if self.gradient is None:
-            object.__setattr__(self, "gradient", np.full(frames, np.nan))
         freeze_arrays(
             self,
             "motion",
-            **dict.fromkeys(("time", "gradient", "converged"), (frames,)),
+            **dict.fromkeys(("time", "converged"), (frames,)),
             **dict.fromkeys(("q", "v", "a", "observed"), (frames, N_Q)),
             marker_error=(frames, len(self.markers)),
         )

@@ -9,7 +9,6 @@ far, so that it slows the directions that markers hardly show and no others.
 """
 
 import ctypes
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
@@ -181,15 +180,12 @@ class Solved:
         return Solved(*(getattr(self, name)[frames] for name in self.__slots__))
 
 
+Terms = tuple[Array, Array, Array]
+"""Starting points, weights of the priors and their values, (F, 46) each [m and rad]."""
+
+
 def solve_frames(
-    attachment: MarkerAttachment,
-    rows: Indices,
-    start: Array,
-    prior: Array,
-    reference: Array,
-    *,
-    tolerance: float,
-    jobs: int = 1,
+    attachment: MarkerAttachment, rows: Indices, terms: Terms, tolerance: float, jobs: int = 1
 ) -> Solved:
     """Minimise ``Σ w |r(q) − m|²/2 + Σ prior (q − reference)²/2`` in every frame.
 
@@ -199,10 +195,9 @@ def solve_frames(
         Markers on the skeleton.
     rows
         Frames of the trial to solve, (F,).
-    start
-        Starting points, (F, 46); a frame whose start is NaN is not solved.
-    prior, reference
-        Weight and value of the prior on each coordinate, (F, 46) or (46,).
+    terms
+        Starting points, (F, 46), NaN in a frame that is not to be solved; weight and value of the
+        prior on each coordinate, (F, 46) or (46,).
     tolerance
         Largest last step [rad or m].
     jobs
@@ -221,17 +216,17 @@ def solve_frames(
     ready = kernels()
     rows = np.ascontiguousarray(rows, np.int64)
     solved = Solved.empty(rows, len(attachment.segment))
-    terms = [
-        np.broadcast_to(np.ascontiguousarray(x, float), start.shape)
-        for x in (start, prior, reference)
-    ]
+    start, prior, reference = (
+        np.broadcast_to(np.ascontiguousarray(term, float), (len(rows), N_Q)) for term in terms
+    )
+    terms = start, prior, reference
     native = ready.solve_frames
     if native is None:
         _interpreted(ready, attachment, solved, terms, tolerance)
         return solved
 
     def solve_block(first: int, last: int) -> None:
-        native(ctypes.byref(_structure(attachment, solved, terms, tolerance, first, last)))
+        native(ctypes.byref(_structure(attachment, solved, terms, tolerance, range(first, last))))
 
     in_threads(solve_block, len(rows), jobs)
     return solved
@@ -274,23 +269,15 @@ class DescentProblem(ctypes.Structure):
 
 
 def _structure(
-    attachment: MarkerAttachment,
-    solved: Solved,
-    terms: Sequence[Array],
-    tolerance: float,
-    first: int,
-    last: int,
+    attachment: MarkerAttachment, solved: Solved, terms: Terms, tolerance: float, block: range
 ) -> DescentProblem:
-    """Give a block of frames to ``descent.c``; the arrays must live as long as it.
-
-    ``terms`` are start, prior and reference, (F, 46) each.
-    """
+    """Give a block of frames to ``descent.c``; the arrays must live as long as it."""
     fixed = {name: getattr(attachment, name) for name in MarkerAttachment.__slots__}
     per_frame = dict(zip(("start", "prior", "reference"), terms, strict=True))
     per_frame |= {name: getattr(solved, name) for name in Solved.__slots__}
     _, prior, reference = terms
     return DescentProblem(
-        frames=last - first,
+        frames=len(block),
         markers=len(attachment.segment),
         measured=attachment.position.shape[1],
         prior_stride=prior.strides[0] // prior.itemsize,
@@ -300,16 +287,12 @@ def _structure(
         tolerance=tolerance,
         **_limits(),
         **{name: x.ctypes.data for name, x in fixed.items()},
-        **{name: x.ctypes.data + first * x.strides[0] for name, x in per_frame.items()},
+        **{name: x.ctypes.data + block.start * x.strides[0] for name, x in per_frame.items()},
     )
 
 
 def _interpreted(
-    ready: Kernels,
-    attachment: MarkerAttachment,
-    solved: Solved,
-    terms: Sequence[Array],
-    tolerance: float,
+    ready: Kernels, attachment: MarkerAttachment, solved: Solved, terms: Terms, tolerance: float
 ) -> None:
     """Do what ``descent.c`` does, frame by frame; arguments as of `_structure`."""
     newton_step = OneFrameKernel(ready.newton_step, attachment.geometry)
@@ -366,7 +349,7 @@ class OneFrame:
         self.terms = self.start, prior[None], reference[None]
         self.solved = Solved.empty(ROW, len(attachment.segment))
         self.native = kernels().solve_frames
-        self.structure = _structure(attachment, self.solved, self.terms, tolerance, 0, 1)
+        self.structure = _structure(attachment, self.solved, self.terms, tolerance, range(1))
         self.address = ctypes.byref(self.structure)
 
     def solve(self, start: Array) -> Solved:
@@ -375,4 +358,4 @@ class OneFrame:
         if self.native is not None:
             self.native(self.address)
             return self.solved
-        return solve_frames(self.attachment, ROW, *self.terms, tolerance=self.tolerance)
+        return solve_frames(self.attachment, ROW, self.terms, self.tolerance)

@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import FIRST_Q, LAST_Q, MOVING, N_Q, PARENT, TREE
+from hbm.ik.descent import MarkerAttachment
 from hbm.model import Joint
-from hbm.spatial import Array, Mask, fit_rotation, skew
+from hbm.spatial import Array, Indices, Mask, fit_rotation, skew
 
 COFACTORS: Final = np.array(
     [
@@ -222,34 +223,17 @@ ROOT_SEGMENTS: Final = (
 
 
 class Start:
-    """The measured markers of some frames, and the body that is aligned with them.
-
-    Parameters
-    ----------
-    position
-        Measured markers in the lab, (T, K, 3) [m]; any finite value where the weight is 0.
-    weight
-        Marker weights, 0 where missing, (T, K).
-    local
-        Marker positions in their segments, (K, 3) [m].
-    segment
-        Segment of each marker, (K,).
-    joints
-        The body's skeleton.
-    """
+    """The measured markers of some frames, (T,), and the skeleton that is aligned with them."""
 
     def __init__(
-        self,
-        position: Array,
-        weight: Array,
-        local: Array,
-        segment: tuple[str, ...],
-        joints: tuple[Joint, ...],
+        self, attachment: MarkerAttachment, rows: Indices, joints: tuple[Joint, ...]
     ) -> None:
-        self.position, self.weight, self.local = position, weight, local
+        measured, self.local = attachment.measured(rows), attachment.local
+        seen = np.isfinite(measured[..., 0])
+        self.position = np.where(seen[..., None], measured, 0.0)
+        self.weight = seen * attachment.weight
         self.offsets = {s: joints[i].offset for s, i in FIRST_Q.items()}
-        own = np.array(segment)
-        self.columns = {s: np.flatnonzero(own == s) for s in MOVING}
+        self.columns = {s: np.flatnonzero(attachment.segment == k) for k, s in enumerate(MOVING)}
         self.rotations = {
             s: [i for i in range(FIRST_Q[s], LAST_Q[s] + 1) if not joints[i].translates]
             for s in MOVING

@@ -19,7 +19,7 @@ since one frame has no time for all of them. Coordinates that markers do not sho
 shown values.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
@@ -164,14 +164,7 @@ EQUAL_COST: Final = 1e-6
 """Relative difference of the costs of one optimum that is reached from two starts."""
 
 
-def solve_ik(
-    body: Body,
-    markers: Markers,
-    *,
-    weights: Mapping[str, float] | None = None,
-    tolerance: float = 1e-6,
-    jobs: int = 1,
-) -> Motion:
+def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int = 1) -> Motion:
     """Find the coordinates whose markers lie nearest to the measured ones.
 
     Parameters
@@ -181,8 +174,6 @@ def solve_ik(
     markers
         Measured trajectories, lab axes; gaps are NaN. Labels that the body does not know are
         ignored.
-    weights
-        Marker -> weight in the sum of squares; 1 where not named.
     tolerance
         Largest last step of any coordinate [rad or m]; convergence is quadratic, so the error that
         remains is far smaller.
@@ -202,8 +193,7 @@ def solve_ik(
     Raises
     ------
     ValueError
-        If none of the body's markers is in the trial, or a weight is negative or of a marker that
-        the body does not have.
+        If none of the body's markers is in the trial.
 
     Examples
     --------
@@ -216,12 +206,7 @@ def solve_ik(
     >>> f"{np.degrees(motion.coordinate('LShoulderAbduction').mean()):.0f}°"
     '94°'
     """
-    for name, weight in (weights or {}).items():
-        if name not in body.markers:
-            raise ValueError(f"weight for {name!r}, which is not a marker of the body")
-        if not (weight >= 0 and np.isfinite(weight)):
-            raise ValueError(f"the weight of {name} must be 0 or more, got {weight:g}")
-    problem = Problem(body, markers, weights or {}, tolerance=tolerance, jobs=jobs)
+    problem = Problem(body, markers, tolerance, jobs)
     problem.stand_upright()
     frames = np.arange(len(problem.time))
     start, usual_pivots = _starting_points(problem, frames)
@@ -255,7 +240,6 @@ def solve_ik(
         found.error,
         found.converged,
         observed & found.converged[:, None],
-        found.gradient,
     )
 
 
@@ -416,8 +400,6 @@ class FrameSolution:
     observed
         Whether the visible markers determined each coordinate, (46,); those of limbs and head are
         not while a lower optimum is looked for.
-    gradient
-        Largest entry of the cost's gradient at the last step [m and m²/rad].
     pivots
         Of the Hessian's factorisation, (46,).
     looked
@@ -428,7 +410,6 @@ class FrameSolution:
     marker_error: Array
     converged: bool
     observed: Mask
-    gradient: float
     pivots: Array
     looked: bool
 
@@ -493,8 +474,7 @@ class FrameTracker:
             q = nearest_equivalent(q, self.q)
         if looked:
             observed &= self.problem.carriers
-        gradient, pivots = float(found.gradient[0]), found.pivots[0].copy()
-        return FrameSolution(q, error, solved, observed & solved, gradient, pivots, looked)
+        return FrameSolution(q, error, solved, observed & solved, found.pivots[0].copy(), looked)
 
     def keep(self, solution: FrameSolution, time: float) -> FrameSolution:
         """Take a solution as the one that the next frame follows; give it with its whole trunk."""

@@ -15,11 +15,7 @@ from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.plausibility.labels import (
-    MIN_FROZEN_S,
-    ROUNDING_S,
-    without_frozen_frames,
-)
+from hbm.plausibility.labels import MIN_FROZEN_S, ROUNDING_S, without_frozen_frames
 from hbm.signals.filtering import Method
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import Array, Indices, Mask
@@ -367,7 +363,6 @@ def track_motion(body: Body, markers: Markers) -> tuple[Markers, Motion, tuple[N
         np.array([s.marker_error for s in solutions]),
         np.array([s.converged for s in solutions]),
         np.array([s.observed for s in solutions]),
-        np.array([s.gradient for s in solutions]),
     )
     before, after = (Markers(markers.time, markers.names, x) for x in (measured, cleaned))
     return after, motion, outlier_notes(before, after)
