@@ -236,8 +236,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     if bar is not None and thumb is not None:
         wrist = wrist + bar * _palmar(thumb, wrist - elbow, side)
         elbow = elbow_with(wrist)
-    anatomy.points |= {f"{side}_{j}": p for j, p in (("shoulder", shoulder), ("wrist", wrist))}
-    anatomy.points[f"{side}_elbow"] = elbow
+    anatomy.points |= {f"{side}_shoulder": shoulder, f"{side}_elbow": elbow, f"{side}_wrist": wrist}
     anatomy.axes[f"{side}_elbow"] = sign * unit(elbow - lateral)
     if s + "MEE" not in at:
         rule = f"{side} elbow axis across the plane of shoulder, elbow and wrist"

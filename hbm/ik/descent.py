@@ -155,14 +155,9 @@ class Solved:
     def empty(cls, row: Indices, markers: int) -> "Solved":
         """Allocate arrays for the optima of some frames."""
         frames = len(row)
-        return cls(
-            row,
-            np.empty((frames, N_Q)),
-            np.zeros(frames, bool),
-            np.full(frames, np.nan),
-            np.empty((frames, N_Q)),
-            np.empty((frames, markers)),
-        )
+        q, pivots = np.empty((2, frames, N_Q))
+        error, gradient = np.empty((frames, markers)), np.full(frames, np.nan)
+        return cls(row, q, np.zeros(frames, bool), gradient, pivots, error)
 
     @classmethod
     def joined(cls, *parts: "Solved") -> "Solved":

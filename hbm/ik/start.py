@@ -166,11 +166,8 @@ def hinge_angles(covariance: Array, terms: Array, starts: tuple[float, ...]) -> 
     traces = np.vecdot(proximal @ bilinear, distal)
     best = np.arange(len(covariance)), traces.argmax(axis=1)
     proximal, distal = proximal[best], distal[best]
-    rotations = (
-        (factors @ term).reshape(-1, 3, 3)
-        for factors, term in ((proximal, terms[0]), (distal, terms[1]))
-    )
-    return np.stack([_angle(proximal), _angle(distal)], axis=1), np.matmul(*rotations)
+    rotation = (proximal @ terms[0]).reshape(-1, 3, 3) @ (distal @ terms[1]).reshape(-1, 3, 3)
+    return np.stack([_angle(proximal), _angle(distal)], axis=1), rotation
 
 
 def rotation_terms(axes: Array) -> Array:
