@@ -26,7 +26,7 @@ from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body, pin_model
 from hbm.notes import Note
-from hbm.plausibility.unseen import mass_not_shown
+from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import (
     LEGS_PER_STATURE,

@@ -8,7 +8,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import groupby, takewhile
+from itertools import groupby
+from os.path import commonprefix
 from shlex import quote
 from typing import Any, Final
 
@@ -16,15 +17,7 @@ import numpy as np
 
 from hbm.coordinates import LIMBS, MOVING, SIDES
 from hbm.spatial import Array, frozen, read_only
-from hbm.spelling import (
-    did_you_mean,
-    listed,
-    no_segment,
-    packaged_toml,
-    parse_toml,
-    short,
-    shown,
-)
+from hbm.spelling import did_you_mean, listed, no_segment, packaged_toml, parse_toml, short, shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,6 +380,9 @@ UPPER_PARTS: Final = {"thorax": "trunk", "head": "head"} | {
 }
 """Segment above the pelvis -> the part of the body that it belongs to."""
 
+LOWER_BODY: Final = "legs"
+"""The part that pelvis and legs are."""
+
 
 def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
     """Find the shipped marker set that a recording's labels belong to.
@@ -414,7 +410,7 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
     if not names:
         raise ValueError("there are no markers; export the file again with their trajectories")
     sets = marker_sets().values()
-    shown = [chosen for chosen in sets if not _short_of(_lower_body(chosen), names)]
+    shown = [chosen for chosen in sets if not _short_of(chosen, names)]
     if not shown:
         raise ValueError(_mismatch(names))
     return _completed(_nearest(shown, names), names)
@@ -435,13 +431,16 @@ def _nearest(sets: Iterable[MarkerSet], names: Iterable[str]) -> MarkerSet:
     return max(sets, key=fit)
 
 
-def _lower_body(chosen: MarkerSet) -> list[SetMarker]:
-    return [m for m in chosen.markers if m.segment not in UPPER_PARTS and not m.optional]
+def _needed(chosen: MarkerSet, part: str = LOWER_BODY) -> list[SetMarker]:
+    """Give the markers of a part of the body without which the set is not complete."""
+    needed = (marker for marker in chosen.markers if not marker.optional)
+    return [marker for marker in needed if UPPER_PARTS.get(marker.segment, LOWER_BODY) == part]
 
 
-def _short_of(markers: list[SetMarker], names: Iterable[str]) -> bool:
-    """Whether too few of a part's markers are present; of none, none are."""
-    return len(_absent(markers, names)) > (1 - MIN_SHARE_OF_PART) * len(markers) or not markers
+def _short_of(chosen: MarkerSet, names: Iterable[str], part: str = LOWER_BODY) -> bool:
+    """Whether too few of the markers of a part are present; of none, none are."""
+    needed = _needed(chosen, part)
+    return len(_absent(needed, names)) > (1 - MIN_SHARE_OF_PART) * len(needed) or not needed
 
 
 def _mismatch(names: list[str]) -> str:
@@ -455,8 +454,7 @@ def _mismatch(names: list[str]) -> str:
     lacking = "; ".join(_lacking(each, names) for each in nearest)
     found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
     # what all labels begin with may be a person's name
-    alike = takewhile(lambda pair: pair[0] == pair[1], zip(min(names), max(names), strict=False))
-    shared = NOT_SEPARATOR.sub("", "".join(letter for letter, _ in alike))
+    shared = NOT_SEPARATOR.sub("", commonprefix(names))  # noqa: RUF071: letters, not folders
     bare = [f"{'…' if shared else ''}{name[len(shared) :]}" for name in names]
     seen = f"the markers match no shipped set; labels: {listed(bare, LABELS_LISTED)}"
     if shared:
@@ -467,7 +465,7 @@ def _mismatch(names: list[str]) -> str:
 
 def _lacking(chosen: MarkerSet, names: list[str]) -> str:
     """Say how many markers of a set's pelvis and legs are there, and which are not."""
-    needed = _lower_body(chosen)
+    needed = _needed(chosen)
     absent = sorted(marker.labels[0] for marker in _absent(needed, names))
     found = f"{chosen.name} with {len(needed) - len(absent)} of its {len(needed)} markers"
     return f"{found} of pelvis and legs (missing {listed(absent)})"
@@ -484,8 +482,8 @@ def renaming(names: Iterable[str]) -> dict[str, str]:
     found = {label: spelt.get(label, spelt.get(_letters(label))) for label in every}
     alike = {label: name for label, name in found.items() if name is not None}
     sets = marker_sets().values()
-    shown = [s for s in sets if not _short_of(_lower_body(s), alike)]
-    if not shown or not all(_short_of(_lower_body(s), names) for s in sets):
+    shown = [s for s in sets if not _short_of(s, alike)]
+    if not shown or not all(_short_of(s, names) for s in sets):
         return {}
     labels = _completed(_nearest(shown, list(alike)), list(alike)).present(alike).segment
     return {alike[label]: label for label in labels if alike[label] != label}
@@ -545,11 +543,7 @@ def usual_landmarks(names: Iterable[str]) -> dict[str, str]:
 
 def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
     """Add other sets' markers of trunk, head and arms where the chosen set's are not there."""
-    own: dict[str, list[SetMarker]] = {part: [] for part in UPPER_PARTS.values()}
-    for marker in chosen.markers:
-        if marker.segment in UPPER_PARTS and not marker.optional:
-            own[UPPER_PARTS[marker.segment]].append(marker)
-    parts = [part for part, markers in own.items() if _short_of(markers, names)]
+    parts = {part for part in UPPER_PARTS.values() if _short_of(chosen, names, part)}
     known = {label.casefold() for marker in chosen.markers for label in marker.labels}
     marked = set(chosen.present(names).landmark)
     added: list[SetMarker] = []
@@ -558,15 +552,15 @@ def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
         if name.casefold() not in known and len(meant) == 1:
             ((segment, landmark),) = meant
             landmark = None if landmark in marked else landmark
-            part = UPPER_PARTS.get(segment, "legs")
-            if part in parts or (part == "legs" and landmark):
+            part = UPPER_PARTS.get(segment, LOWER_BODY)
+            if part in parts or (part == LOWER_BODY and landmark):
                 marked.add(landmark or "")
                 added.append(SetMarker((name,), segment, landmark, optional=True))
     if not added:
         return chosen
     labels = [marker.labels[0] for marker in added]
     other = _nearest((s for s in marker_sets().values() if s.name != chosen.name), labels)
-    shown = dict.fromkeys(UPPER_PARTS.get(marker.segment, "legs") for marker in added)
+    shown = dict.fromkeys(UPPER_PARTS.get(marker.segment, LOWER_BODY) for marker in added)
     return replace(
         chosen,
         name=f"{chosen.name}+{other.name}",

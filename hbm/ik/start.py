@@ -15,19 +15,6 @@ from hbm.ik.descent import MarkerAttachment
 from hbm.model import Joint
 from hbm.spatial import Array, Indices, Mask, fit_rotation, skew
 
-COFACTORS: Final = np.array(
-    [
-        (4, 5, 3, 7, 8, 6, 1, 2, 0),
-        (8, 6, 7, 2, 0, 1, 5, 3, 4),
-        (5, 3, 4, 8, 6, 7, 2, 0, 1),
-        (7, 8, 6, 1, 2, 0, 4, 5, 3),
-    ]
-)
-"""Entries a, b, c, d of a flat 3 × 3 matrix whose cofactors, in the same order, are ``ab − cd``."""
-
-CYCLIC: Final = {(0, 1, 2), (1, 2, 0), (2, 0, 1)}
-"""Sequences of axes that follow each other by the right-hand rule."""
-
 MIN_FRAMES_CLOSED_FORM: Final = 24
 """For fewer frames singular values are as fast."""
 
@@ -74,8 +61,8 @@ def nearest_rotation(covariance: Array) -> Array:
     if len(covariance) < MIN_FRAMES_CLOSED_FORM:
         return fit_rotation(covariance)
     flat = covariance.reshape(-1, 9)
-    plus, minus = flat[:, COFACTORS[0]] * flat[:, COFACTORS[1]], flat[:, COFACTORS[2]]
-    cofactor = plus - minus * flat[:, COFACTORS[3]]
+    # the cofactors of a row are the cross product of the two other rows
+    cofactor = np.cross(covariance[:, (1, 2, 0)], covariance[:, (2, 0, 1)]).reshape(-1, 9)
     norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
     determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
     root = np.sqrt(norm + np.sqrt(3 * size))
@@ -112,7 +99,7 @@ def three_angles(R: Array, first: int) -> Array:
         Angles, (F, 3) [rad], the middle one within ±90°.
     """
     (i, j, k), (a, b, c) = _axes_and_signs(first)
-    sign = 1.0 if (i, j, k) in CYCLIC else -1.0
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0  # whether the axes follow the right-hand rule
     angles = np.empty((len(R), 3))
     angles[:, 0] = a * np.arctan2(-sign * R[:, j, k], R[:, k, k])
     angles[:, 1] = b * np.arcsin(np.clip(sign * R[:, i, k], -1, 1))
