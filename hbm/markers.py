@@ -453,8 +453,8 @@ def _mismatch(names: list[str]) -> str:
         sets = [each for each in sets if each.name.removesuffix("_lower") != family]
     lacking = "; ".join(_lacking(each, names) for each in nearest)
     found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
-    # what all labels begin with may be a person's name
-    shared = NOT_SEPARATOR.sub("", commonprefix(names))  # noqa: RUF071: letters, not folders
+    # what all labels begin with, letter by letter, may be a person's name
+    shared = NOT_SEPARATOR.sub("", commonprefix(names))  # noqa: RUF071
     bare = [f"{'…' if shared else ''}{name[len(shared) :]}" for name in names]
     seen = f"the markers match no shipped set; labels: {listed(bare, LABELS_LISTED)}"
     if shared:
