@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import dct
 from scipy.optimize import OptimizeResult, least_squares, minimize_scalar
 from scipy.signal import lfilter
@@ -106,14 +106,9 @@ class BeltModel:
         freeze_arrays(self, "belt model", theta=(5,))
         if self.advance < 0:
             raise ValueError(f"belt model: advance must be 0 or more samples, got {self.advance}")
-        largest = np.max(np.abs(self.poles))
+        largest = np.max(np.abs(np.roots(self._recursion)))
         if not largest < 1:
             raise ValueError(f"belt model: unstable, its largest pole has size {largest:.3g}")
-
-    @property
-    def poles(self) -> NDArray[np.complex128]:
-        """Poles of the recursion, (2,); the model is stable, all are smaller than 1."""
-        return np.roots(self._recursion).astype(complex)
 
     @property
     def at_rest(self) -> State:
