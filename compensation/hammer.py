@@ -39,10 +39,7 @@ NEWTON_STEPS: Final = 4
 
 
 def hammer_delay(
-    marker_time: ArrayLike,
-    marker_height: ArrayLike,
-    force_time: ArrayLike,
-    force: ArrayLike,
+    marker_time: ArrayLike, marker_height: ArrayLike, force_time: ArrayLike, force: ArrayLike
 ) -> Delay:
     """Estimate by how much a plate lags the cameras from impacts of a hammer with a marker.
 

@@ -259,10 +259,6 @@ def _in_column(column: int, motion: Array) -> Array:
 
 WALKING_MPS: Final = 1.3
 RUNNING_MPS: Final = 2.5
-SWAY_M: Final = 0.05
-SWAY_MPS: Final = 0.31
-SWAY_MPS2: Final = 5.0
-"""Acceleration with which a sway reaches its speed: the machine's, chosen."""
 SWAY_BACK_MPS: Final = 0.05
 SWAY_BACK_MPS2: Final = 0.1
 """Speed and acceleration of the return, chosen such that it is no perturbation."""
@@ -314,10 +310,11 @@ def validation_signals(seed: int = 0) -> tuple[Signal, ...]:
 
 
 def _sway() -> Array:
-    """Sway three times to either side, 3 s of rest between."""
-    there = move(SWAY_M, SWAY_MPS, SWAY_MPS2)
-    back = SWAY_M + move(-SWAY_M, SWAY_BACK_MPS, SWAY_BACK_MPS2)
-    held = np.full(samples(SWAY_HELD_S) - len(there), SWAY_M)
+    """Sway three times to either side, as far and fast as the thesis' machine goes."""
+    thesis, far = MachineLimits(), MachineLimits().sway_m
+    there = move(far, thesis.sway_m_per_s, thesis.sway_m_per_s2)
+    back = far + move(-far, SWAY_BACK_MPS, SWAY_BACK_MPS2)
+    held = np.full(samples(SWAY_HELD_S) - len(there), far)
     side, rest = np.concatenate([there, held, back]), np.zeros(samples(3.0))
     sides = (part for sign in (1, -1) * 3 for part in (sign * side, rest))
     return np.concatenate([rest, *sides])

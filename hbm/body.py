@@ -459,13 +459,9 @@ def _speed(paths: Sequence[Array], time: Array) -> Array:
     if len(time) < 2:
         return speed
     step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(time) - 1)
-    total, count = np.zeros(len(time) - step), np.zeros(len(time) - step)
-    for path in paths:
-        way = np.sqrt(sum((x[step:] - x[:-step]) ** 2 for x in path.T))
-        seen = ~np.isnan(way)
-        total += np.where(seen, way, 0)
-        count += seen
-    mean = total / (time[step:] - time[:-step]) / np.maximum(count, 1)
+    ways = [np.sqrt(sum((x[step:] - x[:-step]) ** 2 for x in path.T)) for path in paths]
+    count = np.count_nonzero(~np.isnan(ways), axis=0)
+    mean = np.nansum(ways, axis=0) / (time[step:] - time[:-step]) / np.maximum(count, 1)
     speed[step // 2 : step // 2 + len(mean)] = np.where(count > 0, mean, np.nan)
     return speed
 

@@ -132,27 +132,18 @@ class Body:
     @property
     def joints(self) -> tuple[Joint, ...]:
         """One joint per coordinate, each after its parent."""
-        return tuple(
-            Joint(
-                c.name,
-                c.segment,
-                c.parent,
-                c.translates,
-                np.array(self.axes[c.name] if c.axis is None else c.axis, float),
-                self.offsets[c.segment] if i in SUBJECT_OFFSETS else np.zeros(3),
-            )
-            for i, c in enumerate(TREE)
-        )
+        joints = []
+        for i, c in enumerate(TREE):
+            axis = np.array(self.axes[c.name] if c.axis is None else c.axis, float)
+            offset = self.offsets[c.segment] if i in SUBJECT_OFFSETS else np.zeros(3)
+            joints.append(Joint(c.name, c.segment, c.parent, c.translates, axis, offset))
+        return tuple(joints)
 
     @property
     def geometry(self) -> Array:
         """The subject's own offsets and axes as one vector, in the order of the kernels."""
-        return np.concatenate(
-            [
-                *(self.offsets[TREE[i].segment] for i in SUBJECT_OFFSETS),
-                *(self.axes[COORDINATES[i]] for i in SUBJECT_AXES),
-            ]
-        )
+        offsets = [self.offsets[TREE[i].segment] for i in SUBJECT_OFFSETS]
+        return np.concatenate([*offsets, *(self.axes[COORDINATES[i]] for i in SUBJECT_AXES)])
 
     @property
     def rigid_bodies(self) -> dict[str, Inertia]:

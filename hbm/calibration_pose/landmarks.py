@@ -26,7 +26,7 @@ from hbm.calibration_pose.anatomy import (
     need,
 )
 from hbm.coordinates import SIDES, UP
-from hbm.segments import SAMPLE_STATURE_M, Sex
+from hbm.segments import SAMPLE_STATURE_M, Sex, columns_of
 from hbm.spatial import Array, axes_from, cross, distance, perpendicular, unit
 
 
@@ -109,9 +109,7 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     anatomy.points["lumbar"] = origin + R @ (width * np.array([forward, 0.0, up]))
 
 
-def pelvis_frame(
-    landmarks: Mapping[str, Array],
-) -> tuple[Array, Array, Array, dict[str, str]]:
+def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, dict[str, str]]:
     """Give the pelvis frame from ASIS and PSIS.
 
     Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; missing
@@ -273,8 +271,7 @@ XYPH-OMPH with OMPH-MIDH)."""
 
 def mean_height(level: str, sex: Sex, per: Callable[[str], float]) -> float:
     """Give de Leva's height of a level above mid-hip as a share of another length [mm]."""
-    columns = ("male", "female") if sex == "unspecified" else (sex,)
-    return float(np.mean([HEIGHT_MM[column][level] / per(column) for column in columns]))
+    return float(np.mean([HEIGHT_MM[column][level] / per(column) for column in columns_of(sex)]))
 
 
 def height_per_cervicale(level: str, sex: Sex) -> float:

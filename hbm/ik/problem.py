@@ -21,24 +21,13 @@ from hbm.markers import Markers
 from hbm.model import Body
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import Array, Indices, Mask
+from hbm.spelling import packaged_toml
 
 MARKER_SD_M: Final = 0.01
 """Error of a marker on its segment, from skin and from the calibration pose."""
 
-POSTURE_SD_DEG: Final = {
-    "thorax": 20.0,
-    "head": 30.0,
-    "upper_arm": 50.0,
-    "forearm": 40.0,
-    "hand": 30.0,
-    "thigh": 25.0,
-    "shank": 35.0,
-    "foot": 15.0,
-    "toes": 20.0,
-}
-"""Standard deviation of a joint's angles about neutral: about a quarter of the range of active
-motion, so that ±2 SD is as wide as the range; ranges of limbs by Boone and Azen 1979, J Bone Joint
-Surg Am 61:756."""
+POSTURE_SD_DEG: Final = packaged_toml("hbm", "joint_ranges.toml")["posture_sd_deg"]
+"""Segment, without its side -> standard deviation of its joint's angles in human posture."""
 
 SHOULDER_SD_M: Final = 0.03
 """The same of the shoulders' translations: up, forward and inward by some 12 cm."""

@@ -454,8 +454,10 @@ class FrameTracker:
         self.position[0] = position
         if self.q is not None and self.problem.weak_trunk:
             self.problem.reference[0, TRUNK] = self._upright(self.q)
-        if not self.seen.all():
-            self._hold_what_was_never_seen()
+        if not self.seen.all():  # hold near neutral what no marker that was ever seen determines
+            seen = self.seen | np.isfinite(self.position[0, self.columns, 0])
+            if (seen != self.problem.seen).any():
+                self.problem.hold(seen)
         found, looked = self._first() if self.q is None else self._next(self.q)
         observed, left_out = self._observed(found), np.zeros((1, N_Q), bool)
         if not found.converged[0]:
@@ -536,12 +538,6 @@ class FrameTracker:
         """Which coordinates the markers determine, (46,); as is usual since none was missing."""
         observed = observed_by(self.problem, found, self.usual_pivots, self.seen)
         return np.asarray(observed[0])
-
-    def _hold_what_was_never_seen(self) -> None:
-        """Hold near neutral what the markers that were seen until now do not determine."""
-        seen = self.seen | np.isfinite(self.position[0, self.columns, 0])
-        if (seen != self.problem.seen).any():
-            self.problem.hold(seen)
 
     def _hold(self, found: Solved, lost: Mask, left_out: Mask) -> None:
         """Hold coordinates that markers do not show, and solve the others again if need be."""

@@ -16,6 +16,7 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.segments import LEGS_PER_STATURE
 from hbm.spatial import GRAVITY_MPS2, Array, Mask, rotation_about
+from hbm.spelling import packaged_toml
 
 MAX_LEG_DIFFERENCE_M: Final = 0.03
 """True differences rarely exceed 2 cm; a misplaced marker easily causes more."""
@@ -86,49 +87,26 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     >>> [note.code for note in undetermined_notes(body, hbm.solve_ik(body, static))]
     ['coordinates_held']
     """
-    if not motion.converged.any():
-        return ()
-    names, (_, segments) = held_coordinates(body, motion), undetermined(body, seen_markers(motion))
+    names, (_, segments) = held_coordinates(body, motion), not_determined(body, motion)
     notes = [Note.of("coordinates_held", coordinates=names)] if names else []
     return (*notes, *(n for n in mass_not_shown(body, segments) if n not in body.notes))
 
 
 def held_coordinates(body: Body, motion: Motion) -> tuple[str, ...]:
     """Name the coordinates that markers show more weakly than posture does, or not at all."""
-    if not motion.converged.any():
-        return ()
-    held, _ = undetermined(body, seen_markers(motion))
+    held, _ = not_determined(body, motion)
     return tuple(np.array(COORDINATES)[held].tolist())
 
 
-RANGE_DEG: Final = {
-    "TrunkFlexion": (-90.0, 130.0),
-    "TrunkRightBend": (-75.0, 75.0),
-    "TrunkLeftTwist": (-90.0, 90.0),
-    "HeadFlexion": (-110.0, 110.0),
-    "HeadRightBend": (-85.0, 85.0),
-    "HeadLeftTwist": (-120.0, 120.0),
-    "ElbowFlexion": (-40.0, 180.0),
-    "ForeArmPronation": (-60.0, 230.0),
-    "WristFlexion": (-120.0, 120.0),
-    "HandAbduction": (-75.0, 75.0),
-    "HipFlexion": (-75.0, 180.0),
-    "HipAbduction": (-75.0, 130.0),
-    "HipInternalRotation": (-110.0, 110.0),
-    "KneeFlexion": (-45.0, 180.0),
-    "AnklePlantarFlexion": (-70.0, 120.0),
-    "FootPronation": (-75.0, 75.0),
-    "ToeFlexion": (-120.0, 90.0),
-}
-"""Lowest and highest angle, without the side; zero as in `hbm.calibration_pose.shape`.
+def not_determined(body: Body, motion: Motion) -> tuple[Mask, tuple[str, ...]]:
+    """Give what the markers that are seen in any frame do not determine, as `undetermined` does."""
+    if not motion.converged.any():
+        return np.zeros(N_Q, bool), ()
+    return undetermined(body, seen_markers(motion))
 
-Each end lies 20° or more beyond what has been measured: passive ranges of 674 people of 2 to 69
-years (Soucie et al. 2011, Haemophilia 17:500); active ones of foot, wrist and hip rotation (Boone
-and Azen 1979, J Bone Joint Surg Am 61:756); plantar flexion of ballet dancers (89°, Russell et al.
-2010, Foot Ankle Spec 3:324); internal rotation of hips with anteverted femora (90°). Misplaced
-markers of an axis, and a pelvis whose markers are tilted by 30°, shift angles by that much. The
-pelvis may have any orientation. Shoulders have no range in these angles, in which an arm reaches
-one orientation in several ways."""
+
+RANGE_DEG: Final = packaged_toml("hbm", "joint_ranges.toml")["possible_deg"]
+"""Coordinate, without its side -> lowest and highest angle."""
 
 MAX_NAMED: Final = 6
 """Coordinates in a note: one wrong label turns several joints."""
@@ -169,7 +147,7 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     angle = _nearest_to_ranges(motion.q[solved])
     beyond = (_excess(angle) > 0) & motion.observed[solved]
     if beyond.any():
-        beyond &= ~undetermined(body, seen_markers(motion))[0]
+        beyond &= ~not_determined(body, motion)[0]
     if not beyond.any():
         return ()
     excess = np.where(beyond, _excess(angle), 0.0)
@@ -258,25 +236,24 @@ def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
     LHEE RHEE left_foot right_foot
     """
     segment_of = body.segment_of
+    columns = {name: motion.markers.index(name) for name in seen_markers(motion)}
     of_segment: dict[str, list[int]] = {}
-    limits_m = {}
-    seen = np.flatnonzero(np.isfinite(motion.marker_error).any(axis=0))
-    for k in seen.tolist():
-        of_segment.setdefault(segment_of[motion.markers[k]], []).append(k)
-        limits_m[motion.markers[k]] = [k], MAX_MARKER_ERROR_M
-    for segment, own in of_segment.items():
-        if len(own) >= MIN_MARKERS_OF_SEGMENT:
-            limits_m[segment] = own, MAX_SEGMENT_ERROR_M
-    rms_m = {
-        name: float(np.sqrt(np.nanmean(motion.marker_error[:, own] ** 2)))
-        for name, (own, _) in limits_m.items()
-    }
-    large = [name for name, (_, limit_m) in limits_m.items() if rms_m[name] > limit_m]
-    if not large:
-        return ()
-    farthest = sorted(large, key=lambda name: -rms_m[name])[:MAX_ERRORS_NAMED]
-    farthest_m = {name: rms_m[name] for name in farthest}
-    return (Note.of("marker_error_large", farthest_m=farthest_m),)
+    for name, column in columns.items():
+        of_segment.setdefault(segment_of[name], []).append(column)
+    judged = [(name, [column], MAX_MARKER_ERROR_M) for name, column in columns.items()]
+    judged += [
+        (segment, several, MAX_SEGMENT_ERROR_M)
+        for segment, several in of_segment.items()
+        if len(several) >= MIN_MARKERS_OF_SEGMENT
+    ]
+    large_m = {}
+    for name, own, limit_m in judged:
+        rms_m = float(np.sqrt(np.nanmean(motion.marker_error[:, own] ** 2)))
+        if rms_m > limit_m:
+            large_m[name] = rms_m
+    farthest = sorted(large_m, key=lambda name: -large_m[name])[:MAX_ERRORS_NAMED]
+    farthest_m = {name: large_m[name] for name in farthest}
+    return (Note.of("marker_error_large", farthest_m=farthest_m),) if large_m else ()
 
 
 MIN_SHARE_NOTED: Final = 0.02
@@ -301,11 +278,8 @@ def unseen_segments(body: Body, motion: Motion) -> tuple[str, ...]:
 
     Gives none that moves with a marker that is seen, and none where all are as light as hands.
     """
-    if not motion.converged.any():
-        return ()
-    markers = seen_markers(motion)
-    shown = {body.segment_of[name] for name in markers}
-    uncertain = undetermined(body, markers)[1]
+    shown = {body.segment_of[name] for name in seen_markers(motion)}
+    _, uncertain = not_determined(body, motion)
     segments = tuple(s for s in uncertain if FIXED_TO.get(s, s) not in shown)
     return segments if mass_share(body, segments) >= MIN_SHARE_NOTED else ()
 

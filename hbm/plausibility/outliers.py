@@ -245,7 +245,8 @@ class MarkerTracker:
         if self.left_out.any():
             position = self._without_left_out(position)
         solution = self.tracker.solve(position)
-        if self.unfit and not median_error_m(solution) < MAX_FITTING_M:
+        seen = solution.marker_error[np.isfinite(solution.marker_error)]
+        if self.unfit and not (len(seen) and np.median(seen) < MAX_FITTING_M):
             return solution
         for _ in range(MAX_ROUNDS):
             more = farthest_outliers(solution.marker_error - 2 * self.usual_m, self.parts)
@@ -264,12 +265,6 @@ class MarkerTracker:
         position = position.copy()
         position[self.columns[self.left_out]] = np.nan
         return position
-
-
-def median_error_m(solution: FrameSolution) -> float:
-    """Give the median distance of markers from the model [m]; NaN where there is none."""
-    seen = solution.marker_error[np.isfinite(solution.marker_error)]
-    return float(np.median(seen)) if len(seen) else float("nan")
 
 
 def beyond_reach(position: Array) -> Mask:

@@ -5,8 +5,7 @@ and the gap stays a gap. A shorter one, such as a lost frame, is bridged. Coordi
 need the same filter, or their phases disagree.
 """
 
-from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,8 +64,7 @@ def over_short_gaps(columns: Array, time: Array, cutoff_hz: float, method: str) 
     return bridged(columns, time, longest_gap_s(cutoff_hz), degree)
 
 
-@dataclass(frozen=True, slots=True)
-class Filtered:
+class Filtered(NamedTuple):
     """A low-passed signal and its first two time derivatives.
 
     Attributes
