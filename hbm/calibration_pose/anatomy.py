@@ -44,9 +44,6 @@ class LimbMeasures:
     shoulder_offset_m: float | None = None
 
 
-NOT_MEASURED: Final = LimbMeasures()
-
-
 @dataclass(frozen=True, slots=True)
 class Measures:
     """Properties of a subject that the markers do not show, and the rule for the hips.
@@ -71,7 +68,7 @@ class Measures:
 
     def limb(self, side: str) -> LimbMeasures:
         """Give what was measured on a side."""
-        return self.limbs.get(side, NOT_MEASURED)
+        return self.limbs.get(side, LimbMeasures())
 
     def to_center(self, width_m: float | None) -> float | None:
         """Give the distance of a joint's centre from a marker beside it [m]; None if unknown."""

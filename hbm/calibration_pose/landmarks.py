@@ -97,7 +97,11 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     spines = _iliac_spines(landmarks)[0]
     width, depth = distance(spines["LASIS"], spines["RASIS"]), distance(origin, back)
     for side, letter in SIDES.items():
-        leg = _leg_length(landmarks, letter, spines[letter + "ASIS"])
+        knee = landmarks.get(letter + "MEK", landmarks.get(letter + "LEK"))
+        ankle = landmarks.get(letter + "MM", landmarks.get(letter + "LM"))
+        leg = None
+        if knee is not None and ankle is not None:  # the same when the knee is flexed
+            leg = distance(spines[letter + "ASIS"], knee) + distance(knee, ankle)
         if leg is None or letter + "MM" not in landmarks:
             leg = measures.limb(side).leg_length_m or leg
         anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
@@ -178,15 +182,6 @@ def hip_center(
     return np.array([ahead - measures.marker_offset_m, outward * out, up])
 
 
-def _leg_length(landmarks: Mapping[str, Array], letter: str, spine: Array) -> float | None:
-    """Leg length from ASIS to medial malleolus by way of the knee, the same when it is flexed."""
-    knee = landmarks.get(letter + "MEK", landmarks.get(letter + "LEK"))
-    ankle = landmarks.get(letter + "MM", landmarks.get(letter + "LM"))
-    if knee is None or ankle is None:
-        return None
-    return distance(spine, knee) + distance(knee, ankle)
-
-
 def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) -> None:
     """Find the trunk's frame, its upper end and the neck; none if it has too few landmarks.
 
@@ -202,7 +197,10 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = axes_from(cross(top - bottom, forward), top - bottom, exact="up")
-        neck = at["C7"] + _neck(forward, R[:, 2], measures)
+        length = NECK_PER_C7_TO_NOTCH[measures.sex] * float(np.linalg.norm(forward))
+        angle, ahead = np.radians(NECK_ELEVATION_DEG[measures.sex]), unit(forward)
+        above = perpendicular(R[:, 2], forward)
+        neck = at["C7"] + length * (np.cos(angle) * ahead + np.sin(angle) * above)
     elif "LSHO" in at and "RSHO" in at:
         top = neck = (at["LSHO"] + at["RSHO"]) / 2
         R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
@@ -229,14 +227,6 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     anatomy.frames["thorax"] = R
     anatomy.points |= {"trunk_top": top, "neck": neck}
     anatomy.rules |= rules
-
-
-def _neck(forward: Array, up: Array, measures: Measures) -> Array:
-    """Give the neck's position from C7, (3,) [m]."""
-    ahead, above = unit(forward), perpendicular(up, forward)
-    length = NECK_PER_C7_TO_NOTCH[measures.sex] * float(np.linalg.norm(forward))
-    angle = np.radians(NECK_ELEVATION_DEG[measures.sex])
-    return np.asarray(length * (np.cos(angle) * ahead + np.sin(angle) * above))
 
 
 def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:

@@ -242,9 +242,14 @@ class Start:
             coordinates = slice(FIRST_Q[s], LAST_Q[s] + 1)
             if self.rotations[s] and len(own):
                 covariance = to_parent @ _cross_covariance(w, from_joint, self.local[own])
-                angles, rotation = self.rotate(s, covariance + NEUTRAL_COVARIANCE)
-                q[:, coordinates] = angles
-                R = R @ rotation
+                covariance, joint = covariance + NEUTRAL_COVARIANCE, self.rotations[s]
+                if len(joint) < 3:
+                    starts = FOREARM_STARTS_RAD if s.endswith("forearm") else (0.0,)
+                    angles, rotation = hinge_angles(covariance, self.terms[joint], starts)
+                else:
+                    rotation = nearest_rotation(covariance)
+                    angles = three_angles(rotation, joint[0])
+                q[:, coordinates], R = angles, R @ rotation
             elif len(own):
                 mean = (to_parent @ _mean(w, from_joint)[..., None])[..., 0]
                 translation = mean - _mean(w, self.local[own])
@@ -277,15 +282,6 @@ class Start:
             o[todo] = center - (R[todo] @ model_center[..., None])[..., 0]
             solved |= todo
         return R, o, solved
-
-    def rotate(self, s: str, covariance: Array) -> tuple[Array, Array]:
-        """Align a segment about its joint: angles, (F, n), and their rotation, (F, 3, 3)."""
-        joint = self.rotations[s]
-        if len(joint) < 3:
-            starts = FOREARM_STARTS_RAD if s.endswith("forearm") else (0.0,)
-            return hinge_angles(covariance, self.terms[joint], starts)
-        rotation = nearest_rotation(covariance)
-        return three_angles(rotation, joint[0]), rotation
 
 
 def _cross_covariance(w: Array, measured: Array, model: Array) -> Array:

@@ -70,7 +70,12 @@ def solve_without_outliers(
         more = farthest_outliers(error - 2 * usual_m, parts)
         if not more.any():
             break
-        outliers = _with_lost_limbs(parts[1:], motion.time, outliers | more)
+        outliers |= more
+        for own in parts[1:]:  # of a limb of which several are outliers, the others tell nothing
+            if len(own):
+                lost = limb_is_lost(outliers[:, own])
+                in_between = without_short_gaps(lost, motion.time, MAX_BETWEEN_S)
+                outliers[np.ix_(in_between, own)] = True
         columns = [markers.names.index(name) for name in motion.markers]
         position = markers.position.copy()
         position[:, columns] = np.where(outliers[..., None], np.nan, position[:, columns])
@@ -123,16 +128,6 @@ def limb_is_lost(outliers: Mask) -> Mask:
     """Whether so many of a limb's markers are outliers, (..., n), that its others tell nothing."""
     count, share = outliers.sum(axis=-1), outliers.mean(axis=-1)
     return np.asarray((count >= MIN_LOST) & (share >= MIN_LOST_SHARE))
-
-
-def _with_lost_limbs(limbs: Sequence[Indices], time: Array, outliers: Mask) -> Mask:
-    """Add the other markers of limbs of which several are outliers, (T, K)."""
-    result = outliers.copy()
-    for own in limbs:
-        if len(own):
-            lost = limb_is_lost(outliers[:, own])
-            result[np.ix_(without_short_gaps(lost, time, MAX_BETWEEN_S), own)] = True
-    return result
 
 
 def outlier_notes(before: Markers, after: Markers) -> tuple[Note, ...]:
