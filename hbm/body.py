@@ -194,6 +194,7 @@ def build_body(
     shape = average(shapes)
     markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
     segments = tuple(segment[name] for name in markers)
+    shown = {i for s in set(segments) for i in support(LAST_Q[s])}
     still = speed < MAX_STILL_SPEED_MPS
     posture = "standing still" if still else f"moving at {speed:.2f} m/s"
     pose = Note.of(
@@ -237,7 +238,7 @@ def build_body(
         axes=shape.axes,
         segments=apply_overrides(_inertias(shape.ends, table, mass), overrides, mass),
         lengths=lengths,
-        locked=_never_shown(set(segments)),
+        locked=tuple(name for i, name in enumerate(COORDINATES) if i not in shown),
         notes=tuple(notes),
         landmark_rules=landmark_rules,
     )
@@ -293,12 +294,6 @@ def _unlocated_segments(anatomy: Anatomy) -> set[str]:
         return {*MOVING[1:]} - {*LIMBS["right leg"], *LIMBS["left leg"]}
     unlocated = [side for side in SIDES if f"{side}_elbow" not in anatomy.points]
     return {segment for side in unlocated for segment in LIMBS[f"{side} arm"][1:]}
-
-
-def _never_shown(segments: set[str]) -> tuple[str, ...]:
-    """Coordinates that move none of the segments with markers."""
-    shown = {i for s in segments for i in support(LAST_Q[s])}
-    return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
 
 
 def _inertias(

@@ -90,13 +90,9 @@ class Motion:
 
     def __post_init__(self) -> None:
         frames = len(self.time)
-        freeze_arrays(
-            self,
-            "motion",
-            **dict.fromkeys(("time", "converged"), (frames,)),
-            **dict.fromkeys(("q", "v", "a", "observed"), (frames, N_Q)),
-            marker_error=(frames, len(self.markers)),
-        )
+        freeze_arrays(self, "motion", time=(frames,), converged=(frames,))
+        freeze_arrays(self, "motion", **dict.fromkeys(("q", "v", "a", "observed"), (frames, N_Q)))
+        freeze_arrays(self, "motion", marker_error=(frames, len(self.markers)))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -91,7 +91,6 @@ def center_of_mass(body: Body, q: Array) -> Array:
     bodies = body.rigid_bodies
     own = [MOVING.index(s) for s in bodies]
     rotation, origin = (frames[:, own] for frames in segment_frames(body, q))
-    parts = list(bodies.values())
-    local = np.array([part.center for part in parts])
+    local = np.array([part.center for part in bodies.values()])
     centers = origin + np.einsum("tsij,sj->tsi", rotation, local)
-    return np.asarray(np.average(centers, axis=1, weights=[part.mass for part in parts]))
+    return np.asarray(np.average(centers, axis=1, weights=[part.mass for part in bodies.values()]))

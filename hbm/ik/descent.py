@@ -10,7 +10,7 @@ far, so that it slows the directions that markers hardly show and no others.
 
 import ctypes
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -124,8 +124,7 @@ than a marker 3 mm from the axis contributes, and of the order of what its dista
 takes away again."""
 
 
-@dataclass(frozen=True, slots=True)
-class Solved:
+class Solved(NamedTuple):
     """Optima of many frames.
 
     Attributes
@@ -162,17 +161,16 @@ class Solved:
     @classmethod
     def joined(cls, *parts: "Solved") -> "Solved":
         """Put the frames of several solutions one after the other."""
-        names = cls.__slots__
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def overwrite(self, rows: Indices | slice, other: "Solved") -> None:
         """Replace some frames by those of another solution."""
-        for name in self.__slots__:
-            getattr(self, name)[rows] = getattr(other, name)
+        for array, others in zip(self, other, strict=True):
+            array[rows] = others
 
     def select(self, frames: Mask | Indices) -> "Solved":
         """Give some of the frames."""
-        return Solved(*(getattr(self, name)[frames] for name in self.__slots__))
+        return Solved(*(array[frames] for array in self))
 
 
 Terms = tuple[Array, Array, Array]
@@ -269,7 +267,7 @@ def _structure(
     """Give a block of frames to ``descent.c``; the arrays must live as long as it."""
     fixed = {name: getattr(attachment, name) for name in MarkerAttachment.__slots__}
     per_frame = dict(zip(("start", "prior", "reference"), terms, strict=True))
-    per_frame |= {name: getattr(solved, name) for name in Solved.__slots__}
+    per_frame |= solved._asdict()
     _, prior, reference = terms
     return DescentProblem(
         frames=len(block),

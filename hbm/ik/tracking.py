@@ -20,10 +20,10 @@ shown values.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -223,8 +223,7 @@ def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int
     placed: Mask = np.asarray(observed[:, problem.carriers].all(axis=1))
     found.q[~placed | ~found.converged & observed[:, ~problem.locked].all(axis=1)] = np.nan
     found.q[:] = continuous(found.q)
-    observed_here = observed & placed[:, None]
-    _bridge_gaps(problem, found, observed_here, left_out, usual_pivots is None)
+    _bridge_gaps(problem, found, observed & placed[:, None], left_out, usual_pivots is None)
     found.converged[~placed] = False
     found.q[~found.converged] = np.nan
     found.error[~found.converged] = np.nan
@@ -385,8 +384,7 @@ USUAL_STEP_S: Final = 0.01
 """From one frame to the next; a longer one is divided for the filter of the heading."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrameSolution:
+class FrameSolution(NamedTuple):
     """One frame, as `hbm.motion.Motion` holds many.
 
     Attributes
@@ -497,7 +495,7 @@ class FrameTracker:
             return solution
         q = solution.q.copy()
         q[TRUNK] = self._upright(q)
-        return replace(solution, q=q)
+        return solution._replace(q=q)
 
     def _upright(self, q: Array) -> Array:
         """Give the angles, (3,), with which the trunk of a pose stands upright, facing ahead."""

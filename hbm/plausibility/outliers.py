@@ -211,7 +211,13 @@ class MarkerTracker:
             self.frozen, self.left_out = False, np.zeros(len(self.markers), bool)
             return self.tracker.solve(position)
         since_s, self.time = time - self.time, time
-        self.frozen = self._is_frozen(time, position[self.columns])
+        own = position[self.columns]
+        seen = np.isfinite(own[:, 0])
+        repeated = (own == self.before).all(axis=1) | ~seen
+        self.before = own
+        if not (repeated.all() and seen.any()):
+            self.moved_s = time
+        self.frozen = time - self.moved_s > MIN_FROZEN_S - ROUNDING_S
         if self.frozen:
             position = np.full(position.shape, np.nan)
         solution = self._without_outliers(position)
@@ -222,14 +228,6 @@ class MarkerTracker:
         change_m[np.isnan(change_m)] = 0.0
         self.usual_m += change_m
         return solution
-
-    def _is_frozen(self, time: float, own: Array) -> bool:
-        seen = np.isfinite(own[:, 0])
-        repeated = (own == self.before).all(axis=1) | ~seen
-        self.before = own
-        if not (repeated.all() and seen.any()):
-            self.moved_s = time
-        return bool(time - self.moved_s > MIN_FROZEN_S - ROUNDING_S)
 
     def _without_outliers(self, position: Array) -> FrameSolution:
         """Solve a frame again and again without the marker that is farthest off on each limb.
