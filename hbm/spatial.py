@@ -33,9 +33,7 @@ def read_only(value: ArrayLike) -> Array:
     writeable = given.flags.writeable or not isinstance(owner, np.ndarray) or owner.flags.writeable
     if given.dtype == dtype and not writeable:
         return given
-    copy: Array = np.array(given, dtype)
-    copy.setflags(write=False)
-    return copy
+    return frozen(np.array(given, dtype))
 
 
 def freeze_arrays(owner: object, of: str, **shapes: tuple[int, ...]) -> None:

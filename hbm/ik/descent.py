@@ -161,7 +161,7 @@ class Solved(NamedTuple):
     @classmethod
     def joined(cls, *parts: "Solved") -> "Solved":
         """Put the frames of several solutions one after the other."""
-        return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        return cls._make(map(np.concatenate, zip(*parts, strict=True)))
 
     def overwrite(self, rows: Indices | slice, other: "Solved") -> None:
         """Replace some frames by those of another solution."""
@@ -170,7 +170,7 @@ class Solved(NamedTuple):
 
     def select(self, frames: Mask | Indices) -> "Solved":
         """Give some of the frames."""
-        return Solved(*(array[frames] for array in self))
+        return Solved._make(array[frames] for array in self)
 
 
 Terms = tuple[Array, Array, Array]

@@ -61,8 +61,9 @@ def nearest_rotation(covariance: Array) -> Array:
     if len(covariance) < MIN_FRAMES_CLOSED_FORM:
         return fit_rotation(covariance)
     flat = covariance.reshape(-1, 9)
-    # the cofactors of a row are the cross product of the two other rows
-    cofactor = np.cross(covariance[:, (1, 2, 0)], covariance[:, (2, 0, 1)]).reshape(-1, 9)
+    # the cofactors of a row are the cross product of the two other rows; entry by entry in memory
+    cofactor = np.cross(covariance[:, (1, 2, 0)], covariance[:, (2, 0, 1)])
+    cofactor = np.asfortranarray(cofactor.reshape(-1, 9))
     norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
     determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
     root = np.sqrt(norm + np.sqrt(3 * size))

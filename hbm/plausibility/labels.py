@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -388,7 +388,7 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
         large = [pair for pair, change in changes.items() if abs(change) > MAX_DISTANCE_CHANGE_M]
         large.sort(key=lambda pair: -abs(changes[pair]))
         largest_m = {pair: changes[pair] for pair in large[:MAX_DISTANCES_NAMED]}
-        values = {"limit_m": MAX_DISTANCE_CHANGE_M, "largest_m": largest_m}
+        values: dict[str, Any] = {"limit_m": MAX_DISTANCE_CHANGE_M, "largest_m": largest_m}
         notes += [Note.of("marker_distances_changed", segment=s, **values)] if large else []
     return tuple(notes)
 
