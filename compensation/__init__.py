@@ -37,4 +37,3 @@ from compensation.protocol import pitch_and_sway_signals as pitch_and_sway_signa
 from compensation.protocol import validation_signals as validation_signals
 from compensation.signals import MachineLimits as MachineLimits
 from compensation.signals import Signal as Signal
-from compensation.signals import acceleration_spectrum as acceleration_spectrum

@@ -1,11 +1,10 @@
 """Accuracy of force plates: known weights, errors, linearity, and where a plate is."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import stdtrit
 from scipy.stats import linregress
 
 from compensation.inputs import read_rate, read_signal, read_table, refuse_constant, refuse_unequal
@@ -42,52 +41,33 @@ def orthogonal_rmse(measured: ArrayLike, truth: ArrayLike) -> float:
     return float(s[1] / np.sqrt(len(m)))
 
 
-@dataclass(frozen=True, slots=True)
-class Linearity:
-    """How close to proportional a plate's output is to its load; `linearity` finds it.
+class Linearity(NamedTuple):
+    """How far a plate's output is from a straight line over its load; `linearity` finds it.
 
     Attributes
     ----------
-    slope
-        Of the first-order fit [1].
     nonlinearity
-        Three standard deviations of the residual of the first-order fit [N].
-    percent_of_full_scale
-        The same by the full scale output [%].
-    r_squared_first, r_squared_second
-        Of the first- and second-order fit [1].
-    slope_error, degrees_of_freedom
-        Standard error of the slope [1], recordings counting as independent, and its degrees of
-        freedom.
+        Three standard deviations of what the straight line leaves [N].
+    degrees_of_freedom
+        Of that deviation.
     """
 
-    slope: float
     nonlinearity: float
-    percent_of_full_scale: float
-    r_squared_first: float
-    r_squared_second: float
-    slope_error: float
     degrees_of_freedom: int
 
-    @property
-    def slope_uncertainty(self) -> float:
-        """Half of the 95 % confidence interval of the slope, by Student's t [1]."""
-        return float(stdtrit(self.degrees_of_freedom, 0.975) * self.slope_error)
 
+def linearity(known: ArrayLike, measured: ArrayLike) -> Linearity:
+    """Compare known with measured loads, (N,) [N], by a straight line.
 
-def linearity(known: ArrayLike, measured: ArrayLike, full_scale: float) -> Linearity:
-    """Compare known with measured loads, (N,) [N], by a straight line and by a parabola.
-
-    The full scale output is that of the plate [N]; 510 N in the thesis. Ordinary least squares of
-    measured on known; three standard deviations (with ``N - 1``) stand for the largest deviation
-    without its outliers (van de Loosdrecht 2018, A.4 and D.1.4). A ValueError for gaps and for
-    fewer than 4 loads or 3 different ones.
+    Ordinary least squares of measured on known; three standard deviations (with ``N - 1``) stand
+    for the largest deviation without its outliers (van de Loosdrecht 2018, A.4 and D.1.4). A
+    ValueError for gaps and for fewer than 4 loads or 3 different ones.
 
     Examples
     --------
-    >>> found = linearity([100.0, 200.0, 300.0, 400.0], [101.0, 201.0, 303.0, 403.0], 510.0)
-    >>> f"slope {found.slope:.3f}, non-linearity {found.percent_of_full_scale:.2f} % of full scale"
-    'slope 1.008, non-linearity 0.30 % of full scale'
+    >>> found = linearity([100.0, 200.0, 300.0, 400.0], [101.0, 201.0, 303.0, 403.0])
+    >>> f"{found.nonlinearity:.2f} N"
+    '1.55 N'
     """
     x, y = read_signal(known, "known loads"), read_signal(measured, "measured loads")
     refuse_unequal(known_loads=x, measured_loads=y)
@@ -98,19 +78,9 @@ def linearity(known: ArrayLike, measured: ArrayLike, full_scale: float) -> Linea
         )
     refuse_constant(y[:, None], "measured loads", ("their only channel",))
     _refuse_other_scale(y, x)
-    line, parabola = linregress(x, y), np.polynomial.Polynomial.fit(x, y, 2)
+    line = linregress(x, y)
     rest = y - (line.intercept + line.slope * x)
-    nonlinearity = 3 * float(np.std(rest, ddof=1))
-    total = np.sum((y - y.mean()) ** 2)
-    return Linearity(
-        float(line.slope),
-        nonlinearity,
-        100 * nonlinearity / full_scale,
-        r_squared_first=1 - float(np.sum(rest**2) / total),
-        r_squared_second=1 - float(np.sum((y - parabola(x)) ** 2) / total),
-        slope_error=float(line.stderr),
-        degrees_of_freedom=len(x) - 2,
-    )
+    return Linearity(3 * float(np.std(rest, ddof=1)), len(x) - 2)
 
 
 def _refuse_other_scale(m: Array, t: Array) -> None:
@@ -207,15 +177,11 @@ class PlateAlignment:
         The cameras' origin in plate coordinates, (2,) [m].
     covariance
         Of (angle, offset), (3, 3) [rad², rad·m, m²].
-    rms_before, rms_after
-        Distance between pairs of points before and after alignment, root mean square [m].
     """
 
     angle: float
     offset: Array
     covariance: Array
-    rms_before: float
-    rms_after: float
 
     @property
     def rotation(self) -> Array:
@@ -267,8 +233,8 @@ def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> Pl
     >>> import numpy as np
     >>> camera = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [0.0, 0.5]])
     >>> found = fit_plate_alignment(camera + [0.002, -0.001], camera)
-    >>> print(found.offset.round(4), f"{found.rms_before:.4f}")
-    [ 0.002 -0.001] 0.0022
+    >>> print(found.offset.round(4))
+    [ 0.002 -0.001]
     """
     plate = read_table(plate_points, "plate points", 2)
     camera = read_table(camera_points, "camera points", 2)
@@ -302,9 +268,5 @@ def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> Pl
     by_angle = turned @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     jacobian = np.column_stack([by_angle.ravel(), np.tile([1.0, 0.0], n), np.tile([0.0, 1.0], n)])
     variance = np.sum(residual**2) / (2 * n - 3)
-    before, after = (
-        float(np.sqrt(np.mean(np.sum(difference**2, axis=1))))
-        for difference in (plate - camera, residual)
-    )
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
-    return PlateAlignment(angle, offset, covariance, before, after)
+    return PlateAlignment(angle, offset, covariance)

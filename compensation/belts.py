@@ -4,14 +4,14 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import dct
 from scipy.optimize import OptimizeResult, least_squares, minimize_scalar
 from scipy.signal import lfilter
 
 from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
 from hbm.signals.filtering import LowPassMethod, low_pass
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, freeze_arrays
 
 SETTLING_SAMPLES: Final = 100
 """At the start of a trial, which depend on the belt's motion before; 1 s at 100 Hz."""
@@ -103,19 +103,12 @@ class BeltModel:
     rms_compensated: float = field(default=float("nan"), kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "theta", read_only(self.theta))
-        if self.theta.shape != (5,):
-            raise ValueError(f"belt model: theta must have shape (5,), got {self.theta.shape}")
+        freeze_arrays(self, "belt model", theta=(5,))
         if self.advance < 0:
             raise ValueError(f"belt model: advance must be 0 or more samples, got {self.advance}")
-        largest = np.max(np.abs(self.poles))
+        largest = np.max(np.abs(np.roots(self._recursion)))
         if not largest < 1:
             raise ValueError(f"belt model: unstable, its largest pole has size {largest:.3g}")
-
-    @property
-    def poles(self) -> NDArray[np.complex128]:
-        """Poles of the recursion, (2,); the model is stable, all are smaller than 1."""
-        return np.roots(self._recursion).astype(complex)
 
     @property
     def at_rest(self) -> State:

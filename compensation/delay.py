@@ -14,6 +14,8 @@ from compensation.inputs import read_rate, read_table, refuse_constant, refuse_u
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
+LONGEST_S: Final = 0.2
+"""Delays are sought up to this, either way."""
 BLOCKS: Final = 40
 """Blocks of a trial whose errors are taken as independent: a second and more in half a minute."""
 MAX_STEPS: Final = 20
@@ -42,8 +44,6 @@ class Delay:
         Positive where the second device is later [s].
     standard_error
         Of the estimate [s].
-    differences
-        Delays of the single impacts of a hammer, in their order [s]; else empty.
     degrees_of_freedom
         Of the standard error; few where it is from the scatter of a few impacts or recordings.
 
@@ -56,7 +56,6 @@ class Delay:
 
     seconds: float
     standard_error: float
-    differences: tuple[float, ...] = ()
     degrees_of_freedom: float = float("inf")
 
     @property
@@ -65,9 +64,7 @@ class Delay:
         return float(stdtrit(self.degrees_of_freedom, 0.975) * self.standard_error)
 
 
-def estimate_delay(
-    reference: ArrayLike, late: ArrayLike, rate_hz: float, longest_s: float = 0.2
-) -> Delay:
+def estimate_delay(reference: ArrayLike, late: ArrayLike, rate_hz: float) -> Delay:
     """Estimate by how much one device lags another that recorded the same motion.
 
     Parameters
@@ -81,8 +78,6 @@ def estimate_delay(
         of the commanded one.
     rate_hz
         Common sampling rate [Hz].
-    longest_s
-        Delays are sought up to this, either way [s].
 
     Returns
     -------
@@ -120,24 +115,24 @@ def estimate_delay(
     refuse_unequal(reference=x, late_signal=y)
     refuse_constant(x, "reference", tuple(f"channel {k + 1}" for k in range(x.shape[1])))
     refuse_constant(y, "late signal", tuple(f"channel {k + 1}" for k in range(y.shape[1])))
-    fewest = int(4 * longest_s * given_rate) + BLOCKS * SAMPLES_PER_PERIOD
+    fewest = int(4 * LONGEST_S * given_rate) + BLOCKS * SAMPLES_PER_PERIOD
     if len(x) < fewest:
         raise ValueError(
-            f"{len(x)} samples are too few to seek delays up to {longest_s} s at {given_rate} Hz; "
+            f"{len(x)} samples are too few to seek delays up to {LONGEST_S} s at {given_rate} Hz; "
             f"give at least {fewest}"
         )
     x, rate = decimated(x, given_rate)
     y, _ = decimated(y, given_rate)
-    reach = int(np.ceil(longest_s * rate))
+    reach = int(np.ceil(LONGEST_S * rate))
 
     lag, explained = _best_lag(x, y, reach)
     if explained < MIN_EXPLAINED:
         raise ValueError(
             f"the late signal follows the reference in {explained:.0%} of its variance only, "
-            f"at no delay up to {longest_s} s; are they of one trial?"
+            f"at no delay up to {LONGEST_S} s; are they of one trial?"
         )
     if abs(lag) == reach:
-        raise ValueError(f"the best agreement lies beyond {longest_s} s; seek longer delays")
+        raise ValueError(f"the best agreement lies beyond {LONGEST_S} s; are both on one clock?")
 
     model = _LateChannels([x], y, reach)
     late, covariance = without_step(model.gauss_newton, np.array([-float(lag)]), reach)
@@ -245,9 +240,7 @@ MAX_SEPARATE_ERROR_S: Final = 0.002
 """Standard error above which the sensors cannot be distinguished and share the common delay."""
 
 
-def sensor_delays(
-    accelerations: ArrayLike, wrench: ArrayLike, rate_hz: float, longest_s: float = 0.2
-) -> tuple[Delay, ...]:
+def sensor_delays(accelerations: ArrayLike, wrench: ArrayLike, rate_hz: float) -> tuple[Delay, ...]:
     """Estimate how much later each accelerometer is than the empty plates that move with it.
 
     Parameters
@@ -258,8 +251,6 @@ def sensor_delays(
         Wrenches of one or more empty plates side by side, (N, 6 P), in any unit.
     rate_hz
         Common sampling rate [Hz].
-    longest_s
-        Delays are sought up to this, either way [s].
 
     Returns
     -------
@@ -291,13 +282,13 @@ def sensor_delays(
     [0.0, 5.0]
     """
     a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench")
-    common, count = estimate_delay(a, w, rate_hz, longest_s), a.shape[1] // 3
+    common, count = estimate_delay(a, w, rate_hz), a.shape[1] // 3
     alike = Delay(-common.seconds, float(np.hypot(common.standard_error, MODEL_ERROR_S)))
     if count == 1:
         return (alike,)
     x, rate = decimated(a, read_rate(rate_hz))
     model = _LateChannels(
-        np.split(x, count, axis=1), decimated(w, rate_hz)[0], round(longest_s * rate)
+        np.split(x, count, axis=1), decimated(w, rate_hz)[0], round(LONGEST_S * rate)
     )
     delays: Array = np.full(count, alike.seconds * rate)
     for _ in range(SEARCHES):

@@ -22,6 +22,8 @@ APART_S: Final = 0.2
 """After all other force, for an impact to count: what follows sooner is a bounce."""
 LONGEST_S: Final = 0.05
 """Of a contact: a longer force is not an impact but a plate that rings, or a load."""
+WINDOW_S: Final = 0.1
+"""Before and after the middle of a contact, in which the marker's reversal is sought."""
 FLIGHT_S: Final = 0.06
 """Of the marker's path before and after a contact that is used."""
 MARGIN_S: Final = 0.001
@@ -37,11 +39,7 @@ NEWTON_STEPS: Final = 4
 
 
 def hammer_delay(
-    marker_time: ArrayLike,
-    marker_height: ArrayLike,
-    force_time: ArrayLike,
-    force: ArrayLike,
-    window_s: float = 0.1,
+    marker_time: ArrayLike, marker_height: ArrayLike, force_time: ArrayLike, force: ArrayLike
 ) -> Delay:
     """Estimate by how much a plate lags the cameras from impacts of a hammer with a marker.
 
@@ -55,8 +53,6 @@ def hammer_delay(
         Instants of the plate's samples, (P,) [s], on the same nominal clock.
     force
         Vertical force of the plate, unfiltered, (P,) [N].
-    window_s
-        The marker's reversal is sought this long before and after the force begins [s].
 
     Returns
     -------
@@ -111,7 +107,7 @@ def hammer_delay(
             "back and forth show the delay too"
         )
     contacts = _contacts(t_f, load)
-    turns = [(contact, _sharpest_turn(t_m, height, contact, window_s)) for contact in contacts]
+    turns = [(contact, _sharpest_turn(t_m, height, contact)) for contact in contacts]
     delays = _enough([contact.centroid - turn for contact, turn in turns if turn is not None])
     unknown: list[float] = []
     for _ in range(REPETITIONS):
@@ -121,9 +117,7 @@ def hammer_delay(
         delays, unknown = _enough([each for each, _ in found]), [each for _, each in found]
     scatter = np.std(delays, ddof=1) / np.sqrt(len(delays))
     error, freedom = float(np.hypot(scatter, np.mean(unknown))), len(delays) - 1
-    return Delay(
-        float(np.mean(delays)), error, differences=tuple(delays), degrees_of_freedom=freedom
-    )
+    return Delay(float(np.mean(delays)), error, degrees_of_freedom=freedom)
 
 
 def _enough(delays: list[float]) -> list[float]:
@@ -170,11 +164,11 @@ def _contacts(time: Array, force: Array) -> list[_Contact]:
     return contacts
 
 
-def _sharpest_turn(time: Array, height: Array, contact: _Contact, window_s: float) -> float | None:
+def _sharpest_turn(time: Array, height: Array, contact: _Contact) -> float | None:
     """Give when the marker turns most sharply upwards near an impact, None where it does not."""
     turn = np.zeros(len(time))
     turn[2:-2] = height[4:] - 2 * height[2:-2] + height[:-4]
-    near = np.flatnonzero(np.abs(time - contact.centroid) <= window_s)
+    near = np.flatnonzero(np.abs(time - contact.centroid) <= WINDOW_S)
     if not len(near):
         return None
     sharpest = int(near[np.argmax(turn[near])])

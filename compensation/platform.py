@@ -135,9 +135,7 @@ def commanded_pose(sway: ArrayLike, pitch: ArrayLike, pivot: ArrayLike) -> Platf
     return PlatformPose(rotation, y[:, None] * LEFT + point - rotation @ point)
 
 
-def pose_delay(
-    commanded: PlatformPose, measured: PlatformPose, rate_hz: float, longest_s: float = 0.2
-) -> Delay:
+def pose_delay(commanded: PlatformPose, measured: PlatformPose, rate_hz: float) -> Delay:
     """Estimate by how much the platform (or its record) is later than its command.
 
     Parameters
@@ -146,8 +144,6 @@ def pose_delay(
         Poses at the same nominal instants, without gaps.
     rate_hz
         Their sampling rate [Hz].
-    longest_s
-        Delays are sought up to this, either way [s].
 
     Returns
     -------
@@ -172,7 +168,7 @@ def pose_delay(
     moving = np.ptp(signals[0], axis=0) > MIN_MOTION
     if not moving.any():
         raise ValueError("the commanded platform does not move: its delay cannot be estimated")
-    return estimate_delay(signals[0][:, moving], signals[1][:, moving], rate_hz, longest_s)
+    return estimate_delay(signals[0][:, moving], signals[1][:, moving], rate_hz)
 
 
 def specific_force(pose: PlatformPose, rate_hz: float) -> Array:
@@ -458,13 +454,8 @@ def _fit(position: Array, reference: Array, used: Mask) -> tuple[Array, Array, A
     filled = np.where(np.isfinite(position), position, 0.0)
     center = np.einsum("tm,tmi->ti", weight, filled)
     reference_center = weight @ reference
-    covariance = np.einsum(
-        "tm,tmi,tmj->tij",
-        weight,
-        filled - center[:, None],
-        reference - reference_center[:, None],
-    )
-    rotation = fit_rotation(covariance)
+    moved, apart = filled - center[:, None], reference - reference_center[:, None]
+    rotation = fit_rotation(np.einsum("tm,tmi,tmj->tij", weight, moved, apart))
     origin = center - (rotation @ reference_center[..., None])[..., 0]
     model = np.einsum("tij,mj->tmi", rotation, reference) + origin[:, None]
     return rotation, origin, np.linalg.norm(filled - model, axis=2)

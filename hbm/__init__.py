@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from hbm.dynamics import filter_motion as filter_motion
     from hbm.dynamics import inverse_dynamics as inverse_dynamics
     from hbm.ik.tracking import solve_ik as solve_ik
-    from hbm.markers.marker_set import MarkerSet as MarkerSet
-    from hbm.markers.marker_set import marker_sets as marker_sets
-    from hbm.markers.marker_set import read_marker_set as read_marker_set
-    from hbm.markers.trajectories import Markers as Markers
+    from hbm.markers import Markers as Markers
+    from hbm.markers import MarkerSet as MarkerSet
+    from hbm.markers import marker_sets as marker_sets
+    from hbm.markers import read_marker_set as read_marker_set
     from hbm.motion import Motion as Motion
     from hbm.segments import SegmentOverride as SegmentOverride
     from hbm.segments import read_overrides as read_overrides

@@ -26,7 +26,7 @@ from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body, pin_model
 from hbm.notes import Note
-from hbm.plausibility.unseen import mass_not_shown
+from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import (
     LEGS_PER_STATURE,
@@ -194,6 +194,7 @@ def build_body(
     shape = average(shapes)
     markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
     segments = tuple(segment[name] for name in markers)
+    shown = {i for s in set(segments) for i in support(LAST_Q[s])}
     still = speed < MAX_STILL_SPEED_MPS
     posture = "standing still" if still else f"moving at {speed:.2f} m/s"
     pose = Note.of(
@@ -237,7 +238,7 @@ def build_body(
         axes=shape.axes,
         segments=apply_overrides(_inertias(shape.ends, table, mass), overrides, mass),
         lengths=lengths,
-        locked=_never_shown(set(segments)),
+        locked=tuple(name for i, name in enumerate(COORDINATES) if i not in shown),
         notes=tuple(notes),
         landmark_rules=landmark_rules,
     )
@@ -293,12 +294,6 @@ def _unlocated_segments(anatomy: Anatomy) -> set[str]:
         return {*MOVING[1:]} - {*LIMBS["right leg"], *LIMBS["left leg"]}
     unlocated = [side for side in SIDES if f"{side}_elbow" not in anatomy.points]
     return {segment for side in unlocated for segment in LIMBS[f"{side} arm"][1:]}
-
-
-def _never_shown(segments: set[str]) -> tuple[str, ...]:
-    """Coordinates that move none of the segments with markers."""
-    shown = {i for s in segments for i in support(LAST_Q[s])}
-    return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
 
 
 def _inertias(
@@ -459,13 +454,9 @@ def _speed(paths: Sequence[Array], time: Array) -> Array:
     if len(time) < 2:
         return speed
     step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(time) - 1)
-    total, count = np.zeros(len(time) - step), np.zeros(len(time) - step)
-    for path in paths:
-        way = np.sqrt(sum((x[step:] - x[:-step]) ** 2 for x in path.T))
-        seen = ~np.isnan(way)
-        total += np.where(seen, way, 0)
-        count += seen
-    mean = total / (time[step:] - time[:-step]) / np.maximum(count, 1)
+    ways = [np.sqrt(sum((x[step:] - x[:-step]) ** 2 for x in path.T)) for path in paths]
+    count = np.count_nonzero(~np.isnan(ways), axis=0)
+    mean = np.nansum(ways, axis=0) / (time[step:] - time[:-step]) / np.maximum(count, 1)
     speed[step // 2 : step // 2 + len(mean)] = np.where(count > 0, mean, np.nan)
     return speed
 

@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, support
-from hbm.engines.engine import Engine, choose_engine
+from hbm.engines.engine import choose_engine
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
-from hbm.spatial import Array, Mask, frozen, read_only, shift_wrench
+from hbm.spatial import Array, Mask, freeze_arrays, frozen, shift_wrench
 
 FRAMES_AT_ONCE: Final = 2000
 """Bounds the memory for intermediate results, 2 to 3 kB a frame."""
@@ -57,12 +57,8 @@ class Dynamics:
 
     def __post_init__(self) -> None:
         frames = len(self.time)
-        shapes = {"time": (frames,), "tau": (frames, N_Q), "residual": (frames, 6)}
-        for name, shape in (shapes | {"power": (frames, N_Q)}).items():
-            value = read_only(getattr(self, name))
-            if value.shape != shape:
-                raise ValueError(f"dynamics: {name} must have shape {shape}, got {value.shape}")
-            object.__setattr__(self, name, value)
+        shapes = dict.fromkeys(("tau", "power"), (frames, N_Q))
+        freeze_arrays(self, "dynamics", time=(frames,), residual=(frames, 6), **shapes)
 
     def without_forces(self, unknown: Mask) -> "Dynamics":
         """Give the same with some generalized forces and their power left out, (T, 46)."""
@@ -176,11 +172,7 @@ def inverse_dynamics(
 
 
 def inverse_dynamics_variants(
-    body: Body,
-    motion: Motion,
-    variants: Sequence[Mapping[str, Array]],
-    *,
-    jobs: int = 1,
+    body: Body, motion: Motion, variants: Sequence[Mapping[str, Array]], *, jobs: int = 1
 ) -> list[Dynamics]:
     """Do `inverse_dynamics` for several sets of wrenches in one evaluation of the equations.
 
@@ -220,28 +212,12 @@ def inverse_dynamics_variants(
     if frames and np.isnan(motion.v).all() and not np.isnan(motion.q).all():
         raise ValueError("the motion has no velocities; filter it first with filter_motion")
 
-    engine = choose_engine()
-    forces = _forces(engine, body, (motion.q, motion.v, motion.a), variants, jobs)
-    return [
-        Dynamics(motion.time, tau, residual, frozen(tau * motion.v), engine.name)
-        for tau, residual in (np.split(frozen(force), [N_Q], axis=1) for force in forces)
-    ]
-
-
-def _forces(
-    engine: Engine,
-    body: Body,
-    state: tuple[Array, Array, Array],
-    variants: Sequence[Mapping[str, Array]],
-    jobs: int,
-) -> list[Array]:
-    """Give generalized forces and residual of each variant, (T, 52)."""
-    frames = len(state[0])
-    segments = sorted(set().union(*variants))
+    engine, segments = choose_engine(), sorted(set().union(*variants))
+    # generalized forces and residual of each variant, (T, 52)
     forces = [np.empty((frames, N_Q + 6)) for _ in variants]
     for first in range(0, frames, FRAMES_AT_ONCE):
         block = slice(first, first + FRAMES_AT_ONCE)
-        q, v, a = (np.asarray(x[block]) for x in state)
+        q, v, a = (np.asarray(x[block]) for x in (motion.q, motion.v, motion.a))
         tau, needed, jacobians = engine.free_dynamics(body, q, v, a, segments, jobs)
         for wrenches, force in zip(variants, forces, strict=True):
             force[block, :N_Q] = tau
@@ -252,4 +228,7 @@ def _forces(
                 chain = np.array(support(LAST_Q[segment]))
                 force[block, chain] -= np.einsum("tci,ti->tc", jacobians[segment], acting)
             force[block, N_Q:] = needed - shift_wrench(external, q[:, :3])
-    return forces
+    return [
+        Dynamics(motion.time, tau, residual, frozen(tau * motion.v), engine.name)
+        for tau, residual in (np.split(frozen(force), [N_Q], axis=1) for force in forces)
+    ]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -20,14 +20,13 @@ from hbm.coordinates import (
 from hbm.markers import MarkerSet
 from hbm.notes import Note
 from hbm.segments import NO_INERTIA, Inertia, Sex
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, freeze_arrays, read_only
 
 MODEL_NAME: Final = "human_body_model"
 """Name of the body in other programs."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Joint:
+class Joint(NamedTuple):
     """A single-axis joint of a subject: a coordinate, its place and its axis.
 
     Attributes
@@ -52,10 +51,6 @@ class Joint:
     translates: bool
     axis: Array
     offset: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "axis", read_only(self.axis))
-        object.__setattr__(self, "offset", read_only(self.offset))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,13 +113,7 @@ class Body:
     landmark_rules: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        expected = (len(self.markers), 3)
-        if np.shape(self.marker_position) != expected:
-            raise ValueError(
-                f"body: marker_position must have shape {expected}, "
-                f"got {np.shape(self.marker_position)}"
-            )
-        object.__setattr__(self, "marker_position", read_only(self.marker_position))
+        freeze_arrays(self, "body", marker_position=(len(self.markers), 3))
         for name in ("offsets", "axes"):
             own = {key: read_only(vector) for key, vector in getattr(self, name).items()}
             object.__setattr__(self, name, own)
@@ -143,27 +132,18 @@ class Body:
     @property
     def joints(self) -> tuple[Joint, ...]:
         """One joint per coordinate, each after its parent."""
-        return tuple(
-            Joint(
-                c.name,
-                c.segment,
-                c.parent,
-                c.translates,
-                np.array(self.axes[c.name] if c.axis is None else c.axis, float),
-                self.offsets[c.segment] if i in SUBJECT_OFFSETS else np.zeros(3),
-            )
-            for i, c in enumerate(TREE)
-        )
+        joints = []
+        for i, c in enumerate(TREE):
+            axis = np.array(self.axes[c.name] if c.axis is None else c.axis, float)
+            offset = self.offsets[c.segment] if i in SUBJECT_OFFSETS else np.zeros(3)
+            joints.append(Joint(c.name, c.segment, c.parent, c.translates, axis, offset))
+        return tuple(joints)
 
     @property
     def geometry(self) -> Array:
         """The subject's own offsets and axes as one vector, in the order of the kernels."""
-        return np.concatenate(
-            [
-                *(self.offsets[TREE[i].segment] for i in SUBJECT_OFFSETS),
-                *(self.axes[COORDINATES[i]] for i in SUBJECT_AXES),
-            ]
-        )
+        offsets = [self.offsets[TREE[i].segment] for i in SUBJECT_OFFSETS]
+        return np.concatenate([*offsets, *(self.axes[COORDINATES[i]] for i in SUBJECT_AXES)])
 
     @property
     def rigid_bodies(self) -> dict[str, Inertia]:

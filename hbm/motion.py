@@ -42,10 +42,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, N_Q
-from hbm.spatial import Array, Mask, read_only
-
-FLAGS: Final = ("converged", "observed")
-"""Fields of `Motion` that are true or false."""
+from hbm.spatial import Array, Mask, freeze_arrays
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +66,6 @@ class Motion:
     observed
         Whether the visible markers determined each coordinate, (T, 46); the others were held at
         zero or interpolated in time.
-    gradient
-        Largest entry of the cost's gradient at the last step, (T,) [m and m²/rad]; NaN where
-        nothing was solved.
 
     Examples
     --------
@@ -93,21 +87,12 @@ class Motion:
     marker_error: Array
     converged: Mask
     observed: Mask
-    gradient: Array | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.time)
-        if self.gradient is None:
-            object.__setattr__(self, "gradient", np.full(frames, np.nan))
-        columns = dict.fromkeys(("q", "v", "a", "observed"), (frames, N_Q))
-        columns["marker_error"] = frames, len(self.markers)
-        for name in ("time", "q", "v", "a", "marker_error", "gradient", *FLAGS):
-            shape = columns.get(name, (frames,))
-            given = getattr(self, name)
-            value = read_only(given, bool) if name in FLAGS else read_only(given)
-            if value.shape != shape:
-                raise ValueError(f"motion: {name} must have shape {shape}, got {value.shape}")
-            object.__setattr__(self, name, value)
+        freeze_arrays(self, "motion", time=(frames,), converged=(frames,))
+        freeze_arrays(self, "motion", **dict.fromkeys(("q", "v", "a", "observed"), (frames, N_Q)))
+        freeze_arrays(self, "motion", marker_error=(frames, len(self.markers)))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -5,20 +5,19 @@ a row of a table. Texts, meanings and advice are in one catalogue, ``notes.toml`
 ``docs/notes.md`` is made.
 """
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from math import isnan
 from numbers import Integral, Real
 from string import Formatter
 from typing import Any, Final, Literal, SupportsFloat
 
-from hbm.spelling import printable, written
+from hbm.spelling import packaged_toml, printable, written
 
 Level = Literal["warning", "provenance"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
+GivenValue = str | SupportsFloat | Sequence[str] | Mapping[str, SupportsFloat]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +73,7 @@ class Note:
         return self.text
 
     @classmethod
-    def of(
-        cls,
-        code: str,
-        /,
-        **values: str | SupportsFloat | Sequence[str] | Mapping[str, SupportsFloat],
-    ) -> "Note":
+    def of(cls, code: str, /, **values: GivenValue) -> "Note":
         """Make a note from its code and its values by name, in Python's own types or NumPy's."""
         return cls(code, {name: _plain(value) for name, value in values.items()})
 
@@ -144,7 +138,7 @@ def provenance(notes: Iterable[Note]) -> tuple[tuple[str, str], ...]:
 @cache
 def catalogue() -> Mapping[str, Mapping[str, str]]:
     """Give code -> "text", "item" or the "meaning" and "advice" of a warning, maybe "light"."""
-    return tomllib.loads(files("hbm").joinpath("notes.toml").read_text(encoding="utf-8"))
+    return packaged_toml("hbm", "notes.toml")
 
 
 def _plain(value: object) -> NoteValue:

@@ -1,7 +1,6 @@
 """Poses of segments, positions of markers and of the centre of mass at given coordinates."""
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -10,11 +9,8 @@ from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.spatial import Array
 
-FRAMES_AT_ONCE: Final = 4000
-"""Some megabytes."""
 
-
-def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array]:
+def segment_frames(body: Body, q: Array) -> tuple[Array, Array]:
     """Give the frames of segments and shoulder points, in the order of `hbm.coordinates.MOVING`.
 
     Parameters
@@ -23,8 +19,6 @@ def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array
         The subject.
     q
         Coordinates, (T, 46) [m and rad].
-    jobs
-        Threads.
 
     Returns
     -------
@@ -33,7 +27,7 @@ def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array
     origin
         Proximal joints in the lab, (T, 19, 3) [m].
     """
-    poses = kernels().segment_poses(q, body.geometry, jobs=jobs)[0]
+    poses = kernels().segment_poses(q, body.geometry)[0]
     poses = poses.reshape(len(q), len(MOVING), 4, 3)
     return np.swapaxes(poses[:, :, :3], 2, 3), poses[:, :, 3]
 
@@ -55,15 +49,10 @@ def joint_positions(body: Body, q: Array, segments: Sequence[str]) -> Array:
     Array
         Positions in the lab, (T, S, 3) [m].
     """
-    own = [MOVING.index(segment) for segment in segments]
-    joints = np.empty((len(q), len(own), 3))
-    for first in range(0, len(q), FRAMES_AT_ONCE):  # the frames of all segments take much memory
-        block = slice(first, first + FRAMES_AT_ONCE)
-        joints[block] = segment_frames(body, q[block])[1][:, own]
-    return joints
+    return segment_frames(body, q)[1][:, [MOVING.index(segment) for segment in segments]]
 
 
-def marker_positions(body: Body, q: Array, *, jobs: int = 1) -> Array:
+def marker_positions(body: Body, q: Array) -> Array:
     """Give the positions of the markers on the model, in the order of ``body.markers``.
 
     Parameters
@@ -72,21 +61,19 @@ def marker_positions(body: Body, q: Array, *, jobs: int = 1) -> Array:
         The subject.
     q
         Coordinates, (T, 46) [m and rad].
-    jobs
-        Threads.
 
     Returns
     -------
     Array
         Positions in the lab, (T, K, 3) [m].
     """
-    rotation, origin = segment_frames(body, q, jobs=jobs)
+    rotation, origin = segment_frames(body, q)
     own = [MOVING.index(s) for s in body.marker_segment]
     from_joint = np.einsum("tkij,kj->tki", rotation[:, own], body.marker_position)
     return np.asarray(origin[:, own] + from_joint)
 
 
-def center_of_mass(body: Body, q: Array, *, jobs: int = 1) -> Array:
+def center_of_mass(body: Body, q: Array) -> Array:
     """Find the centre of mass of the whole body.
 
     Parameters
@@ -95,8 +82,6 @@ def center_of_mass(body: Body, q: Array, *, jobs: int = 1) -> Array:
         The subject.
     q
         Coordinates, (T, 46) [m and rad].
-    jobs
-        Threads.
 
     Returns
     -------
@@ -105,8 +90,7 @@ def center_of_mass(body: Body, q: Array, *, jobs: int = 1) -> Array:
     """
     bodies = body.rigid_bodies
     own = [MOVING.index(s) for s in bodies]
-    rotation, origin = (frames[:, own] for frames in segment_frames(body, q, jobs=jobs))
-    parts = list(bodies.values())
-    local = np.array([part.center for part in parts])
+    rotation, origin = (frames[:, own] for frames in segment_frames(body, q))
+    local = np.array([part.center for part in bodies.values()])
     centers = origin + np.einsum("tsij,sj->tsi", rotation, local)
-    return np.asarray(np.average(centers, axis=1, weights=[part.mass for part in parts]))
+    return np.asarray(np.average(centers, axis=1, weights=[part.mass for part in bodies.values()]))

@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from hbm.coordinates import SEGMENTS
-from hbm.spatial import Array, read_only, skew
+from hbm.spatial import Array, freeze_arrays, read_only, skew
 from hbm.spelling import did_you_mean, no_segment, parse_toml, shown
 
 Sex = Literal["male", "female", "unspecified"]
@@ -96,12 +96,14 @@ def proportions(sex: Sex) -> dict[str, Proportions]:
     """
     if sex not in SEXES:
         raise ValueError(f"sex must be one of {', '.join(SEXES)}, got {sex!r}")
-    if sex == "unspecified":
-        men, women = _table("male"), _table("female")
-        rows = {s: (men[s] + women[s]) / 2 for s in men}
-    else:
-        rows = _table(sex)
+    tables = [_table(column) for column in columns_of(sex)]
+    rows = {s: np.mean([table[s] for table in tables], axis=0) for s in tables[0]}
     return {s: Proportions(row[0], row[1], row[2:5], row[5]) for s, row in rows.items()}
+
+
+def columns_of(sex: Sex) -> tuple[str, ...]:
+    """Give the columns of the table whose mean a sex has."""
+    return ("male", "female") if sex == "unspecified" else (sex,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +127,7 @@ class Inertia:
     def __post_init__(self) -> None:
         if not self.mass >= 0:
             raise ValueError(f"a mass must not be negative, got {self.mass:g} kg")
-        for name in ("center", "tensor"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+        freeze_arrays(self, "inertia", center=(3,), tensor=(3, 3))
 
     def __add__(self, other: "Inertia") -> "Inertia":
         """Join two parts rigidly, given in the same frame (parallel-axis theorem)."""
@@ -404,11 +405,9 @@ def apply_overrides(
         override = overrides.get(s, SegmentOverride())
         factor = stated[s] / part.mass if s in stated else share
         center, tensor = override.center_m, override.inertia_kg_m2
-        result[s] = Inertia(
-            float(factor * part.mass),
-            part.center if center is None else center,
-            factor * part.tensor if tensor is None else tensor,
-        )
+        center = part.center if center is None else center
+        tensor = factor * part.tensor if tensor is None else tensor
+        result[s] = Inertia(float(factor * part.mass), center, tensor)
         if override.worn:
             result[s] += override.worn
     return result

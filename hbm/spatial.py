@@ -6,7 +6,7 @@ dimensions and broadcasts them.
 """
 
 import math
-from typing import Final, Literal, overload
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,17 +21,28 @@ GRAVITY_MPS2: Final = 9.81
 """Acceleration of free fall, along -Z of the lab; the value that the Human Body Model uses."""
 
 
-@overload
-def read_only(value: ArrayLike) -> Array: ...
-@overload
-def read_only(value: ArrayLike, dtype: type[bool]) -> Mask: ...
-def read_only(value: ArrayLike, dtype: type[float] = float) -> Array | Mask:
-    """Give an array that cannot be changed, of floats by default: a copy, unless it cannot yet."""
-    if isinstance(value, np.ndarray) and value.dtype == dtype and _is_read_only(value):
-        return value
-    copy = np.array(value, dtype)
-    copy.setflags(write=False)
-    return copy
+def read_only(value: ArrayLike) -> Array:
+    """Give an array that cannot be changed: a copy, unless it cannot yet.
+
+    Truth values stay such, all others become floats.
+    """
+    given = np.asarray(value)
+    dtype = bool if given.dtype == bool else float
+    # unchangeable is an array if the one whose memory it is a part of is so too
+    owner = given if given.base is None else given.base
+    writeable = given.flags.writeable or not isinstance(owner, np.ndarray) or owner.flags.writeable
+    if given.dtype == dtype and not writeable:
+        return given
+    return frozen(np.array(given, dtype))
+
+
+def freeze_arrays(owner: object, of: str, **shapes: tuple[int, ...]) -> None:
+    """Make arrays of a frozen dataclass unchangeable; a ValueError for another shape."""
+    for name, shape in shapes.items():
+        value = read_only(getattr(owner, name))
+        if value.shape != shape:
+            raise ValueError(f"{of}: {name} must have shape {shape}, got {value.shape}")
+        object.__setattr__(owner, name, value)
 
 
 def frozen(value: Array) -> Array:
@@ -40,12 +51,6 @@ def frozen(value: Array) -> Array:
         if isinstance(array, np.ndarray):
             array.setflags(write=False)
     return value
-
-
-def _is_read_only(value: NDArray[np.generic]) -> bool:
-    """Whether neither an array nor the one whose memory it is a part of can be changed."""
-    owner = value if value.base is None else value.base
-    return isinstance(owner, np.ndarray) and not (value.flags.writeable or owner.flags.writeable)
 
 
 def shift_wrench(wrench: ArrayLike, to: ArrayLike) -> Array:

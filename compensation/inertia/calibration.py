@@ -243,6 +243,6 @@ def _exactly(kind: type[Made], plain: dict[str, Any]) -> Made:
     """Make a part from its fields, all of them and no others."""
     names = {field.name for field in fields(kind)}
     if plain.keys() != names:
-        differ = ", ".join(map(str, names ^ plain.keys()))
+        differ = ", ".join(sorted(map(str, names ^ plain.keys())))
         raise KeyError(f"{kind.__name__} lacks or should not have {differ}")
     return kind(**plain)

@@ -20,7 +20,7 @@ from compensation.inputs import (
     refuse_unequal,
 )
 from hbm.signals.filtering import Method, low_pass
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, freeze_arrays
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,14 +179,9 @@ class InertiaModel:
             "acceleration_covariance": (k, k),
             "correlation": (6, 6),
         }
-        for name, shape in shapes.items():
-            value = read_only(getattr(self, name))
-            if value.shape != shape:
-                raise ValueError(
-                    f"inertia model: {name} must have shape {shape}, got {value.shape}"
-                )
-            refuse_gaps(np.atleast_1d(value), f"inertia model: {name}")
-            object.__setattr__(self, name, value)
+        freeze_arrays(self, "inertia model", **shapes)
+        for name in shapes:
+            refuse_gaps(np.atleast_1d(getattr(self, name)), f"inertia model: {name}")
         sensor_names(self.setup, k)
 
     @property

@@ -44,9 +44,6 @@ class LimbMeasures:
     shoulder_offset_m: float | None = None
 
 
-NOT_MEASURED: Final = LimbMeasures()
-
-
 @dataclass(frozen=True, slots=True)
 class Measures:
     """Properties of a subject that the markers do not show, and the rule for the hips.
@@ -71,7 +68,7 @@ class Measures:
 
     def limb(self, side: str) -> LimbMeasures:
         """Give what was measured on a side."""
-        return self.limbs.get(side, NOT_MEASURED)
+        return self.limbs.get(side, LimbMeasures())
 
     def to_center(self, width_m: float | None) -> float | None:
         """Give the distance of a joint's centre from a marker beside it [m]; None if unknown."""
@@ -132,34 +129,43 @@ def need(
     return [landmarks[name] for name in names]
 
 
+HALF_WIDTH_PER_SHANK: Final = {"knee": 0.118, "ankle": 0.085}
+"""Half the width of a joint without medial marker or stated width, as a share of the distance from
+lateral epicondyle to lateral malleolus (Reed et al. 1999, SAE 1999-01-0959)."""
+
+LATERAL_AND_MEDIAL: Final = {"knee": ("LEK", "MEK"), "ankle": ("LM", "MM")}
+"""Joint -> its two landmarks, without the side."""
+
+
 def locate_hinge(
     anatomy: Anatomy,
-    landmarks: Mapping[str, Array],
-    joint: str,
-    names: tuple[str, str],
-    *,
+    at: Mapping[str, Array],
+    measures: Measures,
+    side: str,
+    part: str,
     proximal: Array,
     medial: Array,
-    half_width: float | None,
-    instead: str,
 ) -> None:
-    """Find a joint's centre midway between two markers, or medial to the lateral one.
+    """Find the centre of a knee or ankle midway between two markers, or medial to the lateral one.
 
     Midway: Dumas et al. 2007 (J Biomech 40:543). Medial: `chord`, with the plane that ``medial``
-    gives.
+    gives, by half the joint's width as measured or by `HALF_WIDTH_PER_SHANK`.
     """
-    lateral, other = names
-    sign = MEDIAL_SIGN[joint.split("_", maxsplit=1)[0]]
-    purpose = "the " + joint.replace("_", " ")
-    if other in landmarks or half_width is None:
-        outer, inner = need(landmarks, *names, purpose=purpose, instead=instead)
+    s, joint, purpose = SIDES[side], f"{side}_{part}", f"the {side} {part}"
+    lateral, other = (s + name for name in LATERAL_AND_MEDIAL[part])
+    half_width = measures.to_center(getattr(measures.limb(side), f"{part}_width_m"))
+    if half_width is None and {s + "LEK", s + "LM"} <= at.keys():
+        half_width = HALF_WIDTH_PER_SHANK[part] * distance(at[s + "LEK"], at[s + "LM"])
+    if other in at or half_width is None:
+        by_width = f"{lateral} with {part}_width_m"
+        outer, inner = need(at, lateral, other, purpose=purpose, instead=by_width)
         center = (outer + inner) / 2
     else:
-        (outer,) = need(landmarks, lateral, purpose=purpose, instead=other)
+        (outer,) = need(at, lateral, purpose=purpose, instead=other)
         center = chord(outer, proximal, medial, half_width, joint)
         anatomy.rules[other] = f"{joint} half the joint's width medial to {lateral}"
     anatomy.points[joint] = center
-    anatomy.axes[joint] = sign * unit(center - outer)
+    anatomy.axes[joint] = MEDIAL_SIGN[side] * unit(center - outer)
 
 
 def chord(marker: Array, proximal: Array, medial: Array, offset: float, joint: str) -> Array:
@@ -227,8 +233,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     if bar is not None and thumb is not None:
         wrist = wrist + bar * _palmar(thumb, wrist - elbow, side)
         elbow = elbow_with(wrist)
-    anatomy.points |= {f"{side}_{j}": p for j, p in (("shoulder", shoulder), ("wrist", wrist))}
-    anatomy.points[f"{side}_elbow"] = elbow
+    anatomy.points |= {f"{side}_shoulder": shoulder, f"{side}_elbow": elbow, f"{side}_wrist": wrist}
     anatomy.axes[f"{side}_elbow"] = sign * unit(elbow - lateral)
     if s + "MEE" not in at:
         rule = f"{side} elbow axis across the plane of shoulder, elbow and wrist"
@@ -323,10 +328,6 @@ def _palmar(thumb: Array, along: Array, side: str) -> Array:
     return MEDIAL_SIGN[side] * unit(cross(thumb, along))
 
 
-HALF_WIDTH_PER_SHANK: Final = {"knee": 0.118, "ankle": 0.085}
-"""Half the width of a joint without medial marker or stated width, as a share of the distance from
-lateral epicondyle to lateral malleolus (Reed et al. 1999, SAE 1999-01-0959)."""
-
 FOOT_PER_HEEL_TO_MT2: Final = 1.25
 """Length of the foot without a toe marker, from the heel marker."""
 
@@ -338,10 +339,9 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     """Find knee, ankle and foot.
 
     Knee: by the knee alignment device where one is in place (`alignment_corner`). Without it and
-    without a medial marker, half the joint's width is as measured or by `HALF_WIDTH_PER_SHANK`, and
-    medial is the pelvis' own direction (with a trochanter marker: towards the hip from it); for the
-    ankle it is the knee's. The foot runs from the heel to the toe marker or, without one, as far as
-    `FOOT_PER_HEEL_TO_MT2`.
+    without a medial marker, medial is the pelvis' own direction (with a trochanter marker: towards
+    the hip from it); for the ankle it is the knee's. The foot runs from the heel to the toe marker
+    or, without one, as far as `FOOT_PER_HEEL_TO_MT2`.
 
     Deviations from the original
     ----------------------------
@@ -350,8 +350,7 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     turns its knee axes by up to 40° (docs/marker_sets.md), so they only track here. Offsets of
     these markers and tibial torsion, which a file may state, are not used.
     """
-    s = SIDES[side]
-    sign, limb = MEDIAL_SIGN[side], measures.limb(side)
+    s, sign = SIDES[side], MEDIAL_SIGN[side]
     hip, pelvis_left = anatomy.points[f"{side}_hip"], anatomy.frames["pelvis"][:, 1]
     medial = hip - at[s + "GTRO"] if s + "GTRO" in at else sign * pelvis_left
     corner = alignment_corner(at, s, hip)
@@ -360,34 +359,9 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
             anatomy.markers[s + "LEK"] = corner
         at = {name: p for name, p in at.items() if name != s + "MEK"} | {s + "LEK": corner}
         medial = corner - at[s + "KAX"]
-    known = s + "LEK" in at and s + "LM" in at
-    shank = distance(at[s + "LEK"], at[s + "LM"]) if known else None
-
-    def half_width(joint: str, width_m: float | None) -> float | None:
-        by_shank = None if shank is None else HALF_WIDTH_PER_SHANK[joint] * shank
-        return by_shank if width_m is None else measures.to_center(width_m)
-
-    locate_hinge(
-        anatomy,
-        at,
-        f"{side}_knee",
-        (s + "LEK", s + "MEK"),
-        proximal=hip,
-        medial=medial,
-        half_width=half_width("knee", limb.knee_width_m),
-        instead=f"{s}LEK with knee_width_m",
-    )
-    knee_axis = anatomy.axes[f"{side}_knee"]
-    locate_hinge(
-        anatomy,
-        at,
-        f"{side}_ankle",
-        (s + "LM", s + "MM"),
-        proximal=anatomy.points[f"{side}_knee"],
-        medial=sign * knee_axis,
-        half_width=half_width("ankle", limb.ankle_width_m),
-        instead=f"{s}LM with ankle_width_m",
-    )
+    locate_hinge(anatomy, at, measures, side, "knee", hip, medial)
+    knee, knee_axis = anatomy.points[f"{side}_knee"], anatomy.axes[f"{side}_knee"]
+    locate_hinge(anatomy, at, measures, side, "ankle", knee, sign * knee_axis)
     for joint, axis, end in (("knee", pelvis_left, "EK"), ("ankle", knee_axis, "M")):
         if anatomy.axes[f"{side}_{joint}"] @ axis < 0:
             raise ValueError(

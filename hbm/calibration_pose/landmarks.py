@@ -26,7 +26,7 @@ from hbm.calibration_pose.anatomy import (
     need,
 )
 from hbm.coordinates import SIDES, UP
-from hbm.segments import SAMPLE_STATURE_M, Sex
+from hbm.segments import SAMPLE_STATURE_M, Sex, columns_of
 from hbm.spatial import Array, axes_from, cross, distance, perpendicular, unit
 
 
@@ -97,7 +97,11 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     spines = _iliac_spines(landmarks)[0]
     width, depth = distance(spines["LASIS"], spines["RASIS"]), distance(origin, back)
     for side, letter in SIDES.items():
-        leg = _leg_length(landmarks, letter, spines[letter + "ASIS"])
+        knee = landmarks.get(letter + "MEK", landmarks.get(letter + "LEK"))
+        ankle = landmarks.get(letter + "MM", landmarks.get(letter + "LM"))
+        leg = None
+        if knee is not None and ankle is not None:  # the same when the knee is flexed
+            leg = distance(spines[letter + "ASIS"], knee) + distance(knee, ankle)
         if leg is None or letter + "MM" not in landmarks:
             leg = measures.limb(side).leg_length_m or leg
         anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
@@ -109,9 +113,7 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     anatomy.points["lumbar"] = origin + R @ (width * np.array([forward, 0.0, up]))
 
 
-def pelvis_frame(
-    landmarks: Mapping[str, Array],
-) -> tuple[Array, Array, Array, dict[str, str]]:
+def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, dict[str, str]]:
     """Give the pelvis frame from ASIS and PSIS.
 
     Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; missing
@@ -180,15 +182,6 @@ def hip_center(
     return np.array([ahead - measures.marker_offset_m, outward * out, up])
 
 
-def _leg_length(landmarks: Mapping[str, Array], letter: str, spine: Array) -> float | None:
-    """Leg length from ASIS to medial malleolus by way of the knee, the same when it is flexed."""
-    knee = landmarks.get(letter + "MEK", landmarks.get(letter + "LEK"))
-    ankle = landmarks.get(letter + "MM", landmarks.get(letter + "LM"))
-    if knee is None or ankle is None:
-        return None
-    return distance(spine, knee) + distance(knee, ankle)
-
-
 def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) -> None:
     """Find the trunk's frame, its upper end and the neck; none if it has too few landmarks.
 
@@ -204,7 +197,10 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = axes_from(cross(top - bottom, forward), top - bottom, exact="up")
-        neck = at["C7"] + _neck(forward, R[:, 2], measures)
+        length = NECK_PER_C7_TO_NOTCH[measures.sex] * float(np.linalg.norm(forward))
+        angle, ahead = np.radians(NECK_ELEVATION_DEG[measures.sex]), unit(forward)
+        above = perpendicular(R[:, 2], forward)
+        neck = at["C7"] + length * (np.cos(angle) * ahead + np.sin(angle) * above)
     elif "LSHO" in at and "RSHO" in at:
         top = neck = (at["LSHO"] + at["RSHO"]) / 2
         R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
@@ -231,14 +227,6 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     anatomy.frames["thorax"] = R
     anatomy.points |= {"trunk_top": top, "neck": neck}
     anatomy.rules |= rules
-
-
-def _neck(forward: Array, up: Array, measures: Measures) -> Array:
-    """Give the neck's position from C7, (3,) [m]."""
-    ahead, above = unit(forward), perpendicular(up, forward)
-    length = NECK_PER_C7_TO_NOTCH[measures.sex] * float(np.linalg.norm(forward))
-    angle = np.radians(NECK_ELEVATION_DEG[measures.sex])
-    return np.asarray(length * (np.cos(angle) * ahead + np.sin(angle) * above))
 
 
 def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
@@ -273,8 +261,7 @@ XYPH-OMPH with OMPH-MIDH)."""
 
 def mean_height(level: str, sex: Sex, per: Callable[[str], float]) -> float:
     """Give de Leva's height of a level above mid-hip as a share of another length [mm]."""
-    columns = ("male", "female") if sex == "unspecified" else (sex,)
-    return float(np.mean([HEIGHT_MM[column][level] / per(column) for column in columns]))
+    return float(np.mean([HEIGHT_MM[column][level] / per(column) for column in columns_of(sex)]))
 
 
 def height_per_cervicale(level: str, sex: Sex) -> float:
@@ -321,34 +308,29 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
     def height(point: Array) -> float:
         return float((point - hips) @ up)
 
-    def share(level: str) -> float:
-        return height_per_cervicale(level, sex)
-
     if "C7" in at:
         cervicale = height(at["C7"])
     elif "JN" in at:
-        cervicale = height(at["JN"]) / share("notch")
+        cervicale = height(at["JN"]) / height_per_cervicale("notch", sex)
         anatomy.rules["C7 (cervicale)"] = "its level on the trunk's axis follows from JN"
     else:
         drop = SHOULDER_DROP_PER_WIDTH * distance(at["LSHO"], at["RSHO"])
-        cervicale = (height((at["LSHO"] + at["RSHO"]) / 2) - drop) / share("mid_shoulders")
+        shoulders = height((at["LSHO"] + at["RSHO"]) / 2) - drop
+        cervicale = shoulders / height_per_cervicale("mid_shoulders", sex)
         anatomy.rules["C7 (cervicale)"] = "its level on the trunk's axis follows from the acromions"
     if "XIPH" in at:
         xiphoid = height(at["XIPH"])
     else:
-        xiphoid = share("xiphoid") * cervicale
+        xiphoid = height_per_cervicale("xiphoid", sex) * cervicale
         anatomy.rules["XIPH"] = "its level on the trunk's axis follows from the cervicale"
     if not 0 < xiphoid < cervicale:
         raise ValueError(
             f"along the trunk, the xiphoid lies {1000 * xiphoid:.0f} mm and the cervicale "
             f"{1000 * cervicale:.0f} mm above the hips; check the labels XIPH, C7 and JN"
         )
-    for name, value in (
-        ("cervicale", cervicale),
-        ("mid_shoulders", share("mid_shoulders") * cervicale),
-        ("xiphoid", xiphoid),
-    ):
-        anatomy.points[name] = hips_on_axis + value * up
+    mid_shoulders = height_per_cervicale("mid_shoulders", sex) * cervicale
+    levels = {"cervicale": cervicale, "mid_shoulders": mid_shoulders, "xiphoid": xiphoid}
+    anatomy.points |= {name: hips_on_axis + level * up for name, level in levels.items()}
 
 
 def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:

@@ -180,15 +180,9 @@ class _Builder:
             self.frames[part] = thorax, joints[-1]
             joints.append(joints[-1] - length[part.removeprefix(f"{side}_")] * up)
             self.ends(part, joints[-2], joints[-1], left)
-        self.shape.axes |= {
-            f"{s}{coordinate}": thorax.T @ axis
-            for coordinate, axis in (
-                ("ElbowFlexion", -left),
-                ("ForeArmPronation", sign * up),
-                ("WristFlexion", -left),
-                ("HandAbduction", -sign * ahead),
-            )
-        }
+        axes = {"ElbowFlexion": -left, "ForeArmPronation": sign * up}
+        axes |= {"WristFlexion": -left, "HandAbduction": -sign * ahead}
+        self.shape.axes |= {s + name: thorax.T @ axis for name, axis in axes.items()}
 
     def arm(self, side: str) -> None:
         if f"{side}_elbow" not in self.at:

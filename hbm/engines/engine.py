@@ -1,10 +1,9 @@
 """Which implementation of the equations of motion runs: Pinocchio, or the package's own kernels."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,8 +23,7 @@ lab origin, angular velocity, lab axes. The product with a wrench on the segment
 origin is the wrench's generalized forces."""
 
 
-@dataclass(frozen=True, slots=True)
-class Engine:
+class Engine(NamedTuple):
     """An implementation of the equations of motion.
 
     Attributes

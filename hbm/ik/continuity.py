@@ -18,18 +18,13 @@ MAX_JOINT_RAD: Final = 1.5 * np.pi
 hardly showed it."""
 
 
-def _ball_joints() -> tuple[int, ...]:
-    """First coordinates of joints that rotate about three axes at right angles."""
-    triples = [TREE[i : i + 3] for i in range(N_Q - 2)]
-    return tuple(
-        i
-        for i, joint in enumerate(triples)
-        if len({c.segment for c in joint}) == 1
-        and all(not c.translates and c.axis is not None for c in joint)
-    )
-
-
-BALL_JOINTS: Final = _ball_joints()
+BALL_JOINTS: Final = tuple(
+    i
+    for i, c in enumerate(TREE[: N_Q - 2])
+    if {(joint.segment, joint.translates, joint.axis is None) for joint in TREE[i : i + 3]}
+    == {(c.segment, False, False)}
+)
+"""First coordinates of joints that rotate about three axes at right angles."""
 
 
 def continuous(q: Array) -> Array:

@@ -1,6 +1,6 @@
 """Newton's method for the coordinates of many frames, from starting points to optima.
 
-In one native call per block of frames (``descent.c``) or, without a compiler, in NumPy around the
+In one native call per block of frames (``descent.c``) or, without a compiler, in Python around the
 same kernels on the virtual machine. Each frame iterates independently: a step that raises the cost
 is computed again with more damping (Levenberg 1944, Marquardt 1963), the curvature is dropped where
 the Hessian is indefinite, and the frame is done once the step of the undamped, exact Hessian is
@@ -9,14 +9,13 @@ far, so that it slows the directions that markers hardly show and no others.
 """
 
 import ctypes
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
 from hbm.coordinates import MOVING, N_Q
-from hbm.kernels.kernel import Kernels, in_threads
+from hbm.kernels.kernel import Kernels, OneFrameKernel, in_threads
 from hbm.kernels.native import kernels
 from hbm.kernels.skeleton import N_SUMS
 from hbm.spatial import Array, Indices, Mask
@@ -62,28 +61,19 @@ class MarkerAttachment:
         return self.position[rows[:, None], self.column]
 
     def sums(self, position: Array) -> Array:
-        """Sum markers at given positions, (F, K, 3), per segment (`N_SUMS`), (F, 23 · segments)."""
-        seen = np.isfinite(position[..., 0])
-        measured, weight = np.where(seen[..., None], position, 0.0), seen * self.weight
-        p = self.local
-        products = [p[:, i] * p[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-        local_terms = np.column_stack([np.ones(len(p)), p, *products])
-        measured_factors = np.column_stack([np.ones(len(p)), p])
-        sums = np.zeros((len(position), len(MOVING), N_SUMS))
-        for s in np.unique(self.segment):
-            own = np.flatnonzero(self.segment == s)
-            w, m = weight[:, own], measured[:, own]
-            weighted = w[..., None] * m
-            sums[:, s, :10] = w @ local_terms[own]
-            crossed = np.einsum("tki,ka->tai", weighted, measured_factors[own])
-            sums[:, s, 10:22] = crossed.reshape(-1, 12)
-            sums[:, s, 22] = np.einsum("tki,tki->t", weighted, m)
-        return sums.reshape(len(position), N_SUMS * len(MOVING))
+        """Sum markers at given positions, (K, 3), per segment (`N_SUMS`), (23 · segments,)."""
+        seen = np.isfinite(position[:, 0])
+        p, m = self.local, np.where(seen[:, None], position, 0.0)
+        squares = [p[:, i] * p[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        crossed = (p[:, :, None] * m[:, None]).reshape(-1, 9)
+        of_marker = np.column_stack([np.ones(len(p)), p, *squares, m, crossed, np.vecdot(m, m)])
+        sums = np.zeros((len(MOVING), N_SUMS))
+        np.add.at(sums, self.segment, (seen * self.weight)[:, None] * of_marker)
+        return sums.ravel()
 
-    def errors(self, kernels: Kernels, position: Array, q: Array, jobs: int) -> Array:
+    def errors(self, kernels: Kernels, position: Array, q: Array) -> Array:
         """Give the distance of given positions, (F, K, 3), from the model, (F, K) [m]."""
-        poses = kernels.segment_poses(q, self.geometry, jobs=jobs)[0]
-        poses = poses.reshape(len(q), len(MOVING), 4, 3)
+        poses = kernels.segment_poses(q, self.geometry)[0].reshape(len(q), len(MOVING), 4, 3)
         local = np.column_stack([self.local, np.ones(len(self.local))])
         model = np.einsum("tkai,ka->tki", poses[:, self.segment], local)
         return np.asarray(np.linalg.norm(model - position, axis=-1))
@@ -133,12 +123,8 @@ MAX_SADDLE_CURVATURE: Final = 1e-5
 than a marker 3 mm from the axis contributes, and of the order of what its distance from the model
 takes away again."""
 
-FRAMES_AT_ONCE: Final = 4000
-"""Without a compiler: bounds the memory for marker sums and results to some 30 MB."""
 
-
-@dataclass(frozen=True, slots=True)
-class Solved:
+class Solved(NamedTuple):
     """Optima of many frames.
 
     Attributes
@@ -168,40 +154,31 @@ class Solved:
     def empty(cls, row: Indices, markers: int) -> "Solved":
         """Allocate arrays for the optima of some frames."""
         frames = len(row)
-        return cls(
-            row,
-            np.empty((frames, N_Q)),
-            np.zeros(frames, bool),
-            np.full(frames, np.nan),
-            np.empty((frames, N_Q)),
-            np.empty((frames, markers)),
-        )
+        q, pivots = np.empty((2, frames, N_Q))
+        error, gradient = np.empty((frames, markers)), np.full(frames, np.nan)
+        return cls(row, q, np.zeros(frames, bool), gradient, pivots, error)
 
     @classmethod
     def joined(cls, *parts: "Solved") -> "Solved":
         """Put the frames of several solutions one after the other."""
-        names = cls.__slots__
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        return cls._make(map(np.concatenate, zip(*parts, strict=True)))
 
     def overwrite(self, rows: Indices | slice, other: "Solved") -> None:
         """Replace some frames by those of another solution."""
-        for name in self.__slots__:
-            getattr(self, name)[rows] = getattr(other, name)
+        for array, others in zip(self, other, strict=True):
+            array[rows] = others
 
     def select(self, frames: Mask | Indices) -> "Solved":
         """Give some of the frames."""
-        return Solved(*(getattr(self, name)[frames] for name in self.__slots__))
+        return Solved._make(array[frames] for array in self)
+
+
+Terms = tuple[Array, Array, Array]
+"""Starting points, weights of the priors and their values, (F, 46) each [m and rad]."""
 
 
 def solve_frames(
-    attachment: MarkerAttachment,
-    rows: Indices,
-    start: Array,
-    prior: Array,
-    reference: Array,
-    *,
-    tolerance: float,
-    jobs: int = 1,
+    attachment: MarkerAttachment, rows: Indices, terms: Terms, tolerance: float, jobs: int = 1
 ) -> Solved:
     """Minimise ``Σ w |r(q) − m|²/2 + Σ prior (q − reference)²/2`` in every frame.
 
@@ -211,10 +188,9 @@ def solve_frames(
         Markers on the skeleton.
     rows
         Frames of the trial to solve, (F,).
-    start
-        Starting points, (F, 46); a frame whose start is NaN is not solved.
-    prior, reference
-        Weight and value of the prior on each coordinate, (F, 46) or (46,).
+    terms
+        Starting points, (F, 46), NaN in a frame that is not to be solved; weight and value of the
+        prior on each coordinate, (F, 46) or (46,).
     tolerance
         Largest last step [rad or m].
     jobs
@@ -233,23 +209,19 @@ def solve_frames(
     ready = kernels()
     rows = np.ascontiguousarray(rows, np.int64)
     solved = Solved.empty(rows, len(attachment.segment))
-    terms = [
-        np.broadcast_to(np.ascontiguousarray(x, float), start.shape)
-        for x in (start, prior, reference)
-    ]
+    start, prior, reference = (
+        np.broadcast_to(np.ascontiguousarray(term, float), (len(rows), N_Q)) for term in terms
+    )
+    terms = start, prior, reference
     native = ready.solve_frames
-    if native is not None:
-
-        def solve_block(first: int, last: int) -> None:
-            native(ctypes.byref(_structure(attachment, solved, terms, tolerance, first, last)))
-
-        in_threads(solve_block, len(rows), jobs)
+    if native is None:
+        _interpreted(ready, attachment, solved, terms, tolerance)
         return solved
-    for first in range(0, len(rows), FRAMES_AT_ONCE):
-        block = slice(first, first + FRAMES_AT_ONCE)
-        begin, pull, target = (x[block] for x in terms)
-        part = _interpreted(ready, attachment, rows[block], begin, pull, target, tolerance, jobs)
-        solved.overwrite(block, part)
+
+    def solve_block(first: int, last: int) -> None:
+        native(ctypes.byref(_structure(attachment, solved, terms, tolerance, range(first, last))))
+
+    in_threads(solve_block, len(rows), jobs)
     return solved
 
 
@@ -290,23 +262,15 @@ class DescentProblem(ctypes.Structure):
 
 
 def _structure(
-    attachment: MarkerAttachment,
-    solved: Solved,
-    terms: Sequence[Array],
-    tolerance: float,
-    first: int,
-    last: int,
+    attachment: MarkerAttachment, solved: Solved, terms: Terms, tolerance: float, block: range
 ) -> DescentProblem:
-    """Give a block of frames to ``descent.c``; the arrays must live as long as it.
-
-    ``terms`` are start, prior and reference, (F, 46) each.
-    """
+    """Give a block of frames to ``descent.c``; the arrays must live as long as it."""
     fixed = {name: getattr(attachment, name) for name in MarkerAttachment.__slots__}
     per_frame = dict(zip(("start", "prior", "reference"), terms, strict=True))
-    per_frame |= {name: getattr(solved, name) for name in Solved.__slots__}
+    per_frame |= solved._asdict()
     _, prior, reference = terms
     return DescentProblem(
-        frames=last - first,
+        frames=len(block),
         markers=len(attachment.segment),
         measured=attachment.position.shape[1],
         prior_stride=prior.strides[0] // prior.itemsize,
@@ -316,74 +280,52 @@ def _structure(
         tolerance=tolerance,
         **_limits(),
         **{name: x.ctypes.data for name, x in fixed.items()},
-        **{name: x.ctypes.data + first * x.strides[0] for name, x in per_frame.items()},
+        **{name: x.ctypes.data + block.start * x.strides[0] for name, x in per_frame.items()},
     )
 
 
 def _interpreted(
-    ready: Kernels,
-    attachment: MarkerAttachment,
-    rows: Indices,
-    start: Array,
-    prior: Array,
-    reference: Array,
-    tolerance: float,
-    jobs: int,
-) -> Solved:
-    """Do what ``descent.c`` does, for all unfinished frames at once."""
-    total, origin = len(start), np.zeros_like(start)
+    ready: Kernels, attachment: MarkerAttachment, solved: Solved, terms: Terms, tolerance: float
+) -> None:
+    """Do what ``descent.c`` does, frame by frame; arguments as of `_structure`."""
+    newton_step = OneFrameKernel(ready.newton_step, attachment.geometry)
+    start, prior, reference = terms
+    origin = np.zeros(start.shape)
     origin[:, :3] = start[:, :3]
-    measured = attachment.measured(rows) - origin[:, None, :3]
-    terms = attachment.sums(measured), prior, reference - origin
-    q = start - origin
-    accepted_q, pivots = q.copy(), np.full((total, N_Q), np.nan)
-    cost, gradient = np.full(total, np.inf), np.full(total, np.nan)
-    curvature, lowest, converged = np.ones(total), np.zeros(total), np.zeros(total, bool)
-    damping, step_damping, step_curvature = np.full((3, total), DAMPING)
-    active = np.flatnonzero(~np.isnan(start).any(axis=1))
-    for iteration in range(MAX_ITERATIONS):
-        if not len(active):
-            break
-        newton_step, report = ready.newton_step(
-            *(x[active] for x in (q, *terms)),
-            damping[active, None],
-            curvature[active, None],
-            attachment.geometry,
-            jobs=jobs,
-        )
-        pivots[active] = report[:, 3:]
-        highest = cost[active] * (1 + MAX_RELATIVE_RISE) + MAX_ABSOLUTE_RISE
-        rejected = ~(report[:, 0] <= highest)
-        indefinite = ~rejected & (report[:, 3:].min(axis=1) <= 0) & (curvature[active] > 0)
-        back = active[rejected]
-        q[back] = accepted_q[back]
-        damping[back] = DAMPING_FACTOR * np.maximum(step_curvature[back], step_damping[back])
-        curvature[active[indefinite]] = 0
-        lowest[active[indefinite]] = report[indefinite, 3:].min(axis=1)
-
-        accepted = ~rejected & ~indefinite
-        good, step, slope = active[accepted], newton_step[accepted], report[accepted, 2]
-        size, square = np.abs(step).max(axis=1, initial=0), np.vecdot(step, step)
-        used = damping[good]
-        along = np.divide(-slope, square, out=np.zeros_like(slope), where=square > 0) - used
-        excess = np.maximum(size / MAX_STEP, 1)
-        relaxed = used / DAMPING_DIVISOR
-        relaxed[relaxed < NEGLIGIBLE_DAMPING] = DAMPING
-        damping[good] = np.where(excess > 1, np.maximum(along * (excess - 1), relaxed), relaxed)
-        step_damping[good], step_curvature[good] = used, along
-        cost[good], gradient[good] = report[accepted, :2].T
-        accepted_q[good] = q[good]
-        q[good] += step / excess[:, None]
-        exact = curvature[good] > 0
-        no_gain = -slope < (NEGLIGIBLE_GAIN if iteration < SLOW else MAX_ABSOLUTE_RISE)
-        still = (exact & (size < tolerance) | no_gain) & (used <= DAMPING)
-        converged[good] = still & (exact | (lowest[good] > -MAX_SADDLE_CURVATURE))
-        curvature[good[size < NEAR_OPTIMUM]] = 1
-        finished = np.zeros(total, bool)
-        finished[good] = still
-        active = active[~finished[active]]
-    error = attachment.errors(ready, measured, q, jobs)
-    return Solved(rows, q + origin, converged, gradient, pivots, error)
+    measured = attachment.measured(solved.row) - origin[:, None, :3]
+    for frame in range(len(start)):
+        q = accepted_q = start[frame] - origin[frame]
+        fixed = attachment.sums(measured[frame]), prior[frame], reference[frame] - origin[frame]
+        cost, gradient, curvature, lowest = np.inf, np.nan, 1.0, 0.0
+        damping = step_damping = along = DAMPING
+        for iteration in range(MAX_ITERATIONS):
+            step, report = newton_step(q, *fixed, np.array(damping), np.array(curvature))
+            new_cost, new_gradient, slope, *pivots = report.tolist()
+            if not new_cost <= cost * (1 + MAX_RELATIVE_RISE) + MAX_ABSOLUTE_RISE:
+                if np.isinf(cost):  # there is no starting point
+                    break
+                q, damping = accepted_q, DAMPING_FACTOR * max(along, step_damping)
+                continue
+            if min(pivots) <= 0 < curvature:
+                curvature, lowest = 0.0, min(pivots)
+                continue
+            size, square = float(np.abs(step).max()), float(step @ step)
+            undamped, exact = damping <= DAMPING, curvature > 0
+            cost, gradient, step_damping = new_cost, new_gradient, damping
+            # second derivative along the step: what made it longer than allowed, or too long
+            along = (-slope / square if square > 0 else 0.0) - damping
+            excess, damping = max(size / MAX_STEP, 1.0), damping / DAMPING_DIVISOR
+            damping = DAMPING if damping < NEGLIGIBLE_DAMPING else damping
+            damping = max(along * (excess - 1), damping) if excess > 1 else damping
+            accepted_q, q = q, q + step / excess
+            curvature = 1.0 if size < NEAR_OPTIMUM else curvature
+            no_gain = -slope < (NEGLIGIBLE_GAIN if iteration < SLOW else MAX_ABSOLUTE_RISE)
+            if undamped and (no_gain or (exact and size < tolerance)):
+                solved.converged[frame] = exact or lowest > -MAX_SADDLE_CURVATURE
+                break
+        solved.q[frame], solved.pivots[frame], solved.gradient[frame] = q, pivots, gradient
+    solved.error[:] = attachment.errors(ready, measured, solved.q)
+    solved.q[:] += origin
 
 
 class OneFrame:
@@ -400,7 +342,7 @@ class OneFrame:
         self.terms = self.start, prior[None], reference[None]
         self.solved = Solved.empty(ROW, len(attachment.segment))
         self.native = kernels().solve_frames
-        self.structure = _structure(attachment, self.solved, self.terms, tolerance, 0, 1)
+        self.structure = _structure(attachment, self.solved, self.terms, tolerance, range(1))
         self.address = ctypes.byref(self.structure)
 
     def solve(self, start: Array) -> Solved:
@@ -409,4 +351,4 @@ class OneFrame:
         if self.native is not None:
             self.native(self.address)
             return self.solved
-        return solve_frames(self.attachment, ROW, *self.terms, tolerance=self.tolerance)
+        return solve_frames(self.attachment, ROW, self.terms, self.tolerance)

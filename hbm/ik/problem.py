@@ -5,11 +5,10 @@ than human posture does: it holds the coordinate near neutral, the trunk near up
 There the optimum is the most probable pose; elsewhere no prior pulls.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -22,24 +21,13 @@ from hbm.markers import Markers
 from hbm.model import Body
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import Array, Indices, Mask
+from hbm.spelling import packaged_toml
 
 MARKER_SD_M: Final = 0.01
 """Error of a marker on its segment, from skin and from the calibration pose."""
 
-POSTURE_SD_DEG: Final = {
-    "thorax": 20.0,
-    "head": 30.0,
-    "upper_arm": 50.0,
-    "forearm": 40.0,
-    "hand": 30.0,
-    "thigh": 25.0,
-    "shank": 35.0,
-    "foot": 15.0,
-    "toes": 20.0,
-}
-"""Standard deviation of a joint's angles about neutral: about a quarter of the range of active
-motion, so that ±2 SD is as wide as the range; ranges of limbs by Boone and Azen 1979, J Bone Joint
-Surg Am 61:756."""
+POSTURE_SD_DEG: Final = packaged_toml("hbm", "joint_ranges.toml")["posture_sd_deg"]
+"""Segment, without its side -> standard deviation of its joint's angles in human posture."""
 
 SHOULDER_SD_M: Final = 0.03
 """The same of the shoulders' translations: up, forward and inward by some 12 cm."""
@@ -91,16 +79,14 @@ def _slopes(moved: Array) -> Array:
     return np.asarray((moved[:N_Q] - moved[N_Q:]) / (2 * STEP))
 
 
-def covariance(slope: Array, weight: Array) -> Array:
+def covariance(slope: Array, seen: Mask) -> Array:
     """Give the covariance of coordinates that are fitted to markers with errors of 10 mm.
 
-    From the markers' slopes along n coordinates, (n, K, 3), and their weights, (K,), 0 where not
-    seen; (n, n) [rad and m], standard deviations half a turn at most.
+    From the markers' slopes along n coordinates, (n, K, 3), and which are seen, (K,); (n, n) [rad
+    and m], standard deviations half a turn at most.
     """
-    own = np.flatnonzero(weight)
-    weighted = (slope[:, own] * np.sqrt(weight[own])[:, None]).reshape(len(slope), -1)
-    information = weighted @ weighted.T
-    total = information / MARKER_SD_M**2 + np.eye(len(slope)) / FLAT_SD**2
+    shown = slope[:, seen].reshape(len(slope), -1)
+    total = shown @ shown.T / MARKER_SD_M**2 + np.eye(len(slope)) / FLAT_SD**2
     return np.asarray(np.linalg.inv(total))
 
 
@@ -110,8 +96,8 @@ def undetermined(body: Body, markers: Sequence[str]) -> tuple[Mask, tuple[str, .
     Gives the coordinates that a prior holds near neutral, (46,), and the segments whose centre of
     mass the markers alone leave uncertain by more than 5 cm.
     """
-    weight = np.array([float(name in markers) for name in body.markers])
-    spread = covariance(neutral_slopes(body), weight)
+    seen = np.array([name in markers for name in body.markers])
+    spread = covariance(neutral_slopes(body), seen)
     rotation, origin = segment_frames(body, NEAR_NEUTRAL)
     unplaced = []
     for s in SEGMENTS:
@@ -134,13 +120,7 @@ class Problem:
     """One trial's markers against one body; arguments as of `hbm.ik.tracking.solve_ik`."""
 
     def __init__(
-        self,
-        body: Body,
-        markers: Markers,
-        weights: Mapping[str, float] = MappingProxyType({}),
-        *,
-        tolerance: float = 1e-6,
-        jobs: int = 1,
+        self, body: Body, markers: Markers, tolerance: float = 1e-6, jobs: int = 1
     ) -> None:
         known = [k for k, name in enumerate(body.markers) if name in markers.names]
         if not known:
@@ -155,7 +135,7 @@ class Problem:
         self.attachment = MarkerAttachment(
             np.array([MOVING.index(s) for s in self.segment]),
             body.marker_position[known],
-            np.array([weights.get(name, 1.0) for name in self.names]),
+            np.ones(len(self.names)),
             body.geometry,
             markers.position,
             np.array([markers.names.index(name) for name in self.names]),
@@ -174,14 +154,13 @@ class Problem:
         A frame is lost without the ``carriers``: the coordinates of the pelvis, and of a trunk with
         markers.
         """
-        self.seen, weight = seen, self.attachment.weight * seen
-        usual = np.median(weight[weight > 0]) if weight.any() else 1.0
-        variance = np.diag(covariance(self.slope, weight / usual))
+        self.seen, used = seen, seen & (self.attachment.weight > 0)
+        variance = np.diag(covariance(self.slope, used))
         doubt = variance * POSTURE_PRECISION - 1
-        moves = np.linalg.norm(self.slope[:, weight > 0], axis=2).max(axis=1, initial=0)
+        moves = np.linalg.norm(self.slope[:, used], axis=2).max(axis=1, initial=0)
         self.locked = (POSTURE_PRECISION > 0) & (moves <= MIN_SLOPE_M)
         undetermined = (doubt > 0) | self.locked
-        posture = usual * MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
+        posture = MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
         self.prior[:] = np.where(undetermined, posture, 0.0)
         self.carriers = OF_CARRIERS & ~self.locked
         self.unseen_trunk = bool(self.locked[TRUNK].all())
@@ -213,14 +192,10 @@ class Problem:
 
     def rigid_fit(self, rows: Indices) -> Array:
         """Give starting points that depend on the frame itself alone, (F, 46)."""
-        start, weight_of = np.empty((len(rows), N_Q)), self.attachment.weight
+        start = np.empty((len(rows), N_Q))
         for first in range(0, len(rows), FRAMES_AT_ONCE):
             block = slice(first, first + FRAMES_AT_ONCE)
-            measured = self.attachment.measured(rows[block])
-            seen = np.isfinite(measured[..., 0])
-            position, weight = np.where(seen[..., None], measured, 0.0), seen * weight_of
-            own = Start(position, weight, self.attachment.local, self.segment, self.joints)
-            start[block] = own.coordinates()
+            start[block] = Start(self.attachment, rows[block], self.joints).coordinates()
         return start
 
     def cost(self, solved: Solved) -> Array:
@@ -246,12 +221,5 @@ class Problem:
         if held is not None:
             locked = locked | held[0]
             prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)
-        return solve_frames(
-            self.attachment,
-            rows,
-            np.where(locked, reference, start),
-            prior,
-            reference,
-            tolerance=self.tolerance,
-            jobs=self.jobs,
-        )
+        terms = np.where(locked, reference, start), prior, reference
+        return solve_frames(self.attachment, rows, terms, self.tolerance, self.jobs)

@@ -11,21 +11,9 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import FIRST_Q, LAST_Q, MOVING, N_Q, PARENT, TREE
+from hbm.ik.descent import MarkerAttachment
 from hbm.model import Joint
-from hbm.spatial import Array, Mask, fit_rotation, skew
-
-COFACTORS: Final = np.array(
-    [
-        (4, 5, 3, 7, 8, 6, 1, 2, 0),
-        (8, 6, 7, 2, 0, 1, 5, 3, 4),
-        (5, 3, 4, 8, 6, 7, 2, 0, 1),
-        (7, 8, 6, 1, 2, 0, 4, 5, 3),
-    ]
-)
-"""Entries a, b, c, d of a flat 3 × 3 matrix whose cofactors, in the same order, are ``ab − cd``."""
-
-CYCLIC: Final = {(0, 1, 2), (1, 2, 0), (2, 0, 1)}
-"""Sequences of axes that follow each other by the right-hand rule."""
+from hbm.spatial import Array, Indices, Mask, fit_rotation, skew
 
 MIN_FRAMES_CLOSED_FORM: Final = 24
 """For fewer frames singular values are as fast."""
@@ -73,8 +61,9 @@ def nearest_rotation(covariance: Array) -> Array:
     if len(covariance) < MIN_FRAMES_CLOSED_FORM:
         return fit_rotation(covariance)
     flat = covariance.reshape(-1, 9)
-    plus, minus = flat[:, COFACTORS[0]] * flat[:, COFACTORS[1]], flat[:, COFACTORS[2]]
-    cofactor = plus - minus * flat[:, COFACTORS[3]]
+    # the cofactors of a row are the cross product of the two other rows; entry by entry in memory
+    cofactor = np.cross(covariance[:, (1, 2, 0)], covariance[:, (2, 0, 1)])
+    cofactor = np.asfortranarray(cofactor.reshape(-1, 9))
     norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
     determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
     root = np.sqrt(norm + np.sqrt(3 * size))
@@ -111,7 +100,7 @@ def three_angles(R: Array, first: int) -> Array:
         Angles, (F, 3) [rad], the middle one within ±90°.
     """
     (i, j, k), (a, b, c) = _axes_and_signs(first)
-    sign = 1.0 if (i, j, k) in CYCLIC else -1.0
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0  # whether the axes follow the right-hand rule
     angles = np.empty((len(R), 3))
     angles[:, 0] = a * np.arctan2(-sign * R[:, j, k], R[:, k, k])
     angles[:, 1] = b * np.arcsin(np.clip(sign * R[:, i, k], -1, 1))
@@ -165,11 +154,8 @@ def hinge_angles(covariance: Array, terms: Array, starts: tuple[float, ...]) -> 
     traces = np.vecdot(proximal @ bilinear, distal)
     best = np.arange(len(covariance)), traces.argmax(axis=1)
     proximal, distal = proximal[best], distal[best]
-    rotations = (
-        (factors @ term).reshape(-1, 3, 3)
-        for factors, term in ((proximal, terms[0]), (distal, terms[1]))
-    )
-    return np.stack([_angle(proximal), _angle(distal)], axis=1), np.matmul(*rotations)
+    rotation = (proximal @ terms[0]).reshape(-1, 3, 3) @ (distal @ terms[1]).reshape(-1, 3, 3)
+    return np.stack([_angle(proximal), _angle(distal)], axis=1), rotation
 
 
 def rotation_terms(axes: Array) -> Array:
@@ -222,34 +208,17 @@ ROOT_SEGMENTS: Final = (
 
 
 class Start:
-    """The measured markers of some frames, and the body that is aligned with them.
-
-    Parameters
-    ----------
-    position
-        Measured markers in the lab, (T, K, 3) [m]; any finite value where the weight is 0.
-    weight
-        Marker weights, 0 where missing, (T, K).
-    local
-        Marker positions in their segments, (K, 3) [m].
-    segment
-        Segment of each marker, (K,).
-    joints
-        The body's skeleton.
-    """
+    """The measured markers of some frames, (T,), and the skeleton that is aligned with them."""
 
     def __init__(
-        self,
-        position: Array,
-        weight: Array,
-        local: Array,
-        segment: tuple[str, ...],
-        joints: tuple[Joint, ...],
+        self, attachment: MarkerAttachment, rows: Indices, joints: tuple[Joint, ...]
     ) -> None:
-        self.position, self.weight, self.local = position, weight, local
+        measured, self.local = attachment.measured(rows), attachment.local
+        seen = np.isfinite(measured[..., 0])
+        self.position = np.where(seen[..., None], measured, 0.0)
+        self.weight = seen * attachment.weight
         self.offsets = {s: joints[i].offset for s, i in FIRST_Q.items()}
-        own = np.array(segment)
-        self.columns = {s: np.flatnonzero(own == s) for s in MOVING}
+        self.columns = {s: np.flatnonzero(attachment.segment == k) for k, s in enumerate(MOVING)}
         self.rotations = {
             s: [i for i in range(FIRST_Q[s], LAST_Q[s] + 1) if not joints[i].translates]
             for s in MOVING
@@ -274,9 +243,14 @@ class Start:
             coordinates = slice(FIRST_Q[s], LAST_Q[s] + 1)
             if self.rotations[s] and len(own):
                 covariance = to_parent @ _cross_covariance(w, from_joint, self.local[own])
-                angles, rotation = self.rotate(s, covariance + NEUTRAL_COVARIANCE)
-                q[:, coordinates] = angles
-                R = R @ rotation
+                covariance, joint = covariance + NEUTRAL_COVARIANCE, self.rotations[s]
+                if len(joint) < 3:
+                    starts = FOREARM_STARTS_RAD if s.endswith("forearm") else (0.0,)
+                    angles, rotation = hinge_angles(covariance, self.terms[joint], starts)
+                else:
+                    rotation = nearest_rotation(covariance)
+                    angles = three_angles(rotation, joint[0])
+                q[:, coordinates], R = angles, R @ rotation
             elif len(own):
                 mean = (to_parent @ _mean(w, from_joint)[..., None])[..., 0]
                 translation = mean - _mean(w, self.local[own])
@@ -309,15 +283,6 @@ class Start:
             o[todo] = center - (R[todo] @ model_center[..., None])[..., 0]
             solved |= todo
         return R, o, solved
-
-    def rotate(self, s: str, covariance: Array) -> tuple[Array, Array]:
-        """Align a segment about its joint: angles, (F, n), and their rotation, (F, 3, 3)."""
-        joint = self.rotations[s]
-        if len(joint) < 3:
-            starts = FOREARM_STARTS_RAD if s.endswith("forearm") else (0.0,)
-            return hinge_angles(covariance, self.terms[joint], starts)
-        rotation = nearest_rotation(covariance)
-        return three_angles(rotation, joint[0]), rotation
 
 
 def _cross_covariance(w: Array, measured: Array, model: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -103,19 +103,11 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
         ``markers_constant``, those that do so alone, for 0.5 s and more, while another marker of
         the segment, or of the segment before it, moves by more than 1 cm.
     """
-    frozen_s = markers.time[frozen_frames(markers, body.markers)]
-    constant_s = _constant_times(body, markers)
-    notes = []
+    notes, frozen_s = [], markers.time[frozen_frames(markers, body.markers)]
     if len(frozen_s):
         ends = {"first_s": frozen_s[0], "last_s": frozen_s[-1]}
         notes.append(Note.of("markers_frozen", frames=len(frozen_s), **ends))
-    if constant_s:
-        notes.append(Note.of("markers_constant", constant_s=constant_s))
-    return tuple(notes)
-
-
-def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
-    """Give for how long markers alone did not move, while their segments did [s]."""
+    # for how long markers alone did not move, while their segments did
     segment_of = body.segment_of
     at = {name: _of(markers, name) for name in body.markers if name in markers.names}
     constant_s: dict[str, float] = {}
@@ -128,7 +120,9 @@ def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
             if any(_extent(other[stretch]) > MIN_MOTION_M for other in others):
                 lasted_s = float(markers.time[stretch.stop - 1] - markers.time[stretch.start - 1])
                 constant_s[name] = constant_s.get(name, 0.0) + lasted_s
-    return constant_s
+    if constant_s:
+        notes.append(Note.of("markers_constant", constant_s=constant_s))
+    return tuple(notes)
 
 
 def _repeated(position: Array) -> tuple[Mask, Mask]:
@@ -317,8 +311,6 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
         expected[:, part] = _extrapolated(markers.time, paths[:, part])
     jump = np.linalg.norm(paths - expected, axis=-1)
     jumped: Mask = jump > MIN_JUMP_M
-    if jumped.sum(axis=1).max(initial=0) < 2:
-        return ()
     found: dict[str, list[float]] = {}
     jumped[1:][frozen_frames(markers, names)[:-1]] = False
     for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
@@ -396,10 +388,8 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
         large = [pair for pair, change in changes.items() if abs(change) > MAX_DISTANCE_CHANGE_M]
         large.sort(key=lambda pair: -abs(changes[pair]))
         largest_m = {pair: changes[pair] for pair in large[:MAX_DISTANCES_NAMED]}
-        if large:
-            limit_m = MAX_DISTANCE_CHANGE_M
-            code = "marker_distances_changed"
-            notes.append(Note.of(code, segment=s, limit_m=limit_m, largest_m=largest_m))
+        values: dict[str, Any] = {"limit_m": MAX_DISTANCE_CHANGE_M, "largest_m": largest_m}
+        notes += [Note.of("marker_distances_changed", segment=s, **values)] if large else []
     return tuple(notes)
 
 

@@ -1,18 +1,22 @@
-"""Checks of a body and of a motion: legs, joint angles, marker errors, what markers do not show."""
+"""Checks of a body and of a motion: legs, joint angles, marker errors, what markers do not show.
 
+With what residuals hold of the motion of segments that no marker shows.
+"""
+
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, N_Q
+from hbm.coordinates import COORDINATES, FIXED_TO, INDEX, LIMBS, N_Q, UP
 from hbm.ik.continuity import BALL_JOINTS, other_set
 from hbm.ik.problem import undetermined
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.plausibility.unseen import mass_not_shown, seen_markers
 from hbm.segments import LEGS_PER_STATURE
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array, Mask, rotation_about
+from hbm.spelling import packaged_toml
 
 MAX_LEG_DIFFERENCE_M: Final = 0.03
 """True differences rarely exceed 2 cm; a misplaced marker easily causes more."""
@@ -83,49 +87,26 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     >>> [note.code for note in undetermined_notes(body, hbm.solve_ik(body, static))]
     ['coordinates_held']
     """
-    if not motion.converged.any():
-        return ()
-    names, (_, segments) = held_coordinates(body, motion), undetermined(body, seen_markers(motion))
+    names, (_, segments) = held_coordinates(body, motion), not_determined(body, motion)
     notes = [Note.of("coordinates_held", coordinates=names)] if names else []
     return (*notes, *(n for n in mass_not_shown(body, segments) if n not in body.notes))
 
 
 def held_coordinates(body: Body, motion: Motion) -> tuple[str, ...]:
     """Name the coordinates that markers show more weakly than posture does, or not at all."""
-    if not motion.converged.any():
-        return ()
-    held, _ = undetermined(body, seen_markers(motion))
+    held, _ = not_determined(body, motion)
     return tuple(np.array(COORDINATES)[held].tolist())
 
 
-RANGE_DEG: Final = {
-    "TrunkFlexion": (-90.0, 130.0),
-    "TrunkRightBend": (-75.0, 75.0),
-    "TrunkLeftTwist": (-90.0, 90.0),
-    "HeadFlexion": (-110.0, 110.0),
-    "HeadRightBend": (-85.0, 85.0),
-    "HeadLeftTwist": (-120.0, 120.0),
-    "ElbowFlexion": (-40.0, 180.0),
-    "ForeArmPronation": (-60.0, 230.0),
-    "WristFlexion": (-120.0, 120.0),
-    "HandAbduction": (-75.0, 75.0),
-    "HipFlexion": (-75.0, 180.0),
-    "HipAbduction": (-75.0, 130.0),
-    "HipInternalRotation": (-110.0, 110.0),
-    "KneeFlexion": (-45.0, 180.0),
-    "AnklePlantarFlexion": (-70.0, 120.0),
-    "FootPronation": (-75.0, 75.0),
-    "ToeFlexion": (-120.0, 90.0),
-}
-"""Lowest and highest angle, without the side; zero as in `hbm.calibration_pose.shape`.
+def not_determined(body: Body, motion: Motion) -> tuple[Mask, tuple[str, ...]]:
+    """Give what the markers that are seen in any frame do not determine, as `undetermined` does."""
+    if not motion.converged.any():
+        return np.zeros(N_Q, bool), ()
+    return undetermined(body, seen_markers(motion))
 
-Each end lies 20° or more beyond what has been measured: passive ranges of 674 people of 2 to 69
-years (Soucie et al. 2011, Haemophilia 17:500); active ones of foot, wrist and hip rotation (Boone
-and Azen 1979, J Bone Joint Surg Am 61:756); plantar flexion of ballet dancers (89°, Russell et al.
-2010, Foot Ankle Spec 3:324); internal rotation of hips with anteverted femora (90°). Misplaced
-markers of an axis, and a pelvis whose markers are tilted by 30°, shift angles by that much. The
-pelvis may have any orientation. Shoulders have no range in these angles, in which an arm reaches
-one orientation in several ways."""
+
+RANGE_DEG: Final = packaged_toml("hbm", "joint_ranges.toml")["possible_deg"]
+"""Coordinate, without its side -> lowest and highest angle."""
 
 MAX_NAMED: Final = 6
 """Coordinates in a note: one wrong label turns several joints."""
@@ -166,7 +147,7 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     angle = _nearest_to_ranges(motion.q[solved])
     beyond = (_excess(angle) > 0) & motion.observed[solved]
     if beyond.any():
-        beyond &= ~undetermined(body, seen_markers(motion))[0]
+        beyond &= ~not_determined(body, motion)[0]
     if not beyond.any():
         return ()
     excess = np.where(beyond, _excess(angle), 0.0)
@@ -255,22 +236,108 @@ def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
     LHEE RHEE left_foot right_foot
     """
     segment_of = body.segment_of
+    columns = {name: motion.markers.index(name) for name in seen_markers(motion)}
     of_segment: dict[str, list[int]] = {}
-    limits_m = {}
-    seen = np.flatnonzero(np.isfinite(motion.marker_error).any(axis=0))
-    for k in seen.tolist():
-        of_segment.setdefault(segment_of[motion.markers[k]], []).append(k)
-        limits_m[motion.markers[k]] = [k], MAX_MARKER_ERROR_M
-    for segment, own in of_segment.items():
-        if len(own) >= MIN_MARKERS_OF_SEGMENT:
-            limits_m[segment] = own, MAX_SEGMENT_ERROR_M
-    rms_m = {
-        name: float(np.sqrt(np.nanmean(motion.marker_error[:, own] ** 2)))
-        for name, (own, _) in limits_m.items()
-    }
-    large = [name for name, (_, limit_m) in limits_m.items() if rms_m[name] > limit_m]
-    if not large:
+    for name, column in columns.items():
+        of_segment.setdefault(segment_of[name], []).append(column)
+    judged = [(name, [column], MAX_MARKER_ERROR_M) for name, column in columns.items()]
+    judged += [
+        (segment, several, MAX_SEGMENT_ERROR_M)
+        for segment, several in of_segment.items()
+        if len(several) >= MIN_MARKERS_OF_SEGMENT
+    ]
+    large_m = {}
+    for name, own, limit_m in judged:
+        rms_m = float(np.sqrt(np.nanmean(motion.marker_error[:, own] ** 2)))
+        if rms_m > limit_m:
+            large_m[name] = rms_m
+    farthest = sorted(large_m, key=lambda name: -large_m[name])[:MAX_ERRORS_NAMED]
+    farthest_m = {name: large_m[name] for name in farthest}
+    return (Note.of("marker_error_large", farthest_m=farthest_m),) if large_m else ()
+
+
+MIN_SHARE_NOTED: Final = 0.02
+"""Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
+TRUNK: Final = ("mid_trunk", "thorax")
+ARMS: Final = (*LIMBS["right arm"][1:], *LIMBS["left arm"][1:])
+SPREAD_PERCENT: Final[Mapping[tuple[str, ...], Sequence[float]]] = {
+    TRUNK: (4.4, 3.6, 2.7, 0.85, 1.1, 0.14),
+    ("head",): (0.4, 0.3, 0.4, 0.16, 0.25, 0.02),
+    ARMS: (1.1, 0.8, 0.5, 0.11, 0.35, 0.17),
+}
+"""Segments -> SD of what they add to the residual of a walk when no marker shows them: forward,
+left, up; about the same axes; % of body weight, and of body weight × stature. All together as in 35
+recordings of 28 people of 8 laboratories without the markers of trunk, head and arms; head and arms
+as in 7 and 5 recordings of 6 people (`tests.campaign.legs_alone`)."""
+LEVERS: Final = ((3, 1, -0.9), (4, 0, 0.77))
+"""Moment, force, and their correlation: the forces act above the pelvis."""
+
+
+def unseen_segments(body: Body, motion: Motion) -> tuple[str, ...]:
+    """Give the segments that the markers of a motion leave uncertain by more than 5 cm.
+
+    Gives none that moves with a marker that is seen, and none where all are as light as hands.
+    """
+    shown = {body.segment_of[name] for name in seen_markers(motion)}
+    _, uncertain = not_determined(body, motion)
+    segments = tuple(s for s in uncertain if FIXED_TO.get(s, s) not in shown)
+    return segments if mass_share(body, segments) >= MIN_SHARE_NOTED else ()
+
+
+def seen_markers(motion: Motion) -> list[str]:
+    """Give the markers that are seen in any frame of a motion."""
+    seen = np.atleast_1d(np.isfinite(motion.marker_error).any(axis=0))
+    return [name for name, ever in zip(motion.markers, seen, strict=True) if ever]
+
+
+def mass_share(body: Body, segments: Sequence[str]) -> float:
+    """Give the share of the body's mass in segments."""
+    return sum(body.segments[segment].mass for segment in segments) / body.mass
+
+
+def mass_not_shown(body: Body, segments: tuple[str, ...]) -> tuple[Note, ...]:
+    """Say what share of the body's mass these segments are, if it matters."""
+    share = mass_share(body, segments)
+    if share < MIN_SHARE_NOTED:
         return ()
-    farthest = sorted(large, key=lambda name: -rms_m[name])[:MAX_ERRORS_NAMED]
-    farthest_m = {name: rms_m[name] for name in farthest}
-    return (Note.of("marker_error_large", farthest_m=farthest_m),)
+    return (Note.of("mass_not_shown", segments=segments, share=share),)
+
+
+def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
+    """Give what the motion of unseen segments adds to the residual of somebody who walks.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    motion
+        The motion, T frames.
+    frames
+        Over which to average where the subject faces, (T,); without any, forward is the lab's X.
+
+    Returns
+    -------
+    Array
+        Covariance in lab axes about the pelvis origin, (6, 6) [N, N·m]. Zero where markers show
+        trunk, head and arms; hands alone do not count.
+
+    Notes
+    -----
+    Each part contributes by the share of its mass that is unseen. Other ways of moving differ:
+    arms that are held forward in a squat add 6 % of body weight × stature to My.
+    """
+    segments = unseen_segments(body, motion)
+    percent_of = body.mass * GRAVITY_MPS2 / 100 * np.repeat([1.0, body.height_m], 3)
+    variance = np.zeros(6)
+    for part, percent in SPREAD_PERCENT.items():
+        unseen = [segment for segment in part if segment in segments]
+        share = mass_share(body, unseen) / mass_share(body, part)
+        variance += share * np.square(percent_of * percent)
+    covariance = np.diag(variance)
+    for moment, force, correlation in LEVERS:
+        product = correlation * np.sqrt(variance[moment] * variance[force])
+        covariance[moment, force] = covariance[force, moment] = product
+    # from axes of heading to those of the lab, in every frame, and their mean
+    yaw = motion.q[frames & motion.converged, INDEX["PelvisYaw"]]
+    turns = np.kron(np.eye(2), rotation_about(UP, yaw if len(yaw) else [0.0]))
+    return np.asarray((turns @ covariance @ turns.transpose(0, 2, 1)).mean(axis=0))

@@ -10,17 +10,12 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import CARRIERS, LIMBS, N_Q
-from hbm.ik.frame_tracking import FrameSolution, FrameTracker
-from hbm.ik.tracking import solve_ik
+from hbm.ik.tracking import FrameSolution, FrameTracker, solve_ik
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.plausibility.labels import (
-    MIN_FROZEN_S,
-    ROUNDING_S,
-    without_frozen_frames,
-)
+from hbm.plausibility.labels import MIN_FROZEN_S, ROUNDING_S, without_frozen_frames
 from hbm.signals.filtering import Method
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import Array, Indices, Mask
@@ -75,7 +70,12 @@ def solve_without_outliers(
         more = farthest_outliers(error - 2 * usual_m, parts)
         if not more.any():
             break
-        outliers = _with_lost_limbs(parts[1:], motion.time, outliers | more)
+        outliers |= more
+        for own in parts[1:]:  # of a limb of which several are outliers, the others tell nothing
+            if len(own):
+                lost = limb_is_lost(outliers[:, own])
+                in_between = without_short_gaps(lost, motion.time, MAX_BETWEEN_S)
+                outliers[np.ix_(in_between, own)] = True
         columns = [markers.names.index(name) for name in motion.markers]
         position = markers.position.copy()
         position[:, columns] = np.where(outliers[..., None], np.nan, position[:, columns])
@@ -128,16 +128,6 @@ def limb_is_lost(outliers: Mask) -> Mask:
     """Whether so many of a limb's markers are outliers, (..., n), that its others tell nothing."""
     count, share = outliers.sum(axis=-1), outliers.mean(axis=-1)
     return np.asarray((count >= MIN_LOST) & (share >= MIN_LOST_SHARE))
-
-
-def _with_lost_limbs(limbs: Sequence[Indices], time: Array, outliers: Mask) -> Mask:
-    """Add the other markers of limbs of which several are outliers, (T, K)."""
-    result = outliers.copy()
-    for own in limbs:
-        if len(own):
-            lost = limb_is_lost(outliers[:, own])
-            result[np.ix_(without_short_gaps(lost, time, MAX_BETWEEN_S), own)] = True
-    return result
 
 
 def outlier_notes(before: Markers, after: Markers) -> tuple[Note, ...]:
@@ -221,7 +211,13 @@ class MarkerTracker:
             self.frozen, self.left_out = False, np.zeros(len(self.markers), bool)
             return self.tracker.solve(position)
         since_s, self.time = time - self.time, time
-        self.frozen = self._is_frozen(time, position[self.columns])
+        own = position[self.columns]
+        seen = np.isfinite(own[:, 0])
+        repeated = (own == self.before).all(axis=1) | ~seen
+        self.before = own
+        if not (repeated.all() and seen.any()):
+            self.moved_s = time
+        self.frozen = time - self.moved_s > MIN_FROZEN_S - ROUNDING_S
         if self.frozen:
             position = np.full(position.shape, np.nan)
         solution = self._without_outliers(position)
@@ -233,14 +229,6 @@ class MarkerTracker:
         self.usual_m += change_m
         return solution
 
-    def _is_frozen(self, time: float, own: Array) -> bool:
-        seen = np.isfinite(own[:, 0])
-        repeated = (own == self.before).all(axis=1) | ~seen
-        self.before = own
-        if not (repeated.all() and seen.any()):
-            self.moved_s = time
-        return bool(time - self.moved_s > MIN_FROZEN_S - ROUNDING_S)
-
     def _without_outliers(self, position: Array) -> FrameSolution:
         """Solve a frame again and again without the marker that is farthest off on each limb.
 
@@ -250,7 +238,8 @@ class MarkerTracker:
         if self.left_out.any():
             position = self._without_left_out(position)
         solution = self.tracker.solve(position)
-        if self.unfit and not median_error_m(solution) < MAX_FITTING_M:
+        seen = solution.marker_error[np.isfinite(solution.marker_error)]
+        if self.unfit and not (len(seen) and np.median(seen) < MAX_FITTING_M):
             return solution
         for _ in range(MAX_ROUNDS):
             more = farthest_outliers(solution.marker_error - 2 * self.usual_m, self.parts)
@@ -269,12 +258,6 @@ class MarkerTracker:
         position = position.copy()
         position[self.columns[self.left_out]] = np.nan
         return position
-
-
-def median_error_m(solution: FrameSolution) -> float:
-    """Give the median distance of markers from the model [m]; NaN where there is none."""
-    seen = solution.marker_error[np.isfinite(solution.marker_error)]
-    return float(np.median(seen)) if len(seen) else float("nan")
 
 
 def beyond_reach(position: Array) -> Mask:
@@ -368,7 +351,6 @@ def track_motion(body: Body, markers: Markers) -> tuple[Markers, Motion, tuple[N
         np.array([s.marker_error for s in solutions]),
         np.array([s.converged for s in solutions]),
         np.array([s.observed for s in solutions]),
-        np.array([s.gradient for s in solutions]),
     )
     before, after = (Markers(markers.time, markers.names, x) for x in (measured, cleaned))
     return after, motion, outlier_notes(before, after)

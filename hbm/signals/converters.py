@@ -93,11 +93,8 @@ def find_wraps(channel: Array, least: float) -> Wraps | None:
     undone = np.unwrap(channel, period=period)
     undone -= period * np.round(_rest(undone, period) / period)
     leaves = max(channel.min() - undone.min(), undone.max() - channel.max())
-    if (
-        full > FULL_RANGE * period
-        or leaves < BEYOND * full
-        or len(find_jumps(undone, LEFT * full).at)
-    ):
+    jumps = len(find_jumps(undone, LEFT * full).at)
+    if full > FULL_RANGE * period or leaves < BEYOND * full or jumps:
         return None
     return Wraps(at, period, undone)
 

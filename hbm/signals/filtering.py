@@ -5,9 +5,7 @@ and the gap stays a gap. A shorter one, such as a lost frame, is bridged. Coordi
 need the same filter, or their phases disagree.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,8 +64,7 @@ def over_short_gaps(columns: Array, time: Array, cutoff_hz: float, method: str) 
     return bridged(columns, time, longest_gap_s(cutoff_hz), degree)
 
 
-@dataclass(frozen=True, slots=True)
-class Filtered:
+class Filtered(NamedTuple):
     """A low-passed signal and its first two time derivatives.
 
     Attributes
@@ -134,8 +131,7 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
     - Both restart after a gap. Gaps of at most a quarter of the cut-off's period (42 ms at 6 Hz)
       are bridged: in real time by straight lines, else by cubic splines.
     """
-    outputs = _filtered(signal, time, cutoff_hz, method, get_args(Method), outputs=3)
-    return Filtered(*map(frozen, outputs))
+    return Filtered(*map(frozen, _filtered(signal, time, cutoff_hz, method, outputs=3)))
 
 
 def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPassMethod) -> Array:
@@ -192,18 +188,14 @@ def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPa
     zero_phase 0.707
     double_pass 0.5
     """
-    return _filtered(signal, time, cutoff_hz, method, get_args(LowPassMethod), outputs=1)[0]
+    return _filtered(signal, time, cutoff_hz, method, outputs=1)[0]
 
 
 def _filtered(
-    signal: ArrayLike,
-    time: ArrayLike,
-    cutoff_hz: float,
-    method: str,
-    methods: Sequence[str],
-    outputs: int,
+    signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: str, outputs: int
 ) -> list[Array]:
     """Filter every block without gaps: the value, or with its derivatives, (T, ...) each."""
+    methods = get_args(LowPassMethod if outputs == 1 else Method)
     if method not in methods:
         known = " or ".join(f'"{name}"' for name in methods)
         raise ValueError(f"filter method must be {known}, got {method!r}")

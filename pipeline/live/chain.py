@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import LAST_Q, MOVING, N_Q, TREE, support
-from hbm.ik.frame_tracking import FrameSolution
+from hbm.ik.tracking import FrameSolution
 from hbm.kernels.kernel import OneFrameKernel
 from hbm.kernels.native import kernels
 from hbm.model import Body

@@ -202,7 +202,7 @@ def compare(
         known, measured = mean_loads(own, belt)
         masses = {trial.weight.mass_kg for trial in own}
         if len(masses) >= MIN_MASSES and len(known) >= MIN_LOADS:
-            linearities[belt] = linearity(known, measured, file.full_scale_n)
+            linearities[belt] = linearity(known, measured)
         alignment = alignments.get(belt, UNALIGNED)
         response = fit_response(own, alignment, file.full_scale_n, height_stated=height)
         if response is not None:

@@ -135,7 +135,7 @@ MIN_PLACES: Final = 3
 ROUNDING: Final = 1e-12
 """Of the largest load, by which a constant component may differ after a change of axes."""
 
-UNALIGNED: Final = PlateAlignment(0.0, np.zeros(2), np.zeros((3, 3)), np.nan, np.nan)
+UNALIGNED: Final = PlateAlignment(0.0, np.zeros(2), np.zeros((3, 3)))
 """Of a plate without static recordings: its position is taken from the file."""
 
 

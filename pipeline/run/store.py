@@ -283,11 +283,10 @@ def frame_table(result: TrialResult) -> pa.Table:
         ``marker_error.NAME`` [m]; ``event``, such as "left foot_strike", on the frame nearest to
         it. In lab axes (X forward, Y left, Z up): ``ground.measured.left_foot.fx`` … ``mz`` [N,
         N·m] about the lab origin, ``marker.NAME.x`` [m] as measured, ``platform.r11`` … ``z``.
-        ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``quality``,
-        the sum of the flags of `pipeline.trial.quality.Quality` that say why the frame does not
-        count or is doubtful, 0 where nothing is. With a calibration of the platform, one standard
-        deviation of the residual due to the compensation: ``uncertainty.residual.Fx`` …, lab axes
-        [N, N·m].
+        ``converged``, ``observed.NAME`` of the inverse kinematics; ``quality``, the sum of the
+        flags of `pipeline.trial.quality.Quality` that say why the frame does not count or is
+        doubtful, 0 where nothing is. With a calibration of the platform, one standard deviation of
+        the residual due to the compensation: ``uncertainty.residual.Fx`` …, lab axes [N, N·m].
     """
     motion, markers, pose = result.motion, result.markers, result.platform
     columns: dict[str, Column] = {"time_s": motion.time}
@@ -309,8 +308,7 @@ def frame_table(result: TrialResult) -> pa.Table:
     for k, name in enumerate(markers.names):
         columns |= _columns(f"marker.{name}", "xyz", markers.position[:, k])
     columns |= _by_coordinate("observed", motion.observed)
-    gradient = motion.gradient if motion.gradient is not None else np.full(len(motion.time), np.nan)
-    columns |= {"converged": motion.converged, "gradient": gradient, "quality": result.quality}
+    columns |= {"converged": motion.converged, "quality": result.quality}
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
 
@@ -338,7 +336,6 @@ def _frames(table: pa.Table, engine: str) -> dict[str, Any]:
         marker_error=read("marker_error", in_motion),
         converged=table.column("converged").to_numpy(),
         observed=read("observed", COORDINATES).astype(bool),
-        gradient=table.column("gradient").to_numpy(),
     )
     variants, ground = {}, {}
     for name in named("residual.", f".{AXES[0]}"):

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from hbm.model import Body
-from hbm.plausibility.unseen import mass_share, unseen_covariance, unseen_segments
+from hbm.plausibility.motion import mass_share, unseen_covariance, unseen_segments
 from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.trial.gait.cycles import normalise
@@ -232,7 +232,7 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
             is none.
         expected
             One standard deviation of what the motion of segments that no marker shows adds
-            (`hbm.plausibility.unseen`); NaN where markers show trunk, head and arms. Hands alone
+            (`hbm.plausibility.motion`); NaN where markers show trunk, head and arms. Hands alone
             do not count.
 
     Examples

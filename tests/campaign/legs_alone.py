@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hbm.plausibility.unseen import unseen_covariance
+from hbm.plausibility.motion import unseen_covariance
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.trial.process import result_of
 from pipeline.trial.residuals import counted

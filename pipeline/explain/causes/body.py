@@ -16,7 +16,7 @@ from hbm.body import FEET, shoe_inertia
 from hbm.coordinates import FIXED_TO, MOVING, PARENT, SIDES, UP
 from hbm.ik.tracking import solve_ik
 from hbm.model import Body
-from hbm.plausibility.unseen import TRUNK
+from hbm.plausibility.motion import TRUNK
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
 from hbm.signals.filtering import oscillation

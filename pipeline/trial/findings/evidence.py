@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter1d
 
 from hbm.body import BALL_ABOVE_SOLE, Body
 from hbm.motion import Motion
-from hbm.plausibility.unseen import unseen_covariance
+from hbm.plausibility.motion import unseen_covariance
 from hbm.signals.filtering import low_pass
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench

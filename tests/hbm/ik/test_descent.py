@@ -41,15 +41,10 @@ def problem():
 
 def solve(problem, **changed):
     attachment, start, prior = problem
+    terms = changed.pop("start", start), prior, np.zeros_like(prior)
     markers = {name: changed.pop(name) for name in ("position", "weight") if name in changed}
-    given = {
-        "rows": np.arange(len(start)),
-        "start": start,
-        "prior": prior,
-        "reference": np.zeros_like(prior),
-        "tolerance": 1e-6,
-    }
-    return descent.solve_frames(replace(attachment, **markers), **(given | changed))
+    rows = np.arange(len(start))
+    return descent.solve_frames(replace(attachment, **markers), rows, terms, 1e-6, **changed)
 
 
 def test_the_memory_layout_of_the_markers_does_not_matter(problem):

@@ -64,7 +64,7 @@ def test_the_uncertainty_is_the_scatter_of_solutions_with_errors_of_10_mm(pose):
     step = 1e-6 * np.eye(N_Q)
     there, back = (marker_positions(BODY, still.q[0] + way * step) for way in (1, -1))
     slopes = (there - back)[:, own] / 2e-6
-    expected = np.sqrt(np.diag(covariance(slopes, np.ones(len(own)))))
+    expected = np.sqrt(np.diag(covariance(slopes, np.ones(len(own), bool))))
     shown = ROTATES & (expected < np.radians(8))
     assert np.count_nonzero(shown) > 25
     np.testing.assert_allclose(solved.q.std(axis=0)[shown], expected[shown], rtol=0.2)

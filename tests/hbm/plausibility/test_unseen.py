@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hbm.coordinates import INDEX, N_Q
-from hbm.plausibility.unseen import ARMS, TRUNK, unseen_covariance
+from hbm.plausibility.motion import ARMS, TRUNK, unseen_covariance
 from hbm.spatial import GRAVITY_MPS2
 from tests.hbm.motions import motion_of
 from tests.synthetic import synthetic_body

@@ -57,7 +57,8 @@ def test_a_faultless_plate_is_found_faultless(good_plates):
         assert verdict.answer == "fit"
         assert verdict.calibration is None
         assert verdict.reasons == ()
-        assert good_plates.linearities[verdict.belt].percent_of_full_scale < 0.2
+        full_scale_n = good_plates.study.file.full_scale_n
+        assert good_plates.linearities[verdict.belt].nonlinearity < 0.002 * full_scale_n
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
-"""Marker sets: the segment that each marker is attached to, and the landmark that it marks.
+"""Marker trajectories, and marker sets: the segment and the landmark of each marker.
 
-They are tables, shipped with the package or a user's own, and are recognised by their labels.
+Sets are tables, shipped with the package or a user's own, and are recognised by their labels.
 """
 
 import re
@@ -8,62 +8,90 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
-from itertools import groupby, takewhile
+from itertools import groupby
+from os.path import commonprefix
 from shlex import quote
 from typing import Any, Final
 
+import numpy as np
+
 from hbm.coordinates import LIMBS, MOVING, SIDES
-from hbm.spelling import did_you_mean, listed, no_segment, parse_toml, short, shown
+from hbm.spatial import Array, frozen, read_only
+from hbm.spelling import did_you_mean, listed, no_segment, packaged_toml, parse_toml, short, shown
 
-_MIDLINE: Final = {
-    "SACR": "sacrum, midway between the posterior superior iliac spines",
-    "C7": "spinous process of the 7th cervical vertebra",
-    "T2": "spinous process of the 2nd thoracic vertebra",
-    "T8": "spine at the lower angles of the shoulder blades, the level of T7 to T8",
-    "T10": "spinous process of the 10th thoracic vertebra",
-    "JN": "jugular notch of the sternum",
-    "XIPH": "xiphoid process",
-    "THEAD": "top of the head",
-    "GLAB": "glabella, between the eyebrows",
-}
-_PAIRED: Final = {
-    "ASIS": "anterior superior iliac spine",
-    "PSIS": "posterior superior iliac spine",
-    "HEAD": "side of the head, level with the other one",
-    "FHEAD": "front of the head, beside the middle",
-    "BHEAD": "back of the head, beside the middle",
-    "MAS": "mastoid process",
-    "GTRO": "greater trochanter",
-    "LEK": "lateral epicondyle of the femur",
-    "MEK": "medial epicondyle of the femur",
-    "KAX": "knee alignment device, end of its rod along the flexion axis",
-    "KD1": "knee alignment device, end of a rod at a right angle to that one",
-    "KD2": "knee alignment device, end of the rod at a right angle to both",
-    "LM": "lateral malleolus",
-    "MM": "medial malleolus",
-    "HEE": "back of the heel, at the height of MT2",
-    "MT1": "head of the 1st metatarsal",
-    "MT2": "head of the 2nd metatarsal",
-    "MT5": "head of the 5th metatarsal",
-    "MTS": "side of the 5th metatarsal head, if the heel's marker is on its lateral side too",
-    "TOE": "tip of the second toe",
-    "SHO": "acromion",
-    "LEE": "lateral epicondyle of the humerus",
-    "MEE": "medial epicondyle of the humerus",
-    "LW": "ulnar styloid, the little finger's side of the wrist",
-    "MW": "radial styloid, the thumb's side of the wrist",
-    "WRA": "bar across the back of the wrist, its end on the thumb's side",
-    "WRB": "bar across the back of the wrist, its end on the little finger's side",
-    "FIN": "head of the 3rd metacarpal, on the back of the hand",
-}
 
-LANDMARKS: Final = _MIDLINE | {
-    side + name: f"{meaning}, {word}"
-    for side, word in (("L", "left"), ("R", "right"))
-    for name, meaning in _PAIRED.items()
-}
-"""Landmark that a marker can mark -> what it is."""
+@dataclass(frozen=True, slots=True)
+class Markers:
+    """Marker trajectories in the lab frame.
+
+    Attributes
+    ----------
+    time
+        Sample times, (T,) [s], increasing.
+    names
+        Marker labels, one per column, unique.
+    position
+        Positions in lab axes (X forward, Y left, Z up), (T, M, 3) [m]. A gap is NaN.
+
+    Examples
+    --------
+    Two markers at 100 Hz:
+
+    >>> import hbm, numpy as np
+    >>> heels = hbm.Markers(np.arange(50) / 100, ("LHEE", "RHEE"), np.zeros((50, 2, 3)))
+    >>> round(heels.rate_hz, 6)
+    100.0
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    position: Array
+
+    def __post_init__(self) -> None:
+        time, position = np.asarray(self.time, float), np.asarray(self.position, float)
+        names = tuple(self.names)
+        if position.ndim != 3 or position.shape != (len(time), len(names), 3):
+            raise ValueError(
+                f"marker positions must have shape ({len(time)}, {len(names)}, 3) "
+                f"for {len(time)} times and {len(names)} names, got {position.shape}"
+            )
+        if len(set(names)) != len(names):
+            twice = sorted(name for name, count in Counter(names).items() if count > 1)
+            raise ValueError(
+                f"marker names must be unique, but these appear twice: {listed(twice)}"
+            )
+        if len(time) > 1 and not np.all(np.diff(time) > 0):
+            raise ValueError("marker times must increase")
+        # every coordinate in one piece of memory: most take marker by marker
+        coordinates = np.moveaxis(position, 0, -1)
+        unknown = np.isnan(position)
+        partly = unknown.any(axis=-1) & ~unknown.all(axis=-1)
+        if partly.any() or not coordinates.flags.c_contiguous:
+            coordinates = np.array(coordinates, order="C")
+            np.moveaxis(coordinates, -1, 0)[partly] = np.nan
+            frozen(coordinates)
+        object.__setattr__(self, "time", read_only(time))
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "position", np.moveaxis(read_only(coordinates), -1, 0))
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate [Hz]: the median of the time steps."""
+        return float(1 / np.median(np.diff(self.time)))
+
+
+MIDLINE_LANDMARKS: Final = ("SACR", "C7", "T2", "T8", "T10", "JN", "XIPH", "THEAD", "GLAB")
+PAIRED_LANDMARKS: Final = (
+    *("ASIS", "PSIS", "HEAD", "FHEAD", "BHEAD", "MAS"),
+    *("GTRO", "LEK", "MEK", "KAX", "KD1", "KD2", "LM", "MM"),
+    *("HEE", "MT1", "MT2", "MT5", "MTS", "TOE"),
+    *("SHO", "LEE", "MEE", "LW", "MW", "WRA", "WRB", "FIN"),
+)
+LANDMARKS: Final = (
+    *MIDLINE_LANDMARKS,
+    *(side + name for side in ("L", "R") for name in PAIRED_LANDMARKS),
+)
+"""Landmarks that a marker can mark; docs/marker_sets.md says what they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,9 +269,8 @@ def marker_sets() -> Mapping[str, MarkerSet]:
     helen_hayes: Helen Hayes and Cleveland Clinic, full body, 21 markers
     coda: Codamotion, pelvis and legs, 20 markers
     """
-    text = files("hbm").joinpath("marker_sets.toml").read_text(encoding="utf-8")
     sets: dict[str, MarkerSet] = {}
-    for name, table in parse_toml(text).items():
+    for name, table in packaged_toml("hbm", "marker_sets.toml").items():
         sets[name] = _marker_set(name, table, sets)
     return sets
 
@@ -353,6 +380,9 @@ UPPER_PARTS: Final = {"thorax": "trunk", "head": "head"} | {
 }
 """Segment above the pelvis -> the part of the body that it belongs to."""
 
+LOWER_BODY: Final = "legs"
+"""The part that pelvis and legs are."""
+
 
 def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
     """Find the shipped marker set that a recording's labels belong to.
@@ -380,7 +410,7 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
     if not names:
         raise ValueError("there are no markers; export the file again with their trajectories")
     sets = marker_sets().values()
-    shown = [chosen for chosen in sets if not _short_of(_lower_body(chosen), names)]
+    shown = [chosen for chosen in sets if not _short_of(chosen, names)]
     if not shown:
         raise ValueError(_mismatch(names))
     return _completed(_nearest(shown, names), names)
@@ -401,13 +431,16 @@ def _nearest(sets: Iterable[MarkerSet], names: Iterable[str]) -> MarkerSet:
     return max(sets, key=fit)
 
 
-def _lower_body(chosen: MarkerSet) -> list[SetMarker]:
-    return [m for m in chosen.markers if m.segment not in UPPER_PARTS and not m.optional]
+def _needed(chosen: MarkerSet, part: str = LOWER_BODY) -> list[SetMarker]:
+    """Give the markers of a part of the body without which the set is not complete."""
+    needed = (marker for marker in chosen.markers if not marker.optional)
+    return [marker for marker in needed if UPPER_PARTS.get(marker.segment, LOWER_BODY) == part]
 
 
-def _short_of(markers: list[SetMarker], names: Iterable[str]) -> bool:
-    """Whether too few of a part's markers are present; of none, none are."""
-    return len(_absent(markers, names)) > (1 - MIN_SHARE_OF_PART) * len(markers) or not markers
+def _short_of(chosen: MarkerSet, names: Iterable[str], part: str = LOWER_BODY) -> bool:
+    """Whether too few of the markers of a part are present; of none, none are."""
+    needed = _needed(chosen, part)
+    return len(_absent(needed, names)) > (1 - MIN_SHARE_OF_PART) * len(needed) or not needed
 
 
 def _mismatch(names: list[str]) -> str:
@@ -420,9 +453,8 @@ def _mismatch(names: list[str]) -> str:
         sets = [each for each in sets if each.name.removesuffix("_lower") != family]
     lacking = "; ".join(_lacking(each, names) for each in nearest)
     found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
-    # what all labels begin with may be a person's name
-    alike = takewhile(lambda pair: pair[0] == pair[1], zip(min(names), max(names), strict=False))
-    shared = NOT_SEPARATOR.sub("", "".join(letter for letter, _ in alike))
+    # what all labels begin with, letter by letter, may be a person's name
+    shared = NOT_SEPARATOR.sub("", commonprefix(names))  # noqa: RUF071
     bare = [f"{'…' if shared else ''}{name[len(shared) :]}" for name in names]
     seen = f"the markers match no shipped set; labels: {listed(bare, LABELS_LISTED)}"
     if shared:
@@ -433,7 +465,7 @@ def _mismatch(names: list[str]) -> str:
 
 def _lacking(chosen: MarkerSet, names: list[str]) -> str:
     """Say how many markers of a set's pelvis and legs are there, and which are not."""
-    needed = _lower_body(chosen)
+    needed = _needed(chosen)
     absent = sorted(marker.labels[0] for marker in _absent(needed, names))
     found = f"{chosen.name} with {len(needed) - len(absent)} of its {len(needed)} markers"
     return f"{found} of pelvis and legs (missing {listed(absent)})"
@@ -450,8 +482,8 @@ def renaming(names: Iterable[str]) -> dict[str, str]:
     found = {label: spelt.get(label, spelt.get(_letters(label))) for label in every}
     alike = {label: name for label, name in found.items() if name is not None}
     sets = marker_sets().values()
-    shown = [s for s in sets if not _short_of(_lower_body(s), alike)]
-    if not shown or not all(_short_of(_lower_body(s), names) for s in sets):
+    shown = [s for s in sets if not _short_of(s, alike)]
+    if not shown or not all(_short_of(s, names) for s in sets):
         return {}
     labels = _completed(_nearest(shown, list(alike)), list(alike)).present(alike).segment
     return {alike[label]: label for label in labels if alike[label] != label}
@@ -511,11 +543,7 @@ def usual_landmarks(names: Iterable[str]) -> dict[str, str]:
 
 def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
     """Add other sets' markers of trunk, head and arms where the chosen set's are not there."""
-    own: dict[str, list[SetMarker]] = {part: [] for part in UPPER_PARTS.values()}
-    for marker in chosen.markers:
-        if marker.segment in UPPER_PARTS and not marker.optional:
-            own[UPPER_PARTS[marker.segment]].append(marker)
-    parts = [part for part, markers in own.items() if _short_of(markers, names)]
+    parts = {part for part in UPPER_PARTS.values() if _short_of(chosen, names, part)}
     known = {label.casefold() for marker in chosen.markers for label in marker.labels}
     marked = set(chosen.present(names).landmark)
     added: list[SetMarker] = []
@@ -524,15 +552,15 @@ def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
         if name.casefold() not in known and len(meant) == 1:
             ((segment, landmark),) = meant
             landmark = None if landmark in marked else landmark
-            part = UPPER_PARTS.get(segment, "legs")
-            if part in parts or (part == "legs" and landmark):
+            part = UPPER_PARTS.get(segment, LOWER_BODY)
+            if part in parts or (part == LOWER_BODY and landmark):
                 marked.add(landmark or "")
                 added.append(SetMarker((name,), segment, landmark, optional=True))
     if not added:
         return chosen
     labels = [marker.labels[0] for marker in added]
     other = _nearest((s for s in marker_sets().values() if s.name != chosen.name), labels)
-    shown = dict.fromkeys(UPPER_PARTS.get(marker.segment, "legs") for marker in added)
+    shown = dict.fromkeys(UPPER_PARTS.get(marker.segment, LOWER_BODY) for marker in added)
     return replace(
         chosen,
         name=f"{chosen.name}+{other.name}",
