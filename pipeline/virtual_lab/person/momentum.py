@@ -1,4 +1,9 @@
-"""The wrench of the ground: the rate of change of momentum of the segments and of soft tissue."""
+"""The wrench of the ground: the rate of change of momentum of the segments and of soft tissue.
+
+And the true joint moments of legs: what the segments beyond a joint need and the ground does not
+give. Newton's and Euler's laws for the person's true body; nothing of it is shared with the inverse
+dynamics of `hbm`.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +16,17 @@ from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.virtual_lab.faults import BodyFaults
 from pipeline.virtual_lab.person.anatomy import SIDES
-from pipeline.virtual_lab.person.body import Frame, Skeleton, chunks, frames
+from pipeline.virtual_lab.person.body import (
+    COLUMN,
+    LINKS,
+    PARENT,
+    Frame,
+    Skeleton,
+    chunks,
+    frames,
+    moved,
+    placed,
+)
 from pipeline.virtual_lab.person.variation import drawn
 
 TISSUE: Final = {
@@ -90,10 +105,8 @@ class Oscillator:
         away = _turned(rotation, shift)
         more = _turned(second, shift) + 2 * _turned(first, speed) + _turned(rotation, pull)
         force, extra = self.mass.mass_kg * (at_rest + more), self.mass.mass_kg * more
-        wrench[:3] += extra
-        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            wrench[3 + i] += rest[j] * extra[k] - rest[k] * extra[j]
-            wrench[3 + i] += away[j] * force[k] - away[k] * force[j]
+        add_force(wrench, extra, rest)
+        wrench[3:] += np.cross(away, force, axis=0)
 
     def _step(self, k: int, drive: Array) -> Array:
         numerator, denominator = (np.ravel(row) for row in self._filters[k])
@@ -182,8 +195,7 @@ def second_moment(part: Inertia) -> Array:
 def add_force(wrench: Array, force: Array, place: Array) -> None:
     """Add a force (3, T) [N] that acts at a place (3, T) [m] to a wrench (6, T)."""
     wrench[:3] += force
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        wrench[3 + i] += place[j] * force[k] - place[k] * force[j]
+    wrench[3:] += np.cross(place, force, axis=0)
 
 
 def add_segment(wrench: Array, frame: Frame, part: Inertia, moment: Array) -> None:
@@ -195,6 +207,52 @@ def add_segment(wrench: Array, frame: Frame, part: Inertia, moment: Array) -> No
     upward[2] += GRAVITY_MPS2
     add_force(wrench, part.mass * upward + inertial, frame.origin)
     turned = np.asarray(moment @ rotation)
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        own = (turned[j] * second[k]).sum(axis=0) - (turned[k] * second[j]).sum(axis=0)
-        wrench[3 + i] += arm[j] * upward[k] - arm[k] * upward[j] + own
+    spin = [
+        (turned[j] * second[k]).sum(axis=0) - (turned[k] * second[j]).sum(axis=0)
+        for j, k in ((1, 2), (2, 0), (0, 1))
+    ]
+    wrench[3:] += np.cross(arm, upward, axis=0) + spin
+
+
+LEG_JOINTS: Final = {
+    "toes": (),
+    "foot": ("FootPronation",),
+    "talus": ("AnklePlantarFlexion",),
+    "shank": ("KneeFlexion",),
+    "thigh": ("HipFlexion", "HipAbduction", "HipInternalRotation"),
+}
+"""Segments of a leg from its tip on -> coordinates of the joint that carries each."""
+LEG_COORDINATES: Final = tuple(
+    side[0].upper() + name for side in SIDES for names in LEG_JOINTS.values() for name in names
+)
+
+
+def moments_of(
+    skeleton: Skeleton,
+    state: tuple[Array, ...],
+    feet: Mapping[str, Array],
+    oscillators: Sequence[Oscillator],
+) -> Array:
+    """Give the moments of `LEG_COORDINATES`, (12, T), in a state (55, T) with feet under (T, 6)."""
+    found = frames(skeleton, state, [f"{side}_{part}" for side in SIDES for part in LEG_JOINTS])
+    moments = dict[str, Array]()
+    for side in SIDES:
+        need = -feet[side].T
+        for part in LEG_JOINTS:
+            segment = f"{side}_{part}"
+            if segment in skeleton.inertias:
+                inertia = skeleton.inertias[segment]
+                add_segment(need, found[segment], inertia, second_moment(inertia))
+            for oscillator in oscillators:
+                if oscillator.mass.segment == segment:
+                    oscillator.add_reaction(need, found[segment])
+            # about the axes of the joint's coordinates, each where those before it have turned it
+            carrier = found[PARENT[segment]]
+            frame = Frame(carrier.rotation[:1], carrier.origin, carrier.acceleration)
+            frame = placed(frame, skeleton.offsets.get(segment, np.zeros(3)))
+            for link, axis in zip(LINKS, skeleton.axes, strict=True):
+                if link.segment == segment:
+                    about = need[3:] - np.cross(frame.origin, need[:3], axis=0)
+                    moments[link.name] = np.sum((axis @ frame.rotation[0]) * about, axis=0)
+                    frame = moved(frame, link, axis, (state[0][COLUMN[link.name]],))
+    return np.stack([moments[name] for name in LEG_COORDINATES])

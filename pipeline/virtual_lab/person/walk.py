@@ -5,7 +5,7 @@ legs reach them (`leg_ik`); then the pelvis is moved until the ground wrench tha
 equations of motion has its centre of pressure where the feet are.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -45,7 +45,13 @@ from pipeline.virtual_lab.person.gait import (
     size_of,
     step_time,
 )
-from pipeline.virtual_lab.person.momentum import Oscillator, center_of_mass, ground_wrench
+from pipeline.virtual_lab.person.momentum import (
+    LEG_COORDINATES,
+    Oscillator,
+    center_of_mass,
+    ground_wrench,
+    moments_of,
+)
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
 ARMS_DOWN: Final = 0.48, 0.35
@@ -169,21 +175,28 @@ def _loaded(
     """Add the ground's wrenches to a motion."""
     rate_hz = FORCES_PER_FRAME * motion.rate_hz
     oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
-    parts = []
-    knots = round(motion.duration * motion.rate_hz) + 1
-    for first in range(0, knots, BLOCK_KNOTS):
-        value, rate, second = (
-            motion.between_knots(FORCES_PER_FRAME, first, min(first + BLOCK_KNOTS, knots), k)
-            for k in range(3)
-        )
-        parts.append(ground_wrench(subject.skeleton, (value, rate, second), oscillators))
-    total = np.concatenate(parts)
+    total = np.concatenate(
+        [ground_wrench(subject.skeleton, state, oscillators) for _, state in _blocks(motion)]
+    )
     time = motion.start + np.arange(len(total)) / rate_hz
     left = left_wrench(
         total, placement, platform.pose(time), time, float(subject.standing[INDEX["PelvisZ"]])
     )
     ground, left_only = (fit_trajectory(wrench, rate_hz, motion.start) for wrench in (total, left))
     return Walk(subject, motion, ground, left_only, placement, platform)
+
+
+def _blocks(motion: Trajectory) -> Iterator[tuple[Array, tuple[Array, Array, Array]]]:
+    """Give times at the rate of the forces, (N,) [s], and the motion with two derivatives there."""
+    rate_hz, knots = (
+        FORCES_PER_FRAME * motion.rate_hz,
+        round(motion.duration * motion.rate_hz) + 1,
+    )
+    for first in range(0, knots, BLOCK_KNOTS):
+        block = FORCES_PER_FRAME, first, min(first + BLOCK_KNOTS, knots)
+        value, rate, second = (motion.between_knots(*block, order) for order in range(3))
+        samples = FORCES_PER_FRAME * first + np.arange(value.shape[1])
+        yield motion.start + samples / rate_hz, (value, rate, second)
 
 
 def _height(subject: VirtualSubject, q: Array) -> float:
@@ -425,3 +438,29 @@ def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[A
         plates[0] += np.where(on_left[:, None], on_platform, 0.0)
         plates[1] += np.where(on_left[:, None], 0.0, on_platform)
     return plates
+
+
+def leg_moments(walk: Walk, time: Array) -> dict[str, Array]:
+    """Give the true internal moments of the legs' coordinates.
+
+    Parameters
+    ----------
+    walk
+        How the person moved.
+    time
+        When, (T,) [s].
+
+    Returns
+    -------
+    dict of str to Array
+        Coordinate, such as "RHipFlexion" -> moment about its axis, positive in the direction in
+        which it grows, (T,) [N·m].
+    """
+    motion, rate_hz = walk.motion, FORCES_PER_FRAME * walk.motion.rate_hz
+    oscillators = [Oscillator(mass, rate_hz) for mass in walk.subject.wobbling]
+    parts = [
+        moments_of(walk.subject.skeleton, state, foot_wrenches(walk, at), oscillators)
+        for at, state in _blocks(motion)
+    ]
+    moments = fit_trajectory(np.concatenate(parts, axis=1).T, rate_hz, motion.start).at(time)
+    return dict(zip(LEG_COORDINATES, moments.T, strict=True))

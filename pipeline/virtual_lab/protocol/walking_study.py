@@ -23,9 +23,8 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 )
 from pipeline.virtual_lab.machine.instruments import SAMPLES_PER_FRAME, SENSOR_NAMES
 from pipeline.virtual_lab.machine.platform import Machine
-from pipeline.virtual_lab.person.joint_moments import leg_moments
 from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.person.walk import foot_events, foot_wrenches
+from pipeline.virtual_lab.person.walk import foot_events, foot_wrenches, leg_moments
 from pipeline.virtual_lab.protocol.calibration_trial import beside_names, run_beside
 from pipeline.virtual_lab.protocol.walking_protocol import (
     PERSONS,
