@@ -17,7 +17,6 @@ from pipeline.virtual_lab.person.body import (
     KNEE,
     LINKS,
     Frame,
-    Skeleton,
     chunks,
     frames,
     moved,
@@ -28,7 +27,6 @@ from pipeline.virtual_lab.person.feet import FootPlacement, Sole, orientation, r
 from pipeline.virtual_lab.person.gait import LEAVING, STANCE, foot_angles, sole_weights
 from pipeline.virtual_lab.person.momentum import Oscillator, ground_wrench
 from pipeline.virtual_lab.person.subject import VirtualSubject
-from pipeline.virtual_lab.person.variation import ExtraJoints
 
 JOINT_WEIGHTS: Final = {
     "HipFlexion": 3e-4,
@@ -87,20 +85,18 @@ class SoleTarget:
 
 
 def solve_legs(
-    skeleton: Skeleton,
-    extra: ExtraJoints,
+    subject: VirtualSubject,
     reference: Array,
     targets: Mapping[str, SoleTarget],
     start: Array,
-    height_weight: float,
-    iterations: int,
+    effort: tuple[float, int],
 ) -> Array:
     """Find the joint angles of the legs with which the soles are where they should be.
 
     Parameters
     ----------
-    skeleton, extra
-        The person's.
+    subject
+        Whose legs.
     reference
         Wanted coordinates, (46, T); pelvis, trunk, head and arms are kept, the legs' are
         approached where the soles leave a choice or cannot be reached.
@@ -108,10 +104,9 @@ def solve_legs(
         Side -> target of its sole.
     start
         Coordinates to start from, (46, T).
-    height_weight
-        Weight that keeps the pelvis at its height: m² per m² of the soles' points.
-    iterations
-        At most.
+    effort
+        Weight that keeps the pelvis at its height, m² per m² of the soles' points; iterations at
+        most.
 
     Returns
     -------
@@ -125,45 +120,43 @@ def solve_legs(
     """
     solved = start.copy()
     for part in chunks(reference.shape[1]):
-        own = {side: target.frames(part) for side, target in targets.items()}
-        solved[:, part] = _solve(
-            skeleton, extra, reference[:, part], own, start[:, part], height_weight, iterations
-        )
+        now = {side: target.frames(part) for side, target in targets.items()}
+        solved[:, part] = _solve(subject, reference[:, part], now, start[:, part], *effort)
     return solved
 
 
 def _solve(
-    skeleton: Skeleton,
-    extra: ExtraJoints,
+    subject: VirtualSubject,
     reference: Array,
-    points: Mapping[str, SoleTarget],
+    targets: Mapping[str, SoleTarget],
     start: Array,
     height_weight: float,
     iterations: int,
 ) -> Array:
     q, height = reference.copy(), INDEX["PelvisZ"]
     q[height] = 0.0
-    pelvis = frames(skeleton, (q,), ["pelvis"])["pelvis"]
+    pelvis = frames(subject.skeleton, (q,), ["pelvis"])["pelvis"]
     solved = [height, *(INDEX[letter + name] for letter in "RL" for name in JOINT_WEIGHTS)]
     q[solved] = start[solved]
+    prior = np.array(list(JOINT_WEIGHTS.values()))[:, None]
     for _ in range(iterations):
         total = np.full(q.shape[1], height_weight + DAMPING)
         right = height_weight * (reference[height] - q[height])
         legs = []
-        for side, own in points.items():
+        for side, target in targets.items():
             letter = side[0].upper()
             rows = [INDEX[letter + name] for name in JOINT_WEIGHTS]
-            jacobian, error = _jacobian(skeleton, extra, pelvis, q, letter, own)
-            weighted = jacobian * own.weight
-            prior = np.array(list(JOINT_WEIGHTS.values()))[:, None]
+            jacobian, error = _jacobian(subject, pelvis, q, letter, target)
+            weighted = jacobian * target.weight
             square = np.einsum("aikt,bikt->abt", weighted, jacobian)
             square[range(6), range(6)] += prior + DAMPING
             wanted = np.einsum("aikt,ikt->at", weighted, error)
             wanted += prior * (reference[rows] - q[rows])
             coupling = weighted[:, 2].sum(axis=1)
             solution = _solve_symmetric(square, np.stack([wanted, coupling], axis=1))
-            total += own.weight.sum(axis=0) - (coupling * solution[:, 1]).sum(axis=0)
-            right += (own.weight * error[2]).sum(axis=0) - (coupling * solution[:, 0]).sum(axis=0)
+            total += target.weight.sum(axis=0) - (coupling * solution[:, 1]).sum(axis=0)
+            upward = (target.weight * error[2]).sum(axis=0)
+            right += upward - (coupling * solution[:, 0]).sum(axis=0)
             legs.append((rows, solution))
         rise = np.clip(right / total, -MAX_STEP, MAX_STEP)
         q[height] += rise
@@ -178,13 +171,13 @@ def _solve(
 
 
 def _jacobian(
-    skeleton: Skeleton, extra: ExtraJoints, pelvis: Frame, q: Array, letter: str, points: SoleTarget
+    subject: VirtualSubject, pelvis: Frame, q: Array, letter: str, target: SoleTarget
 ) -> tuple[Array, Array]:
     """Give how a sole's points move with the leg's angles, (6, 3, 4, T), and their error."""
-    origin = pelvis.origin.copy()
+    skeleton, origin = subject.skeleton, pelvis.origin.copy()
     origin[2] += q[INDEX["PelvisZ"]]
     frame = Frame(pelvis.rotation, origin, pelvis.acceleration)
-    knee = extra.of_knee(letter, q[INDEX[letter + "KneeFlexion"]])
+    knee = subject.extra_joints.of_knee(letter, q[INDEX[letter + "KneeFlexion"]])
     axes, places, segment = [], [], "pelvis"
     for k, link in _LEGS[letter]:
         if link.segment != segment:
@@ -198,13 +191,11 @@ def _jacobian(
         else:
             value = knee[KNEE.index(name)]
         frame = moved(frame, link, skeleton.axes[k], (value,))
-    position = np.stack([frame.point(point) for point in points.on_foot], axis=1)
+    position = np.stack([frame.point(point) for point in target.on_foot], axis=1)
     jacobian = np.empty((len(axes), *position.shape))
     for row, axis, place in zip(jacobian, axes, places, strict=True):
-        arm = position - place[:, None]
-        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            row[i] = axis[j] * arm[k] - axis[k] * arm[j]
-    return jacobian, points.wanted - position
+        row[:] = np.cross(axis[:, None], position - place[:, None], axis=0)
+    return jacobian, target.wanted - position
 
 
 def _solve_symmetric(matrix: Array, right: Array) -> Array:
@@ -295,26 +286,22 @@ class Plan:
     def every(self, step: int) -> "Plan":
         """Give the plan for every so many samples."""
         part = slice(None, None, step)
+        arrays = ("pressure", "phase", "walking", "steady", "corrected")
         return replace(
             self,
             targets={side: target.frames(part) for side, target in self.targets.items()},
-            pressure=self.pressure[part],
             pose=PlatformPose(self.pose.rotation[part], self.pose.position[part]),
-            phase=self.phase[part],
-            walking=self.walking[part],
-            steady=self.steady[part],
-            corrected=self.corrected[part],
+            **{name: getattr(self, name)[part] for name in arrays},
         )
 
-    def on_feet(self, reference: Array, start: Array, effort: tuple[float, int]) -> Array:
-        """Give the legs' angles near a reference with which the feet are in their places."""
-        body, extra = self.subject.skeleton, self.subject.extra_joints
-        return solve_legs(body, extra, reference, self.targets, start, *effort)
-
     def moved(self, q: Array, rate_hz: float) -> Array:
-        """Give all coordinates (55, T) of a person who moves smoothly by (46, T)."""
-        extra = self.subject.extra_joints
-        return extra.extend(_smooth(q, rate_hz), self.phase, self.walking)
+        """Give all coordinates (55, T) of a person who moves by (46, T), smoothed.
+
+        The smoothing Gaussian's amplitude response is 1/√2 at `SMOOTHING_HZ`.
+        """
+        sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * SMOOTHING_HZ) * rate_hz
+        smooth = gaussian_filter1d(q, sigma, axis=1, mode="nearest")
+        return self.subject.extra_joints.extend(smooth, self.phase, self.walking)
 
 
 def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
@@ -339,7 +326,8 @@ def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
     reference = reference.copy()
     reference[: len(shift)] += CubicSpline(coarse, shift, axis=1)(time)
     q = CubicSpline(coarse, start, axis=1)(time)
-    return plan.moved(plan.on_feet(reference, q, LATER), RATE_HZ)
+    q = solve_legs(plan.subject, reference, plan.targets, q, LATER)
+    return plan.moved(q, RATE_HZ)
 
 
 def _correction(plan: Plan, reference: Array, rate_hz: float) -> tuple[Array, Array]:
@@ -350,23 +338,18 @@ def _correction(plan: Plan, reference: Array, rate_hz: float) -> tuple[Array, Ar
     pattern, q = reference[:3].copy(), np.ascontiguousarray(reference)
     reference = q.copy()
     for correction in range(CORRECTIONS):
-        q = plan.on_feet(reference, q, LATER if correction else FIRST)
+        effort = LATER if correction else FIRST
+        q = solve_legs(subject, reference, plan.targets, q, effort)
         if correction == 0:
             shift[2] = plan.walking * (q - reference)[2, plan.steady].mean()
         motion = _differentiated(plan.moved(q, rate_hz), rate_hz)
         oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
         wrench = ground_wrench(subject.skeleton, motion, oscillators)
-        found = in_lab(pressure_on_platform(wrench, plan.pose), plan.pose)[:, :2]
-        error = np.clip(np.nan_to_num(plan.pressure - found), -MAX_ERROR_M, MAX_ERROR_M)
+        pressure = in_lab(pressure_on_platform(wrench, plan.pose), plan.pose)[:, :2]
+        error = np.clip(np.nan_to_num(plan.pressure - pressure), -MAX_ERROR_M, MAX_ERROR_M)
         shift[:2] += GAIN * balanced(fade[:, None] * error, plan.height, rate_hz).T
         reference[:3] = pattern + shift
     return shift, q
-
-
-def _smooth(q: Array, rate_hz: float) -> Array:
-    """Smooth by a Gaussian whose amplitude response is 1/√2 at `SMOOTHING_HZ`, (C, T)."""
-    sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * SMOOTHING_HZ) * rate_hz
-    return np.asarray(gaussian_filter1d(q, sigma, axis=1, mode="nearest"))
 
 
 def _differentiated(values: Array, rate_hz: float) -> tuple[Array, Array, Array]:
@@ -501,14 +484,18 @@ def _path(
     ``swinging`` is the sole's place in the gait pattern, ``rolling`` its displacement while it
     rolls over the belt, both on the platform, (T, 3) [m].
     """
-    end = len(time) - 1
-    own = list(range(0 if side == "left" else 1, len(placement.steps.contact), 2))
+    end, steps = len(time) - 1, placement.steps
     path = np.empty_like(swinging)
     departure, left_at = None, 0
-    for number in own if side == "left" else [-1, *own]:
-        standing = number < 1 if side == "left" else number < 0
-        contact = 0.0 if standing else placement.steps.contact[number]
-        release = placement.release(number) if number >= 0 else _first_release(placement)
+    # left steps are even and begin with standing; the right foot stands before its first step
+    first_number = 0 if side == "left" else -1
+    for number in range(first_number, len(steps.contact), 2):
+        contact = 0.0 if number == first_number else steps.contact[number]
+        if number >= 0:
+            release = placement.release(number)
+        else:
+            released = (LEAVING[0] - 0.5) * steps.overlap / (STANCE - 0.5)
+            release = float(steps.contact[0]) + released * placement.step_s
         first, last = int(np.ceil(contact * RATE_HZ)), int(np.floor(release * RATE_HZ))
         stance = slice(min(first, end), min(last, end) + 1)
         held = rolling[stance] + np.pad(
@@ -527,9 +514,3 @@ def _path(
         left_at = stance.stop - 1
         departure = held[-1] - swinging[left_at]
     return path
-
-
-def _first_release(placement: FootPlacement) -> float:
-    """Give when the right foot leaves its standing place [s]."""
-    released = (LEAVING[0] - 0.5) * placement.steps.overlap / (STANCE - 0.5)
-    return float(placement.steps.contact[0]) + released * placement.step_s
