@@ -93,25 +93,20 @@ def displace_markers(
     for name in dict.fromkeys(segment):
         part = name.removeprefix("left_").removeprefix("right_")
         letter = "" if part == name else name[0].upper()
-        drivers = _standardised([letter + n for n in DRIVERS[part]], q, walking)
+        rows = [INDEX[letter + coordinate] for coordinate in DRIVERS[part]]
+        drivers = _unit_variance(q[rows], walking)
         size = faults.skin_scale * SKIN_RMS_M[part] / np.sqrt(3)
         common = rng.normal(size=(3, len(drivers)))
         turn = np.moveaxis(rotation[name], 0, 2)
         for k in (k for k, s in enumerate(segment) if s == name):
-            own = rng.normal(size=(3, len(drivers)))
-            mixed = np.sqrt(COMMON_SHARE) * common + np.sqrt(1 - COMMON_SHARE) * own
+            alone = rng.normal(size=(3, len(drivers)))
+            mixed = np.sqrt(COMMON_SHARE) * common + np.sqrt(1 - COMMON_SHARE) * alone
             driven = _unit_variance(mixed @ drivers, walking)
             irregular = _irregular(len(position), rng, rate_hz)
             shift = np.sqrt(DRIVEN_SHARE) * driven + np.sqrt(1 - DRIVEN_SHARE) * irregular
             shift *= size * walking
             displaced[:, k] += (turn * shift).sum(axis=1).T
     return displaced
-
-
-def _standardised(names: list[str], q: Array, walking: Array) -> Array:
-    """Give coordinates less their mean, by their standard deviation in walking, (S, T)."""
-    values = q[[INDEX[name] for name in names]]
-    return _unit_variance(values, walking)
 
 
 def _unit_variance(values: Array, walking: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import Final, Literal
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX
-from hbm.markers import MarkerSet, marker_sets
+from hbm.markers import marker_sets
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
@@ -16,9 +16,9 @@ from pipeline.virtual_lab.person.feet import SIDES, Sole, sole_of
 from pipeline.virtual_lab.person.gait import STEP_M, StepParameters, size_of
 from pipeline.virtual_lab.person.momentum import WobblingMass, draw_wobbling_masses
 from pipeline.virtual_lab.person.variation import (
-    MAX_DEVIATION_SD,
     ExtraJoints,
     draw_extra_joints,
+    drawn,
     inertias_of,
     navel_share,
     vary,
@@ -148,66 +148,31 @@ def make_subject(
     """
     faults = faults or Faults.none().body
     shape_rng, body_rng, gait_rng = (rng or np.random.default_rng(0)).spawn(3)
-    proportions = Proportions(
-        **{
-            f.name: 1 + individuality * PROPORTION_SD * _drawn(shape_rng)
-            for f in fields(Proportions)
-        }
-    )
-    worn = marker_sets()[marker_set]
-    skeleton, extra_joints, wobbling, soles, q = _body(person, worn, proportions, faults, body_rng)
-    standing = q.copy()
-    for side in "RL":
-        for name, angle in HANGING_ARM_DEG.items():
-            standing[INDEX[side + name]] = np.radians(angle)
-    size, typical = size_of(standing), StepParameters()
-    longer = STEP_LENGTH_SD * _drawn(gait_rng) - TREADMILL_SHORTENING
-    step_parameters = replace(
-        typical,
-        step_m=STEP_M * size * (1 + individuality * longer),
-        width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(gait_rng)),
-    )
-    return VirtualSubject(
-        person,
-        marker_set,
-        skeleton,
-        extra_joints,
-        wobbling,
-        soles,
-        0.0 if faults.same_body else faults.shoe_scale * SOLE_YIELD_M,
-        q,
-        standing,
-        step_parameters,
-        *_gait_style(individuality, gait_rng),
-    )
-
-
-def _body(
-    person: Person,
-    worn: MarkerSet,
-    proportions: Proportions,
-    faults: BodyFaults,
-    rng: np.random.Generator,
-) -> tuple[Skeleton, ExtraJoints, tuple[WobblingMass, ...], dict[str, Sole], Array]:
-    """Give a person's skeleton, extra joints, soft tissue, soles and T-pose."""
-    names = tuple(worn.segment)
-    points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *names, *ANATOMICAL)))
-    position = t_pose(points, person.height_m, person.sex, proportions)
-    position[:, 2] += 0.0 if faults.same_body else faults.shoe_scale * SOLE_M
-    at = dict(zip(points, position, strict=True))
-    shown = frozenset(worn.landmark)
-    suggested = locate(at, shown, person.sex, navel_share(person.sex))
-    joint_rng, mass_rng, tissue_rng, motion_rng = rng.spawn(4)
-    anatomy = vary(suggested, faults, joint_rng)
-    source, shoe_kg = faults.inertias, faults.shoe_scale * SHOE_KG
+    deviation = PROPORTION_SD * individuality * drawn(shape_rng, len(fields(Proportions)))
+    worn, proportions = marker_sets()[marker_set], Proportions(*(1 + deviation).tolist())
+    source, shoe_scale = faults.inertias, faults.shoe_scale
     if faults.same_body:
-        source, shoe_kg = "de_leva", 0.0
+        source, shoe_scale = "de_leva", 0.0
+
+    # markers in the T-pose, the joints that they suggest, and the true ones
+    points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *worn.segment, *ANATOMICAL)))
+    position = t_pose(points, person.height_m, person.sex, proportions)
+    position[:, 2] += shoe_scale * SOLE_M
+    at = dict(zip(points, position, strict=True))
+    suggested = locate(at, frozenset(worn.landmark), person.sex, navel_share(person.sex))
+    joint_rng, mass_rng, tissue_rng, motion_rng = body_rng.spawn(4)
+    anatomy = vary(suggested, faults, joint_rng)
+
+    # masses, those of the shoes last
+    shoe_kg = shoe_scale * SHOE_KG
     bare_kg = person.mass_kg - 2 * shoe_kg
     inertias = inertias_of(anatomy, source, bare_kg, person.sex, person.height_m)
     inertias = vary_inertias(inertias, faults, mass_rng)
     wobbling = draw_wobbling_masses(inertias, faults, tissue_rng)
     if shoe_kg > 0:
         inertias = with_shoes(inertias, anatomy, shoe_kg)
+
+    # markers on the segments, and the soles
     on_segment = [
         anatomy.rotations[s].T @ (at[name] - anatomy.origin(s)) for name, s in worn.segment.items()
     ]
@@ -215,7 +180,7 @@ def _body(
         axes_of(anatomy),
         offsets_of(anatomy),
         inertias,
-        names,
+        tuple(worn.segment),
         tuple(worn.segment.values()),
         np.array(on_segment),
     )
@@ -224,29 +189,50 @@ def _body(
     for side in SIDES:
         foot = f"{side}_foot"
         soles[side] = sole_of(landmarks, anatomy.rotations[foot], anatomy.origin(foot), side)
+
+    # posture and gait
     q = np.array([anatomy.q.get(name, 0.0) for name in COORDINATES])
-    return skeleton, draw_extra_joints(faults, q, motion_rng), wobbling, soles, q
-
-
-def _drawn(rng: np.random.Generator) -> float:
-    """Draw from the standard normal distribution within `MAX_DEVIATION_SD`."""
-    return float(np.clip(rng.normal(), -MAX_DEVIATION_SD, MAX_DEVIATION_SD))
+    standing = q.copy()
+    for side in "RL":
+        for name, angle in HANGING_ARM_DEG.items():
+            standing[INDEX[side + name]] = np.radians(angle)
+    size, typical = size_of(standing), StepParameters()
+    longer, wider = drawn(gait_rng, 2).tolist()
+    longer = STEP_LENGTH_SD * longer - TREADMILL_SHORTENING
+    step_parameters = replace(
+        typical,
+        step_m=STEP_M * size * (1 + individuality * longer),
+        width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * wider),
+    )
+    return VirtualSubject(
+        person,
+        marker_set,
+        skeleton,
+        draw_extra_joints(faults, q, motion_rng),
+        wobbling,
+        soles,
+        shoe_scale * SOLE_YIELD_M,
+        q,
+        standing,
+        step_parameters,
+        *_gait_style(individuality, gait_rng),
+    )
 
 
 def _gait_style(individuality: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Draw offset, gain and wander of all coordinates."""
     count = len(COORDINATES)
     offset, gain, wander = np.zeros(count), np.ones(count), np.zeros(count)
-    of_joint: dict[str, tuple[float, float]] = {}
+    of_joint: dict[str, Array] = {}
     for i, name in enumerate(COORDINATES):
         joint = name[1:] if name[0] in "RL" else name
         arm = joint.startswith(ARM)
         if joint not in of_joint:
-            of_joint[joint] = _drawn(rng), _drawn(rng)
+            of_joint[joint] = drawn(rng, 2)
         bilateral, wider = of_joint[joint]
         sd = np.radians(OFFSET_SD_DEG.get(joint, 0.0))
-        own = BILATERAL_SHARE * bilateral + UNILATERAL_SHARE * _drawn(rng)
-        offset[i] = individuality * sd * own
+        deviation = BILATERAL_SHARE * bilateral + UNILATERAL_SHARE * drawn(rng)[0]
+        offset[i] = individuality * sd * deviation
         if joint in ("PelvisYaw", "PelvisRightRoll"):
             gain[i] += individuality * PELVIS_RANGE_SD * wider
         elif not joint.startswith("Pelvis"):

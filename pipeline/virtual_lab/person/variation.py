@@ -18,7 +18,7 @@ import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, N_Q
 from hbm.segments import Inertia, Sex
-from hbm.spatial import Array, axes_from, rotation_about
+from hbm.spatial import Array, axes_from, distance, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults
 from pipeline.virtual_lab.person.anatomy import SIDES, Anatomy, axes_of
 from pipeline.virtual_lab.person.body import COLUMN, EXTRA, KNEE, LINKS, Skeleton, frames
@@ -115,48 +115,50 @@ def inertias_of(
     dict of str to Inertia
         In the frames of the segments; the toes are massless but for rounding.
     """
-    found = {}
+    rows, inertias = table(source, sex), dict[str, Inertia]()
     for segment, rotation in anatomy.rotations.items():
-        side, _, part = segment.rpartition("_")
-        name = part if side in SIDES else segment
-        name = "upper_arm" if segment.endswith("upper_arm") else name
-        rows = table(source, sex)
-        if name not in rows:
-            continue
-        scaled = _de_leva if source == "de_leva" else _dumas
-        part_of = scaled(anatomy, segment, rows[name], mass_kg, height_m)
-        found[segment] = part_of.in_frame(rotation, anatomy.origin(segment))
+        name = segment.removeprefix("right_").removeprefix("left_")
+        if name in rows:
+            placed = _de_leva(anatomy, segment)
+            if source == "dumas":
+                placed = _dumas(anatomy, segment, rows["pelvis"].length * height_m)
+            part = _scaled(rows[name], mass_kg, *placed)
+            inertias[segment] = part.in_frame(rotation, anatomy.origin(segment))
     for side in SIDES:
-        foot = found[f"{side}_foot"]
-        found[f"{side}_foot"] = Inertia(foot.mass - TOES_KG, foot.center, foot.tensor)
+        foot = inertias[f"{side}_foot"]
+        inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - TOES_KG)
         tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
-        found[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), tensor)
-    return found
+        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), tensor)
+    return inertias
 
 
-def _de_leva(anatomy: Anatomy, segment: str, row: Row, mass_kg: float, _: float) -> Inertia:
+Placed = tuple[Array, Array, float, str]
+"""Origin of a table's segment, (3,) [m]; its frame, (3, 3); its length [m]; and on which side its
+third axis, which points outward, is."""
+
+
+def _de_leva(anatomy: Anatomy, segment: str) -> Placed:
     proximal, distal, lateral = anatomy.ends[segment]
-    frame = axes_from(np.asarray(lateral), proximal - distal, exact="up")
-    return _scaled(row, mass_kg, proximal, frame, float(np.linalg.norm(distal - proximal)), "right")
+    frame = axes_from(lateral, proximal - distal, exact="up")
+    return proximal, frame, distance(distal, proximal), "right"
 
 
-def _dumas(anatomy: Anatomy, segment: str, row: Row, mass_kg: float, height_m: float) -> Inertia:
+def _dumas(anatomy: Anatomy, segment: str, pelvis_m: float) -> Placed:
     """Place a segment between its joints: the trunk's are C7/T1, T12/L1 and L5/S1."""
     points, side = anatomy.points, segment.partition("_")[0]
     if segment == "pelvis":
-        frame = anatomy.rotations["pelvis"]
-        return _scaled(row, mass_kg, points["lumbar"], frame, row.length * height_m, "right")
+        return points["lumbar"], anatomy.rotations["pelvis"], pelvis_m, "right"
+    if segment.endswith("foot"):
+        heel, tip, lateral = anatomy.ends[segment]
+        origin, ahead = points[f"{side}_ankle"], tip - heel
+        left = axes_from(lateral, np.cross(ahead, lateral), exact="up")[:, 1]
+        frame = axes_from(left, np.cross(ahead, left), exact="up")
+        return origin, frame, distance(points[f"{side}_toes"], origin), side
     if side in SIDES:
         _, distal, lateral = anatomy.ends[segment]
         origin = anatomy.origin(segment)
-        if segment.endswith("foot"):
-            heel, toes = anatomy.ends[segment][0], points[f"{side}_toes"]
-            origin, ahead = points[f"{side}_ankle"], distal - heel
-            left = axes_from(np.asarray(lateral), np.cross(ahead, lateral), exact="up")[:, 1]
-            frame = axes_from(left, np.cross(ahead, left), exact="up")
-            return _scaled(row, mass_kg, origin, frame, float(np.linalg.norm(toes - origin)), side)
-        frame = axes_from(np.asarray(lateral), origin - distal, exact="up")
-        return _scaled(row, mass_kg, origin, frame, float(np.linalg.norm(distal - origin)), side)
+        frame = axes_from(lateral, origin - distal, exact="up")
+        return origin, frame, distance(distal, origin), side
     upper, lower = {
         "head": (points["vertex"], points["neck"]),
         "thorax": (points["neck"], points["mid_trunk"]),
@@ -164,7 +166,7 @@ def _dumas(anatomy: Anatomy, segment: str, row: Row, mass_kg: float, height_m: f
     }[segment]
     frame = axes_from(anatomy.rotations[segment][:, 1], upper - lower, exact="up")
     origin = lower if segment == "head" else upper
-    return _scaled(row, mass_kg, origin, frame, float(np.linalg.norm(upper - lower)), "right")
+    return origin, frame, distance(upper, lower), "right"
 
 
 def _scaled(
@@ -188,11 +190,11 @@ def _tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) ->
 MIN_MASS_KG: Final = 0.01
 """Segments below this mass are only there to split a joint; their inertia is not varied."""
 JOINT_CENTER_SD_M: Final = {
-    **{"mid_trunk": 0.008, "neck": 0.006, "shoulder": 0.008, "elbow": 0.004, "wrist": 0.003},
+    **{"lumbar": 0.008, "neck": 0.006, "shoulder": 0.008, "elbow": 0.004, "wrist": 0.003},
     **{"hip": 0.008, "knee": 0.004, "ankle": 0.003},
 }
 """Standard deviation of joint centres in every direction: the hip's as cited above, the others
-assumed. The first is that of the lumbar joint, which carries the mid trunk."""
+assumed."""
 AXIS_DEG: Final = 3.0
 MASS_SHARE: Final = 0.06
 CENTER_M: Final = 0.008
@@ -204,11 +206,10 @@ MAX_DEVIATION_SD: Final = 2
 MID_TRUNK_SHARE: Final = 0.69
 """Place of T12/L1 on the way from C7/T1 to L5/S1: the share with which thorax and abdomen of Dumas
 and Wojtusch (2018) together have the torso's centre of mass of Dumas et al. (2007), both sexes."""
-ANKLE_SD_DEG: Final = 3.7, 7.0
-"""Standard deviations of the talocrural axis between people, in the frontal and the transverse
-plane (Inman 1976, The joints of the ankle)."""
-SUBTALAR_SD_DEG: Final = 9.0, 11.0
-"""Standard deviations of the subtalar axis' inclination and medial deviation (Inman 1976)."""
+ANKLE_SD_DEG: Final = {"AnklePlantarFlexion": (3.7, 7.0), "FootPronation": (9.0, 11.0)}
+"""Standard deviations between people of the talocrural axis, in the frontal and the transverse
+plane, and of the subtalar axis' inclination and medial deviation (Inman 1976, The joints of the
+ankle)."""
 SUBTALAR_BELOW_M: Final = 0.012
 """Distance of the subtalar axis below the talocrural one; assumed, half the talus' height."""
 SHOE_SIZE_M: Final = 0.28, 0.10, 0.06
@@ -243,17 +244,14 @@ def vary(anatomy: Anatomy, faults: BodyFaults, rng: np.random.Generator) -> Anat
     ankle = 0.0 if faults.same_body else faults.ankle_scale
     for name in sorted(axes):
         axes[name] = _tilted(axes[name], np.radians(faults.joint_scale * AXIS_DEG) * drawn(rng, 3))
-        sd_deg = _ankle_sd_deg(name)
-        if sd_deg is not None:
-            first, second = np.radians(sd_deg) * ankle * drawn(rng, 2)
+        if name[1:] in ANKLE_SD_DEG:
+            first, second = np.radians(ANKLE_SD_DEG[name[1:]]) * ankle * drawn(rng, 2)
             axes[name] = _tilted(axes[name], np.array([first, 0.0, second]))
     for name in sorted(points):
         joint = name.removeprefix("right_").removeprefix("left_")
-        own = "mid_trunk" if name == "lumbar" else joint
-        if own in JOINT_CENTER_SD_M and name != "mid_trunk":
-            points[name] = points[name] + faults.joint_scale * JOINT_CENTER_SD_M[own] * drawn(
-                rng, 3
-            )
+        if joint in JOINT_CENTER_SD_M:
+            shift = faults.joint_scale * JOINT_CENTER_SD_M[joint] * drawn(rng, 3)
+            points[name] = points[name] + shift
     for side in SIDES:
         lower = np.array([0.0, 0.0, ankle * SUBTALAR_BELOW_M])
         points[f"{side}_subtalar"] = points[f"{side}_ankle"] - lower
@@ -261,8 +259,15 @@ def vary(anatomy: Anatomy, faults: BodyFaults, rng: np.random.Generator) -> Anat
     if not faults.same_body:
         away = points["lumbar"] - points["neck"]
         points["mid_trunk"] = points["neck"] + MID_TRUNK_SHARE * away
+    # the orientations follow from joint angles and axes
     changed = replace(anatomy, axes=axes, points=points, ends=_ends(anatomy.ends, points))
-    return replace(changed, rotations=_rotations(changed))
+    q = np.zeros((len(LINKS), 1))
+    for name, value in anatomy.q.items():
+        q[COLUMN[name]] = value
+    nowhere = {s: np.zeros(3) for s in anatomy.rotations}
+    jointed = Skeleton(axes_of(changed), nowhere, {}, (), (), np.zeros((0, 3)))
+    turned = frames(jointed, (q,)).items()
+    return replace(changed, rotations={s: frame.rotation[0][..., 0] for s, frame in turned})
 
 
 def vary_inertias(
@@ -316,16 +321,9 @@ def with_shoes(
         heel, tip, _ = anatomy.ends[foot]
         middle = (heel + tip) / 2
         middle[2] = SHOE_HEIGHT_M
-        tensor = np.diag(shoe_kg / 12 * square)
-        shoe = Inertia(shoe_kg, middle, tensor)
+        shoe = Inertia(shoe_kg, middle, np.diag(shoe_kg / 12 * square))
         shod[foot] = shod[foot] + shoe.in_frame(anatomy.rotations[foot], anatomy.origin(foot))
     return shod
-
-
-def _ankle_sd_deg(name: str) -> tuple[float, float] | None:
-    if name.endswith("AnklePlantarFlexion"):
-        return ANKLE_SD_DEG
-    return SUBTALAR_SD_DEG if name.endswith("FootPronation") else None
 
 
 def _tilted(axis: Array, rotation: Array) -> Array:
@@ -347,16 +345,6 @@ def _ends(ends: Mapping[str, Array], points: Mapping[str, Array]) -> dict[str, A
             near, far = points[f"{side}_{first}"], points[f"{side}_{second}"]
             moved[f"{side}_{part}"] = np.stack([near, far, ends[f"{side}_{part}"][2]])
     return moved
-
-
-def _rotations(anatomy: Anatomy) -> dict[str, Array]:
-    """Give the orientations that follow from joint angles and axes."""
-    q = np.zeros((len(LINKS), 1))
-    for name, value in anatomy.q.items():
-        q[COLUMN[name]] = value
-    nowhere = {s: np.zeros(3) for s in anatomy.rotations}
-    jointed = Skeleton(axes_of(anatomy), nowhere, {}, (), (), np.zeros((0, 3)))
-    return {s: frame.rotation[0][..., 0] for s, frame in frames(jointed, (q,)).items()}
 
 
 TRUNK: Final = tuple(INDEX[n] for n in ("TrunkFlexion", "TrunkRightBend", "TrunkLeftTwist"))
@@ -431,12 +419,11 @@ class ExtraJoints:
         full = np.zeros((len(COORDINATES) + len(EXTRA), q.shape[1]))
         full[:N_Q] = q
         for k, (i, harmonic) in enumerate(zip(TRUNK, SPINE_HARMONIC, strict=True)):
-            own = self.spine_share[k] * (q[i] - self.t_pose[i])
-            if self.spine_wave[k] != 0:
-                angle = 2 * np.pi * harmonic * phase + self.spine_phase[k]
-                own += self.spine_wave[k] * walking * np.cos(angle)
-            full[N_Q + k] = own
-            full[i] -= own
+            angle = 2 * np.pi * harmonic * phase + self.spine_phase[k]
+            bend = self.spine_share[k] * (q[i] - self.t_pose[i])
+            bend += self.spine_wave[k] * walking * np.cos(angle)
+            full[N_Q + k] = bend
+            full[i] -= bend
         for letter in self.knee:
             first = COLUMN[letter + KNEE[0]]
             flexion = q[INDEX[letter + "KneeFlexion"]]
