@@ -80,9 +80,7 @@ class InstrumentedTreadmill:
     sensors: tuple[Accelerometer, ...]
 
 
-def make_treadmill(
-    faults: Faults, seed: int, machine: Machine | None = None
-) -> InstrumentedTreadmill:
+def make_treadmill(faults: Faults, seed: int) -> InstrumentedTreadmill:
     """Draw the instruments of a laboratory.
 
     Parameters
@@ -91,8 +89,6 @@ def make_treadmill(
         Sizes of their errors.
     seed
         Seed of the errors.
-    machine
-        The treadmill; by default that of ``faults.machine``.
 
     Returns
     -------
@@ -102,17 +98,25 @@ def make_treadmill(
     of_left, of_right, of_sensors, of_clocks, of_drives = np.random.default_rng(
         (seed, INSTRUMENT_STREAM)
     ).spawn(5)
-    machine = machine or Machine(sway_hz=faults.machine.sway_hz)
-    flexibility = faults.machine.flexibility
-    structure = make_structure(flexibility=flexibility) if flexibility else None
-    left, right, *of_each = _clocks(faults, of_clocks)
-    plates = (
-        make_force_plate(faults.plates, of_left, left),
-        make_force_plate(faults.plates, of_right, right),
+    # the clocks of both plates and of every accelerometer that there can be
+    delays = [*faults.plates.delays_s, *[faults.accelerometers.delay_s] * len(SENSOR_NAMES)]
+    errors = 1e-6 * faults.clocks.scale * RATE_PPM * of_clocks.standard_normal(len(delays))
+    left, right, *of_each = (
+        Clock(delay_s, rate, faults.clocks.scale * JITTER_S)
+        for delay_s, rate in zip(delays, errors.tolist(), strict=True)
     )
-    sensors = make_accelerometers(faults.accelerometers, of_sensors, of_each)
-    drives = make_drives(faults.belts, of_drives)
-    return InstrumentedTreadmill(machine, structure, drives, faults, plates, sensors)
+    flexibility = faults.machine.flexibility
+    return InstrumentedTreadmill(
+        Machine(sway_hz=faults.machine.sway_hz),
+        make_structure(flexibility) if flexibility else None,
+        make_drives(faults.belts, of_drives),
+        faults,
+        (
+            make_force_plate(faults.plates, of_left, left),
+            make_force_plate(faults.plates, of_right, right),
+        ),
+        make_accelerometers(faults.accelerometers, of_sensors, of_each),
+    )
 
 
 def undergo(
@@ -156,16 +160,6 @@ def undergo(
         round(rate_hz / FRAME_HZ),
     )
     return replace(response, belts=belts)
-
-
-def _clocks(faults: Faults, rng: np.random.Generator) -> list[Clock]:
-    """Draw the clocks of both plates and of every accelerometer that there can be."""
-    delays = [*faults.plates.delays_s, *[faults.accelerometers.delay_s] * len(SENSOR_NAMES)]
-    errors = 1e-6 * faults.clocks.scale * RATE_PPM * rng.standard_normal(len(delays))
-    return [
-        Clock(delay_s, rate, faults.clocks.scale * JITTER_S)
-        for delay_s, rate in zip(delays, errors.tolist(), strict=True)
-    ]
 
 
 PLATFORM_MARKERS_M: Final = {
@@ -230,42 +224,31 @@ def recorded(
     """
     of_plates, of_sensors, of_belts = streams
     rate_hz, faults = motion.rate_hz, treadmill.faults
+    noises = of_sensors.spawn(len(treadmill.sensors))
     readings = [
-        sensor.measure(felt, rate_hz, own) / acceleration_in_mps2("g")
-        for sensor, felt, own in zip(
-            treadmill.sensors,
-            response.sensors,
-            of_sensors.spawn(len(treadmill.sensors)),
-            strict=True,
-        )
+        sensor.measure(felt, rate_hz, noise) / acceleration_in_mps2("g")
+        for sensor, felt, noise in zip(treadmill.sensors, response.sensors, noises, strict=True)
     ]
     sensors = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
     # a motor's reports are uneven already
     jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
     stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
     noise_mps, speeds = faults.belts.roughness * NOISE_MPS, []
-    for belt, own, _ in zip(response.belts, of_belts.spawn(2), belts, strict=False):
-        speeds.append(stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0]))
-        add_noise(speeds[-1], noise_mps, own, rate_hz)
+    for belt, noise, _ in zip(response.belts, of_belts.spawn(2), belts, strict=False):
+        speeds.append(stream.sample(belt.reported_speed[:, None], rate_hz, noise.spawn(1)[0]))
+        add_noise(speeds[-1], noise_mps, noise, rate_hz)
     names, units, columns = zip(
         (sensors, ("g",) * len(sensors), np.hstack(readings)),
         (belts, ("m/s",) * len(belts), np.hstack(speeds)),
         *more,
         strict=True,
     )
-    plates = [
-        recorded_plate(
-            number,
-            motion.time,
-            shift_wrench(plate.measure(misplaced(wrench, faults.plates), rate_hz, own), center),
-        )
-        for number, (plate, wrench, own, center) in enumerate(
-            zip(
-                treadmill.plates, response.plates, of_plates.spawn(2), PLATE_CENTERS_M, strict=True
-            ),
-            start=1,
-        )
-    ]
+    plates = []
+    for k, noise in enumerate(of_plates.spawn(2)):
+        carried = misplaced(response.plates[k], faults.plates)
+        measured = treadmill.plates[k].measure(carried, rate_hz, noise)
+        about_center = shift_wrench(measured, PLATE_CENTERS_M[k])
+        plates.append(recorded_plate(k + 1, motion.time, about_center))
     if markers is None:
         frames = motion.time[:: round(rate_hz / FRAME_HZ)]
         markers = Markers(frames, (), np.empty((len(frames), 0, 3)))
@@ -303,16 +286,11 @@ def measure_pose(
     sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
     true = np.column_stack([sway_mm, pitch_deg])
     scale, faults = treadmill.faults.clocks.scale, treadmill.faults.platform
-    delay_s = faults.delay_s
-    if faults.replay_frames:
-        most = faults.replay_frames
-        delay_s += float(of_delay.integers(-most, most, endpoint=True)) / FRAME_HZ
-    stream = Stream(delay_s, scale * STREAM_JITTER_S, scale * DOUBLED_PER_MINUTE)
-    return (
-        (SWAY_CHANNEL, PITCH_CHANNEL),
-        ("mm", "deg"),
-        stream.sample(true, motion.rate_hz, of_stream),
-    )
+    most = faults.replay_frames
+    late_s = faults.delay_s + float(of_delay.integers(-most, most, endpoint=True)) / FRAME_HZ
+    stream = Stream(late_s, scale * STREAM_JITTER_S, scale * DOUBLED_PER_MINUTE)
+    values = stream.sample(true, motion.rate_hz, of_stream)
+    return (SWAY_CHANNEL, PITCH_CHANNEL), ("mm", "deg"), values
 
 
 def measure_pulses(motion: TreadmillMotion, rng: np.random.Generator) -> Channels:

@@ -121,13 +121,17 @@ def quantised(values: Array, largest: Array | float, bits: int) -> Array:
     return np.asarray(np.rint(values / step) * step)
 
 
-def folded(count: int, rng: np.random.Generator) -> Array:
-    """Draw interference from above half the sampling rate, with root mean square 1, (N,).
+def add_interference(values: Array, rms: Array | float, rng: np.random.Generator) -> None:
+    """Add interference from above half the sampling rate to readings in place, (N, C).
 
-    Sampled without a filter it appears as a tone at any frequency below that.
+    Sampled without a filter it appears as a tone at any frequency below that; in each recording
+    and channel there is some of it.
     """
-    frequency, phase = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
-    return np.asarray(np.sqrt(2) * np.sin(frequency * np.arange(count) + phase))
+    share = rms * rng.standard_normal(values.shape[1])
+    if np.any(rms):
+        frequency, phase = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
+        tone = np.sqrt(2) * np.sin(frequency * np.arange(len(values)) + phase)
+        values += tone[:, None] * share
 
 
 UPDATE_HZ: Final = 200.0
@@ -310,9 +314,7 @@ class ForcePlate:
         measured += np.arange(len(wrench))[:, None] / rate_hz * self.drift
         if self.wander.any():
             measured += wander(len(wrench), rate_hz, 6, of_wander) * self.wander
-        alias = self.alias * of_alias.standard_normal(6)
-        if self.alias.any():
-            measured += folded(len(wrench), of_alias)[:, None] * alias
+        add_interference(measured, self.alias, of_alias)
         add_noise(measured, self.noise, rng, rate_hz)
         return quantised(measured, FULL_SCALE_N * ERROR_SCALE, self.bits)
 
@@ -474,9 +476,7 @@ class Accelerometer:
         measured += self.curvature / self.limit * measured**2
         measured += self.offset
         measured += np.arange(len(measured))[:, None] / rate_hz * self.drift
-        alias = self.alias * of_alias.standard_normal(3)
-        if self.alias:
-            measured += folded(len(measured), of_alias)[:, None] * alias
+        add_interference(measured, self.alias, of_alias)
         add_noise(measured, self.noise, rng, rate_hz)
         return quantised(np.clip(measured, -self.limit, self.limit), self.limit, self.bits)
 
@@ -505,9 +505,8 @@ def make_accelerometers(
     sensors = []
     for (name, place), clock in zip(list(PLACES_M.items())[: faults.sensors], clocks, strict=False):
         axis = rng.normal(size=3)
-        misalignment = rotation_about(
-            axis / np.linalg.norm(axis), np.radians(scale * MISALIGNMENT_DEG) * rng.normal()
-        )
+        angle = np.radians(scale * MISALIGNMENT_DEG) * rng.normal()
+        misalignment = rotation_about(axis / np.linalg.norm(axis), angle)
         gain = np.diag(1 + scale * GAIN_SHARE * rng.normal(size=3))
         offset = scale * OFFSET_MPS2 * rng.normal(size=3)
         others = scale * CROSS_AXIS * rng.normal(size=(3, 3)) * (1 - np.eye(3))
