@@ -86,12 +86,17 @@ def recorded(
     rate_hz: float,
 ) -> Recording:
     """Record the empty left plate, with a person of a weight of his own beside it."""
-    loads = {}
+    load = None
     if person is not None:
         load = rng.uniform(*PEOPLE) * person(sample_times(signal, rate_hz), rng)
-        loads = {"on_frame" if person in BESIDE_THE_BELTS else "load": load}
-    seed = int(rng.integers(2**31))
-    return record_signal_trial(signal, seed=seed, rate_hz=rate_hz, treadmill=treadmill, **loads)
+    return record_signal_trial(
+        signal,
+        seed=int(rng.integers(2**31)),
+        rate_hz=rate_hz,
+        treadmill=treadmill,
+        load=load,
+        on_frame=person in BESIDE_THE_BELTS,
+    )
 
 
 def laboratory(

@@ -106,10 +106,14 @@ def record(
     rng, load = np.random.default_rng((*seed, STREAM)), None
     if person is not None:
         load = person(sample_times(signal, RATE_HZ), rng)
-    where = "on_frame" if person in BESIDE_THE_BELTS else "load"
     noise = int(rng.integers(2**31))
     return record_signal_trial(
-        signal, seed=noise, rate_hz=RATE_HZ, treadmill=treadmill, **{where: load}
+        signal,
+        seed=noise,
+        rate_hz=RATE_HZ,
+        treadmill=treadmill,
+        load=load,
+        on_frame=person in BESIDE_THE_BELTS,
     )
 
 

@@ -256,7 +256,7 @@ class Modes:
         grown: Complex = np.exp(x)
         now: Complex = (grown - 1 - x) / x**2 / rate_hz
         before: Complex = (grown - 1) / x / rate_hz - now
-        at_rest: Complex = -1 / value
+        at_rest: Complex = np.asarray(-1 / value, complex)
         return cls(vectors[:, one], excited[one], grown, now, before, at_rest)
 
     def readout(self, output: Array) -> Array:

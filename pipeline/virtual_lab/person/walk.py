@@ -5,7 +5,7 @@ the pelvis is moved until the ground wrench that follows from the equations of m
 of pressure where the feet are (`balance`).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -367,15 +367,13 @@ def foot_events(walk: Walk, duration_s: float) -> tuple[Event, ...]:
     return tuple(sorted(events, key=lambda event: event.time))
 
 
-def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[Array]:
+def plate_wrenches(walk: Walk, time: Array) -> list[Array]:
     """Give the wrench of the person on each plate.
 
     Parameters
     ----------
     walk
         The walk.
-    feet
-        Side -> wrench on the foot in lab axes about the lab origin, (N, 6) [N, N·m].
     time
         When, (N,) [s].
 
@@ -388,7 +386,7 @@ def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[A
     """
     pose = walk.platform.pose(time)
     plates = [np.zeros((len(time), 6)), np.zeros((len(time), 6))]
-    for side, wrench in feet.items():
+    for side, wrench in foot_wrenches(walk, time).items():
         on_platform = _on_platform(wrench, pose)
         on_left = walk.placement.lateral(side, time) > 0
         plates[0] += np.where(on_left[:, None], on_platform, 0.0)

@@ -11,6 +11,8 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from compensation.protocol import (
+    BELT_VARIANCE,
+    PLATFORM_BELT_MPS,
     RUNNING_MPS,
     belt_signals,
     pitch_and_sway_signals,
@@ -29,7 +31,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     undergo,
 )
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME
-from pipeline.virtual_lab.machine.platform import TreadmillMotion, move_platform
+from pipeline.virtual_lab.machine.platform import Pair, TreadmillMotion, move_platform
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Setting
 
@@ -46,7 +48,7 @@ def record_signal_trial(
     treadmill: InstrumentedTreadmill | None = None,
     faults: Faults | None = None,
     load: Array | None = None,
-    on_frame: Array | None = None,
+    on_frame: bool = False,
 ) -> Recording:
     """Let the treadmill follow a signal and record its empty left plate.
 
@@ -67,7 +69,7 @@ def record_signal_trial(
         Action of a person on the right belt, about the lab origin with the platform in neutral,
         (N, 6) [N, N·m] at `sample_times`.
     on_frame
-        Action of people on the frame beside the belts, likewise.
+        Whether the person is on the frame beside the belts instead.
 
     Returns
     -------
@@ -82,8 +84,8 @@ def record_signal_trial(
     )
     platform = move_platform(treadmill.machine, sway, pitch, rate_hz)
     motion = TreadmillMotion(time, platform, belt_speed, np.empty(0))
-    people = None if load is None else (np.zeros_like(load), -load)
-    response = undergo(treadmill, motion, of_motion, people, on_frame)
+    people = None if load is None or on_frame else (np.zeros_like(load), -load)
+    response = undergo(treadmill, motion, of_motion, people, load if on_frame else None)
     streams = of_plates, of_sensors, of_belts
     name = f"{signal.name}.c3d"
     recording = recorded(name, treadmill, motion, response, (BELT_CHANNEL,), streams)
@@ -153,11 +155,8 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
     motion = TreadmillMotion(time, platform, level + speed, np.empty(0))
     load = planned.load(time, of_load)
     nobody = np.zeros_like(load)
-    people: tuple[Array, Array] | None = {
-        "right": (nobody, -load),
-        "left": (-load * MIRRORED, nobody),
-        "boards": None,
-    }[planned.place]
+    sides: dict[str, Pair] = {"right": (nobody, -load), "left": (-load * MIRRORED, nobody)}
+    people = sides.get(planned.place)
     on_frame = load if people is None else None
     response = undergo(treadmill, motion, of_motion, people, on_frame)
     streams = of_plates, of_sensors, of_belts
@@ -167,10 +166,6 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
 TRIALS: Final = 58
 """28 calibration trials of the platform, 24 of the belts, and 6 validation trials, one of which is
 belt pulses with a person on the other belt."""
-PLATFORM_BELT_SPEEDS_MPS: Final = (0.0, 3.0)
-BELT_SPEEDS_MPS: Final = (1.0, 2.0)
-"""Belt speeds of the calibration trials of the platform, and mean speeds of those of the belts: the
-thesis'."""
 TRIAL_STREAM: Final = 7
 """Number of the random numbers of people and noise, which are not those of the signals."""
 
@@ -191,10 +186,10 @@ Planned = tuple[str, Signal, bystander.LoadPattern | None]
 
 def planned_trials(seed: int) -> Iterator[Planned]:
     """List the trials of the experiment in the order in which they are recorded."""
-    for n, speed in enumerate(PLATFORM_BELT_SPEEDS_MPS):
+    for n, speed in enumerate(PLATFORM_BELT_MPS):
         for signal in pitch_and_sway_signals(2 * seed + n, speed):
             yield "calibration", signal, None
-    for n, speed in enumerate(BELT_SPEEDS_MPS):
+    for n, speed in enumerate(BELT_VARIANCE):
         for signal in belt_signals(2 * seed + n, speed):
             yield "belt_calibration", signal, None
     *platform, belt, with_person = validation_signals(seed)
@@ -214,14 +209,13 @@ def recordings(seed: int, *, rate_hz: float = ANALOG_HZ) -> Iterator[tuple[str, 
     treadmill = make_treadmill(Faults(), seed)
     for folder, signal, person in planned_trials(seed):
         load = None if person is None else person(sample_times(signal, rate_hz), rng)
-        beside, noise = person in BESIDE_THE_BELTS, int(rng.integers(2**31))
-        on_belt, on_frame = (None, load) if beside else (load, None)
+        noise, on_frame = int(rng.integers(2**31)), person in BESIDE_THE_BELTS
         recording = record_signal_trial(
             signal,
             seed=noise,
             rate_hz=rate_hz,
             treadmill=treadmill,
-            load=on_belt,
+            load=load,
             on_frame=on_frame,
         )
         yield folder, recording

@@ -110,7 +110,7 @@ def test_both_feet_together_carry_what_the_equations_of_motion_require(walked, c
     needed = walk.ground.at(time)
     np.testing.assert_allclose(feet["left"] + feet["right"], needed, atol=1e-9)
     np.testing.assert_allclose(
-        sum(plate_wrenches(walk, feet, time))[:, :3],
+        sum(plate_wrenches(walk, time))[:, :3],
         np.einsum("tji,tj->ti", walk.platform.pose(time).rotation, needed[:, :3]),
         atol=1e-9,
     )
