@@ -59,7 +59,7 @@ ARMS_DOWN: Final = 0.48, 0.35
 FORCES_PER_FRAME: Final = 2
 """Ground forces per sample of the motion: at 200 Hz, between which they are interpolated. The
 motion has nothing above 30 Hz."""
-BLOCK_KNOTS: Final = 4096
+BLOCK_SAMPLES: Final = 8192
 """Samples of the motion whose forces are computed at a time, to bound memory."""
 SETTLE_S: Final = 0.5
 """Time from the first step on in which the correction of balance begins."""
@@ -181,12 +181,14 @@ def simulate_walk(
 
 def _blocks(motion: Trajectory) -> Iterator[tuple[Array, tuple[Array, Array, Array]]]:
     """Give times at the rate of the forces, (N,) [s], and the motion with two derivatives there."""
-    rate_hz, knots = FORCES_PER_FRAME * RATE_HZ, round(motion.duration * RATE_HZ) + 1
-    for first in range(0, knots, BLOCK_KNOTS):
-        block = FORCES_PER_FRAME, first, min(first + BLOCK_KNOTS, knots)
-        value, rate, second = (motion.between_knots(*block, order) for order in range(3))
-        samples = FORCES_PER_FRAME * first + np.arange(value.shape[1])
-        yield samples / rate_hz, (value, rate, second)
+    count = round(motion.duration * RATE_HZ) * FORCES_PER_FRAME + 1
+    for first in range(0, count, BLOCK_SAMPLES):
+        samples = np.arange(first, min(first + BLOCK_SAMPLES, count))
+        value, rate, second = (
+            np.ascontiguousarray(motion.at_knots(samples / FORCES_PER_FRAME, order).T)
+            for order in range(3)
+        )
+        yield samples / (FORCES_PER_FRAME * RATE_HZ), (value, rate, second)
 
 
 def _center(subject: VirtualSubject, q: Array) -> Array:
