@@ -29,7 +29,7 @@ class BodyFaults(InputModel):
 
     The others are not in that model, and absent with ``same_body`` whatever their scales: segment
     inertias of another table; a joint in the middle of the trunk, knees that are no hinges, ankle
-    axes that differ, wobbling masses (`pipeline.virtual_lab.person.momentum`), and shoes with a
+    axes that differ, wobbling masses (`pipeline.virtual_lab.person.body`), and shoes with a
     mass and a sole that yields under body weight.
     """
 

@@ -17,15 +17,16 @@ from pipeline.virtual_lab.person.body import (
     KNEE,
     LINKS,
     Frame,
+    Oscillator,
     chunks,
     frames,
+    ground_wrench,
     moved,
     placed,
     segment_poses,
 )
 from pipeline.virtual_lab.person.feet import FootPlacement, Sole, orientation, rolled
 from pipeline.virtual_lab.person.gait import LEAVING, STANCE, foot_angles, sole_weights
-from pipeline.virtual_lab.person.momentum import Oscillator, ground_wrench
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
 JOINT_WEIGHTS: Final = {

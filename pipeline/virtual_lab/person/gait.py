@@ -252,10 +252,6 @@ class Steps:
     off: Array
     overlap: float
 
-    def side(self, step: int) -> str:
-        """Give the side of a step, "left" or "right"."""
-        return "right" if step % 2 else "left"
-
 
 def step_time(parameters: StepParameters, speed_mps: float) -> float:
     """Give the mean duration of a step [s].
@@ -298,15 +294,11 @@ def schedule(
     deviation = np.clip(rng.normal(size=count), -MAX_DEVIATION_SD, MAX_DEVIATION_SD)
     duration = mean * (1 + parameters.time_sd * deviation)
     contact = start + np.append(0.0, np.cumsum(duration))
-    overlap = double_support(speed_mps)
+    # double support as a share of step time: the slower, the more
+    overlap = NORMAL_OVERLAP + OVERLAP_PER_MPS * (SPEED_MPS - speed_mps)
+    overlap = float(np.clip(overlap, MIN_OVERLAP, MAX_OVERLAP))
     off = np.append(contact[1:], contact[-1] + mean) + overlap * np.append(duration, mean)
     return Steps(contact, off, overlap)
-
-
-def double_support(speed_mps: float) -> float:
-    """Give double support as a share of step time: the slower, the more (`OVERLAP_PER_MPS`)."""
-    overlap = NORMAL_OVERLAP + OVERLAP_PER_MPS * (SPEED_MPS - speed_mps)
-    return float(np.clip(overlap, MIN_OVERLAP, MAX_OVERLAP))
 
 
 def phase_of(steps: Steps, time: Array) -> Array:

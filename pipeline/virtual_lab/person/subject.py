@@ -11,13 +11,13 @@ from hbm.markers import marker_sets
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
-from pipeline.virtual_lab.person.body import Skeleton
+from pipeline.virtual_lab.person.body import Skeleton, WobblingMass
 from pipeline.virtual_lab.person.feet import SIDES, Sole, sole_of
 from pipeline.virtual_lab.person.gait import STEP_M, StepParameters, size_of
-from pipeline.virtual_lab.person.momentum import WobblingMass, draw_wobbling_masses
 from pipeline.virtual_lab.person.variation import (
     ExtraJoints,
     draw_extra_joints,
+    draw_wobbling_masses,
     drawn,
     inertias_of,
     navel_share,

@@ -21,7 +21,15 @@ from hbm.segments import Inertia, Sex
 from hbm.spatial import Array, axes_from, distance, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults
 from pipeline.virtual_lab.person.anatomy import SIDES, Anatomy, axes_of
-from pipeline.virtual_lab.person.body import COLUMN, EXTRA, KNEE, LINKS, Skeleton, frames
+from pipeline.virtual_lab.person.body import (
+    COLUMN,
+    EXTRA,
+    KNEE,
+    LINKS,
+    Skeleton,
+    WobblingMass,
+    frames,
+)
 
 Source = Literal["de_leva", "dumas"]
 STATURE_M: Final = {
@@ -442,3 +450,36 @@ def draw_extra_joints(faults: BodyFaults, t_pose: Array, rng: np.random.Generato
         for letter in "RL"
     }
     return ExtraJoints(spine * share, spine * wave, phase, knees, t_pose)
+
+
+TISSUE: Final = {
+    "thigh": (0.70, 10.0, 0.30),
+    "shank": (0.55, 14.0, 0.30),
+    "thorax": (0.40, 5.0, 0.40),
+    "mid_trunk": (0.60, 5.0, 0.40),
+}
+"""Share of the segment's mass, natural frequency [Hz] and damping ratio. Shares: soft tissue beside
+bone of thigh, shank and trunk, after the wobbling mass models of Gruber et al. (1998, J Biomech
+31:439) and Pain and Challis (2006, J Biomech 39:119), rounded; the thorax' less, for its wall is
+stiff. Frequencies: soft tissue of the legs in walking and running 10 to 50 Hz, strongly damped by
+active muscle (Wakeling and Nigg 2001, J Appl Physiol 90:412); trunk and viscera of standing people
+about 5 Hz (Matsumoto and Griffin 1998, J Sound Vib 212:85). Values within these ranges and the
+damping ratios are assumed."""
+SCATTER: Final = 0.15
+"""Standard deviation between people of all three, by their values; assumed."""
+
+
+def draw_wobbling_masses(
+    inertias: Mapping[str, Inertia], faults: BodyFaults, rng: np.random.Generator
+) -> tuple[WobblingMass, ...]:
+    """Draw a person's wobbling masses; none with ``same_body`` or without size."""
+    masses = []
+    carriers = {"thorax": "thorax", "mid_trunk": "mid_trunk"}
+    carriers |= {f"{side}_{part}": part for side in SIDES for part in ("thigh", "shank")}
+    for name, tissue in carriers.items():
+        scatter = 1 + SCATTER * drawn(rng, 3)
+        share, frequency_hz, damping = np.array(TISSUE[tissue]) * scatter
+        part, share = inertias[name], min(faults.wobble_scale * share, 1.0)
+        if share > 0 and not faults.same_body:
+            masses.append(WobblingMass(name, share * part.mass, part.center, frequency_hz, damping))
+    return tuple(masses)

@@ -33,6 +33,13 @@ from pipeline.virtual_lab.person.balance import (
     sole_targets,
     surface_height,
 )
+from pipeline.virtual_lab.person.body import (
+    LEG_COORDINATES,
+    Oscillator,
+    center_of_mass,
+    ground_wrench,
+    moments_of,
+)
 from pipeline.virtual_lab.person.feet import FootPlacement
 from pipeline.virtual_lab.person.gait import (
     MAX_DEVIATION_SD,
@@ -44,13 +51,6 @@ from pipeline.virtual_lab.person.gait import (
     posture,
     size_of,
     step_time,
-)
-from pipeline.virtual_lab.person.momentum import (
-    LEG_COORDINATES,
-    Oscillator,
-    center_of_mass,
-    ground_wrench,
-    moments_of,
 )
 from pipeline.virtual_lab.person.subject import VirtualSubject
 

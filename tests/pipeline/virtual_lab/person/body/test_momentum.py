@@ -10,11 +10,13 @@ from hbm.motion import Motion
 from hbm.poses import marker_positions as production_markers
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.body import ALL_COORDINATES, frames, marker_positions
-from pipeline.virtual_lab.person.momentum import (
+from pipeline.virtual_lab.person.body import (
+    ALL_COORDINATES,
     LEG_COORDINATES,
     center_of_mass,
+    frames,
     ground_wrench,
+    marker_positions,
     moments_of,
 )
 from pipeline.virtual_lab.person.subject import Person, make_subject
