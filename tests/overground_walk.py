@@ -21,8 +21,7 @@ from pipeline.virtual_lab.machine.instruments import (
     make_force_plate,
 )
 from pipeline.virtual_lab.machine.platform import BeltRamp, stationary_platform
-from pipeline.virtual_lab.person.feet import SIDES
-from pipeline.virtual_lab.person.gait import schedule
+from pipeline.virtual_lab.person.gait import SIDES, schedule
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from pipeline.virtual_lab.person.walk import Walk, foot_wrenches, simulate_walk
 from pipeline.virtual_lab.protocol.walking_trial import measure_person

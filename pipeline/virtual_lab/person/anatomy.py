@@ -114,10 +114,7 @@ HEIGHTS_M: Final = (0.0, 0.076, 0.520, 0.948, 1.477, 1.782)
 """Floor, ankle, knee, hip, neck and crown of the reference person (``t_pose.csv``)."""
 REACHES_M: Final = (0.0, 0.190, 0.478, 0.752, 0.840)
 """Middle, shoulder, elbow, wrist and end of the hand of the reference person, sideways."""
-BREADTHS: Final[dict[Sex, tuple[float, float]]] = {
-    "male": (1.0, 1.0),
-    "female": (1.04, 0.92),
-}
+BREADTHS: Final[dict[Sex, tuple[float, float]]] = {"male": (1.0, 1.0), "female": (1.04, 0.92)}
 """Breadth of pelvis and shoulders by that of the reference man of the same stature; assumed."""
 
 

@@ -25,8 +25,16 @@ from pipeline.virtual_lab.person.body import (
     placed,
     segment_poses,
 )
-from pipeline.virtual_lab.person.feet import FootPlacement, Sole, orientation, rolled
-from pipeline.virtual_lab.person.gait import LEAVING, STANCE, foot_angles, sole_weights
+from pipeline.virtual_lab.person.gait import (
+    LEAVING,
+    STANCE,
+    FootPlacement,
+    Sole,
+    foot_angles,
+    orientation,
+    rolled,
+    sole_weights,
+)
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
 JOINT_WEIGHTS: Final = {
@@ -322,35 +330,31 @@ def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
     Array
         All coordinates, (55, T).
     """
-    shift, start = _correction(plan.every(COARSE), reference[:, ::COARSE], RATE_HZ / COARSE)
-    coarse = time[::COARSE]
-    reference = reference.copy()
-    reference[: len(shift)] += CubicSpline(coarse, shift, axis=1)(time)
-    q = CubicSpline(coarse, start, axis=1)(time)
-    q = solve_legs(plan.subject, reference, plan.targets, q, LATER)
-    return plan.moved(q, RATE_HZ)
-
-
-def _correction(plan: Plan, reference: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Give by how much the pelvis has to move, (3, T) [m], and coordinates near the solution."""
-    subject, shift = plan.subject, np.zeros((3, reference.shape[1]))
-    fade = plan.corrected.copy()
+    subject, coarse, rate_hz = plan.subject, plan.every(COARSE), RATE_HZ / COARSE
+    # by how much the pelvis has to move, [m], and coordinates near the solution
+    q = np.ascontiguousarray(reference[:, ::COARSE])
+    shifted, shift = q.copy(), np.zeros((3, q.shape[1]))
+    fade = coarse.corrected.copy()
     fade[-int(rate_hz * FREE_END_S) :] = 0.0
-    pattern, q = reference[:3].copy(), np.ascontiguousarray(reference)
-    reference = q.copy()
     for correction in range(CORRECTIONS):
         effort = LATER if correction else FIRST
-        q = solve_legs(subject, reference, plan.targets, q, effort)
+        q = solve_legs(subject, shifted, coarse.targets, q, effort)
         if correction == 0:
-            shift[2] = plan.walking * (q - reference)[2, plan.steady].mean()
-        motion = _differentiated(plan.moved(q, rate_hz), rate_hz)
+            shift[2] = coarse.walking * (q - shifted)[2, coarse.steady].mean()
+        motion = _differentiated(coarse.moved(q, rate_hz), rate_hz)
         oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
         wrench = ground_wrench(subject.skeleton, motion, oscillators)
-        pressure = in_lab(pressure_on_platform(wrench, plan.pose), plan.pose)[:, :2]
-        error = np.clip(np.nan_to_num(plan.pressure - pressure), -MAX_ERROR_M, MAX_ERROR_M)
-        shift[:2] += GAIN * balanced(fade[:, None] * error, plan.height, rate_hz).T
-        reference[:3] = pattern + shift
-    return shift, q
+        pressure = in_lab(pressure_on_platform(wrench, coarse.pose), coarse.pose)[:, :2]
+        error = np.clip(np.nan_to_num(coarse.pressure - pressure), -MAX_ERROR_M, MAX_ERROR_M)
+        shift[:2] += GAIN * balanced(fade[:, None] * error, coarse.height, rate_hz).T
+        shifted[:3] = reference[:3, ::COARSE] + shift
+
+    # the same for every sample
+    reference = reference.copy()
+    reference[:3] += CubicSpline(time[::COARSE], shift, axis=1)(time)
+    q = CubicSpline(time[::COARSE], q, axis=1)(time)
+    q = solve_legs(subject, reference, plan.targets, q, LATER)
+    return plan.moved(q, RATE_HZ)
 
 
 def _differentiated(values: Array, rate_hz: float) -> tuple[Array, Array, Array]:

@@ -12,8 +12,7 @@ from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
 from pipeline.virtual_lab.person.body import Skeleton, WobblingMass
-from pipeline.virtual_lab.person.feet import SIDES, Sole, sole_of
-from pipeline.virtual_lab.person.gait import STEP_M, StepParameters, size_of
+from pipeline.virtual_lab.person.gait import SIDES, STEP_M, Sole, StepParameters, size_of, sole_of
 from pipeline.virtual_lab.person.variation import (
     ExtraJoints,
     draw_extra_joints,

@@ -40,11 +40,11 @@ from pipeline.virtual_lab.person.body import (
     ground_wrench,
     moments_of,
 )
-from pipeline.virtual_lab.person.feet import FootPlacement
 from pipeline.virtual_lab.person.gait import (
     MAX_DEVIATION_SD,
     STANCE,
     STEP_M,
+    FootPlacement,
     Steps,
     foothold,
     place_sideways,

@@ -8,8 +8,7 @@ from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.person import momentum
 from pipeline.virtual_lab.person.balance import balanced
 from pipeline.virtual_lab.person.body import COLUMN, center_of_mass, segment_poses
-from pipeline.virtual_lab.person.feet import rolled
-from pipeline.virtual_lab.person.gait import posture
+from pipeline.virtual_lab.person.gait import posture, rolled
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from pipeline.virtual_lab.person.walk import foot_wrenches, left_wrench, plate_wrenches
 from tests.virtual_gait import fit_gait, gait_optimum
