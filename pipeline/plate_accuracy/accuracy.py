@@ -11,12 +11,13 @@ from scipy import stats
 from compensation import Delay, center_of_pressure
 from compensation.accuracy import Linearity, PlateAlignment, linearity, orthogonal_rmse
 from hbm.spatial import WRENCH_COMPONENTS, Array
-from pipeline.config.plate_study import BeltSide, PlatesStudy
+from pipeline.config.plate_study import BeltSide, PlatesStudy, WeightRecording
 from pipeline.plate_accuracy.response import (
     FaultEstimate,
     PlateResponse,
     estimate_faults,
     fit_response,
+    rms,
 )
 from pipeline.plate_accuracy.trials import (
     LOADED_SHARE,
@@ -230,13 +231,10 @@ def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
                 continue
             for k, quantity in enumerate(QUANTITIES):
                 m, t = measured[inside, k], truth[inside, k]
-                error = {
-                    "difference": float(np.sqrt(np.mean((m - t) ** 2))),
-                    "orthogonal": orthogonal_rmse(m, t),
-                    "slow": float(np.sqrt(np.mean(slow_error[inside, k] ** 2))),
-                }
-                rows.append({**conditions, "zone": name, "quantity": quantity, **error})
-    return pd.DataFrame(rows)
+                sizes = float(rms(m - t)), orthogonal_rmse(m, t), float(rms(slow_error[inside, k]))
+                rows.append((*conditions.values(), name, quantity, *sizes))
+    columns = [*WeightRecording.model_fields, "zone", "quantity"]
+    return pd.DataFrame(rows, columns=[*columns, "difference", "orthogonal", "slow"])
 
 
 def quantities(wrench: Array) -> Array:

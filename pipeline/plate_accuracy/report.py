@@ -15,7 +15,7 @@ from compensation import PlateCalibration, PlateCalibrations, center_of_pressure
 from compensation.plate_calibration import to_json
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.config.plate_study import FILE, PlatesFile
-from pipeline.figures.style import COLOURS, STYLE, save_figure
+from pipeline.figures.style import STYLE, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.plate_accuracy.accuracy import (
     PlateAccuracy,
@@ -88,32 +88,25 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     if len(tests):
         write_csv(tests, out / "anova.csv")
         write_csv(pairs, out / "pairs.csv")
-    figures = {
-        "correction": (
-            "Total errors by their limits, before and after correction.",
-            correction_figure(verdicts),
-        ),
-        "linearity": (
-            "Measured against known load; shaded: loads of a walking person of "
-            f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated.",
-            linearity_figure(found.trials, verdicts, file.body_mass_kg),
-        ),
-    }
+    text = (
+        "Measured against known load; shaded: loads of a walking person of "
+        f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated."
+    )
+    figure = linearity_figure(found.trials, verdicts, file.body_mass_kg)
+    save_figure(figure, out / "figures" / "linearity.png")
+    drawn = [Drawn(text, drawing(figure))]
     for verdict in verdicts:
         response = found.responses.get(verdict.belt)
         if response is not None:
-            own = [trial for trial in found.trials_in_use if trial.weight.belt == verdict.belt]
-            maps = map_figure(response, own, verdict.calibration, file)
+            trials = [trial for trial in found.trials_in_use if trial.weight.belt == verdict.belt]
+            figure = map_figure(response, trials, verdict.calibration, file)
             text = (
                 f"{verdict.belt.title()} plate: error of the vertical force and of the centre of "
                 f"pressure (arrows: direction) under {file.body_mass_kg:g} kg at each place; dots: "
                 "recorded weights."
             )
-            figures[f"map_{verdict.belt}"] = text, maps
-    drawn = []
-    for name, (text, figure) in figures.items():
-        save_figure(figure, out / "figures" / f"{name}.png")
-        drawn.append(Drawn(text, drawing(figure, ".png" if name.startswith("map_") else ".svg")))
+            save_figure(figure, out / "figures" / f"map_{verdict.belt}.png")
+            drawn.append(Drawn(text, drawing(figure, ".png")))
     _write_calibration(found, verdicts, out)
     total = errors_table(verdicts, TOTAL_NOTE.format(mass=file.body_mass_kg))
     tables = [total, errors_table(verdicts, totals=False)]
@@ -265,20 +258,12 @@ def map_figure(
         panels = figure.subplots(len(off), 2, squeeze=False, sharex=True, sharey=True)
         for (name, errors), (left, right) in zip(off.items(), panels, strict=True):
             dx, dy, up = (errors[:, k].reshape(x.shape) for k in range(3))
-            both = (
-                (left, up, "vertical force (N)", "RdBu_r", -force, force),
-                (
-                    right,
-                    1000 * np.hypot(dx, dy),
-                    "centre of pressure (mm)",
-                    "viridis",
-                    0,
-                    1000 * shift,
-                ),
-            )
-            for panel, values, label, colours, low, high in both:
-                drawn = panel.pcolormesh(x, y, values, cmap=colours, vmin=low, vmax=high)
-                figure.colorbar(drawn, ax=panel, label=label)
+            drawn = left.pcolormesh(x, y, up, cmap="RdBu_r", vmin=-force, vmax=force)
+            figure.colorbar(drawn, ax=left, label="vertical force (N)")
+            distance_mm = 1000 * np.hypot(dx, dy)
+            drawn = right.pcolormesh(x, y, distance_mm, cmap="viridis", vmin=0, vmax=1000 * shift)
+            figure.colorbar(drawn, ax=right, label="centre of pressure (mm)")
+            for panel in (left, right):
                 panel.plot(*places[::50].T, ".", color="black", ms=1.5, alpha=0.5)
                 panel.set_title(name, loc="left")
             right.quiver(x, y, dx, dy, color="white", width=0.004, scale=10 * shift)
@@ -308,32 +293,6 @@ def place_errors(
         reported = calibration.correct(reported)
     seen = center_of_pressure(reported, LOADED_SHARE * force_n)[:, :2]
     return np.column_stack([seen - np.column_stack([x, y]), reported[:, 2] - force_n])
-
-
-def correction_figure(verdicts: Sequence[PlateVerdict]) -> Figure:
-    """Draw total errors of forces, centres of pressure and moments by their limits."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 3), layout="constrained")
-        panels = figure.subplots(1, len(verdicts), sharey=True, squeeze=False).ravel()
-        for panel, verdict in zip(panels, verdicts, strict=True):
-            before = [one for one in verdict.judged if one.name.startswith(TOTAL)]
-            looks = (
-                ("as it is", before, "measured"),
-                ("corrected", verdict.corrected, "compensated"),
-            )
-            for n, (label, errors, colour) in enumerate(looks):
-                at = np.arange(len(errors)) + 0.4 * n - 0.2
-                sizes = [one.size / one.limit for one in errors]
-                panel.bar(at, sizes, 0.36, color=COLOURS[colour], label=label)
-                ends = [(one.low / one.limit, one.high / one.limit) for one in errors]
-                for place, (low, high) in zip(at, ends, strict=True):
-                    panel.vlines(place, low, high, color="black", lw=0.9)
-            panel.axhline(1, color="black", ls="--", lw=0.9)
-            panel.set_xticks(range(len(before)), [one.name.split()[-1] for one in before])
-            panel.set_title(f"{verdict.belt} plate", loc="left")
-        panels[0].set_ylabel("total error / limit")
-        panels[0].legend(frameon=False)
-    return figure
 
 
 def linearity_figure(

@@ -388,7 +388,7 @@ def total_errors(
     effect = _effects(loads, reported)
     error = np.einsum("klqc,klc->klq", effect, reported - loads)
     random = np.einsum("klqc,klc->klq", effect**2, variance).mean(axis=1)
-    systematic, unsure = _rms(error[0]), response.quantile * _rms(standard_error(error))
+    systematic, unsure = rms(error[0]), response.quantile * rms(standard_error(error))
     wide = response.quantile * standard_error(random)
     return (
         np.sqrt(systematic**2 + random[0]),
@@ -397,7 +397,8 @@ def total_errors(
     )
 
 
-def _rms(errors: Array) -> Array:
+def rms(errors: Array) -> Array:
+    """Give root mean squares of errors (n, …), (…)."""
     return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
 
 
@@ -556,32 +557,31 @@ def estimate_faults(
     A vibration is listed only where there is one, and the moment about the lateral axis that the
     force along the belt causes only where the height of the weights is known.
     """
-    singles: list[FaultEstimate] = []
+    estimates: list[tuple[BeltSide, str, float, float, str, float]] = []
     for belt, alignment in alignments.items():
-        errors = alignment.standard_error
-        singles += [
-            FaultEstimate(belt, name, float(value), float(error), unit, np.inf)
-            for name, value, error, unit in (
-                ("angle", np.degrees(alignment.angle), np.degrees(errors[0]), "°"),
-                ("offset along", alignment.offset[0], errors[1], "m"),
-                ("offset across", alignment.offset[1], errors[2], "m"),
-            )
+        (along, across), errors = alignment.offset, alignment.standard_error
+        degrees = np.degrees(alignment.angle), np.degrees(errors[0])
+        estimates += [
+            (belt, "angle", *degrees, "°", np.inf),
+            (belt, "offset along", along, errors[1], "m", np.inf),
+            (belt, "offset across", across, errors[2], "m", np.inf),
         ]
     for belt, delay in delays.items():
-        known = (delay.seconds, delay.standard_error, "s", delay.degrees_of_freedom)
-        singles.append(FaultEstimate(belt, "delay", *known))
+        size = delay.seconds, delay.standard_error
+        estimates.append((belt, "delay", *size, "s", delay.degrees_of_freedom))
     centers = {trial.weight.belt: trial.center for trial in trials}
     left_out = LEFT_OUT if height_stated else LEFT_OUT | {OF_HEIGHT}
     for belt, response in responses.items():
         unsure = np.zeros((6, 6))
         if belt in alignments:
             unsure = _errors_of_alignment(response, alignments[belt], centers[belt])
-        singles += _response_faults(belt, response, unsure, left_out)
+        singles = _response_faults(response, unsure, left_out)
+        estimates += [(belt, *single, response.degrees_of_freedom) for single in singles]
     found = []
-    for fault in singles:
-        critical = stats.t.isf(ALPHA / 2 / len(singles), fault.degrees_of_freedom)
-        beyond = abs(fault.value) > critical * fault.standard_error
-        found.append(replace(fault, significant=bool(beyond)))
+    for belt, name, value, error, unit, freedom in estimates:
+        critical = stats.t.isf(ALPHA / 2 / len(estimates), freedom)
+        beyond = bool(abs(value) > critical * error)
+        found.append(FaultEstimate(belt, name, float(value), float(error), unit, freedom, beyond))
     for belt, (supports, words) in product(centers, ((True, "with"), (False, "without"))):
         alike = [t for t in trials if (t.weight.belt, t.weight.supports) == (belt, supports)]
         line = find_vibration(alike)
@@ -606,16 +606,22 @@ def _errors_of_alignment(
 
 
 def _response_faults(
-    belt: BeltSide, response: PlateResponse, unsure: Array, left_out: Set[tuple[int, int]]
-) -> list[FaultEstimate]:
+    response: PlateResponse, unsure: Array, left_out: Set[tuple[int, int]]
+) -> list[tuple[str, float, float, str]]:
+    """Give name, estimate, standard error and unit of what a response shows.
+
+    ``unsure`` is what the static calibration adds to the standard errors of the matrix, (6, 6).
+    """
     value = response.aligned[0] - np.eye(6)
     error = np.hypot(standard_error(response.aligned), unsure)
-    faults = [
-        (_gain_or_crosstalk(c, true), value[c, true], error[c, true], _unit(c, true))
-        for c in range(len(WRENCH_COMPONENTS))
-        for true in response.examined
-        if (c, true) not in left_out
-    ]
+    faults = []
+    for c, true in product(range(len(WRENCH_COMPONENTS)), response.examined):
+        if (c, true) not in left_out:
+            shown, cause = WRENCH_COMPONENTS[c], WRENCH_COMPONENTS[true]
+            name = f"gain of {shown}" if c == true else f"{cause} in {shown}"
+            # by the dimensions of what is shown and of what causes it
+            unit = {(True, True): "N·m/N", (False, False): "1/m"}.get((c > FZ, true < MX), "1")
+            faults.append((name, value[c, true], error[c, true], unit))
     replicates = [
         (f"zero of {name}", response.zero[:, c], "N·m" if c > FZ else "N")
         for c, name in enumerate(WRENCH_COMPONENTS)
@@ -624,21 +630,4 @@ def _response_faults(
     if np.isfinite(response.rise[0, FZ, FZ]):
         replicates.append(("curvature", response.rise[:, FZ, FZ] * response.full_scale_n, "N"))
     replicates.append(("delay in motion", response.delay_s, "s"))
-    faults += [(name, each[0], standard_error(each), unit) for name, each, unit in replicates]
-    freedom = response.degrees_of_freedom
-    return [
-        FaultEstimate(belt, name, float(value), float(error), unit, freedom)
-        for name, value, error, unit in faults
-    ]
-
-
-def _gain_or_crosstalk(measured: int, true: int) -> str:
-    component = WRENCH_COMPONENTS[measured]
-    return (
-        f"gain of {component}" if measured == true else f"{WRENCH_COMPONENTS[true]} in {component}"
-    )
-
-
-def _unit(measured: int, true: int) -> str:
-    moment, force = measured > FZ, true < MX
-    return "N·m/N" if moment and force else "1/m" if not moment and not force else "1"
+    return faults + [(name, each[0], standard_error(each), unit) for name, each, unit in replicates]

@@ -297,14 +297,11 @@ class _Plate:
     @property
     def agreed_delay(self) -> AgreedDelay | None:
         """The delay by a hammer or in motion, whichever is taken."""
-        delays = {
-            one.fault: Delay(
-                one.value, one.standard_error, degrees_of_freedom=one.degrees_of_freedom
-            )
-            for one in self.faults
-            if one.fault in DELAYS.values()
-        }
-        return agreed_delay(delays.get("delay"), delays.get("delay in motion"))
+        motion, response = None, self.response
+        if response is not None:
+            size = float(response.delay_s[0]), float(standard_error(response.delay_s))
+            motion = Delay(*size, degrees_of_freedom=response.degrees_of_freedom)
+        return agreed_delay(self.found.delays.get(self.belt), motion)
 
     def if_masses_were_heavier(self, share: float) -> "_Plate":
         """Give the plate as if all masses were heavier by a share than stated."""
