@@ -13,7 +13,7 @@ from scipy.signal import czt
 from compensation import Delay, PlateCalibration, center_of_pressure
 from compensation.accuracy import PlateAlignment
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, Mask, shift_wrench
-from pipeline.config.plate_study import BeltSide
+from pipeline.config.plate_study import BeltSide, PlatesFile
 from pipeline.plate_accuracy.trials import LOADED_SHARE, WeightTrial, to_cameras
 
 FX, FY, FZ, MX, MY, MZ = range(6)
@@ -109,11 +109,7 @@ def standard_error(replicates: Array) -> Array:
 
 
 def fit_response(
-    trials: Sequence[WeightTrial],
-    alignment: PlateAlignment,
-    full_scale_n: float,
-    *,
-    height_stated: bool,
+    trials: Sequence[WeightTrial], alignment: PlateAlignment, file: PlatesFile
 ) -> PlateResponse | None:
     """Find what a plate reports of the true wrenches of its recordings.
 
@@ -123,11 +119,10 @@ def fit_response(
         Recordings on one plate, as it is used.
     alignment
         Static calibration by which their wrenches were brought to the cameras' frame.
-    full_scale_n
-        Load at which the rise of the gains is given [N].
-    height_stated
-        Whether the height of the weights' centre of mass is known. A wrong height looks like a
-        moment about the lateral axis from the force along the belt, which is left out then.
+    file
+        With the full scale, at which the rise of the gains is given, and whether the height of the
+        weights' centre of mass is known. A wrong height looks like a moment about the lateral axis
+        from the force along the belt, which is left out then.
 
     Returns
     -------
@@ -153,7 +148,7 @@ def fit_response(
         and (changing or c not in EXCITED_BY_ACCELERATION)
         and (masses > 1 or c != FZ)
     )
-    model = _Model(excited, (FZ,) if masses >= MIN_MASSES else (), full_scale_n)
+    model = _Model(excited, (FZ,) if masses >= MIN_MASSES else (), file.full_scale_n)
     if len(trials) <= model.coefficients:
         return None
     model = replace(model, rising=(*model.rising, *_rising(trials, model)))
@@ -162,7 +157,7 @@ def fit_response(
     aligned[:, :, excited] += found[:, 2 : model.delay].swapaxes(1, 2)
     in_use, rise = aligned.copy(), np.full_like(aligned, 0.0 if model.rising else np.nan)
     rise[:, :, model.rising] = found[:, model.delay + 1 :].swapaxes(1, 2)
-    if not height_stated:
+    if not file.height_stated:
         in_use[:, MY, FX] = rise[:, MY, FX] = 0
     as_read = np.linalg.inv(cameras_matrix(alignment, trials[0].center))
     return PlateResponse(
@@ -175,7 +170,7 @@ def fit_response(
         scatter=_scatter(trials, found, model, float(delay_s[0])),
         examined=excited,
         degrees_of_freedom=len(trials) - model.coefficients,
-        full_scale_n=full_scale_n,
+        full_scale_n=file.full_scale_n,
     )
 
 
@@ -240,10 +235,9 @@ def _regress_with_delay(trials: Sequence[WeightTrial], model: _Model) -> tuple[A
     return found, delay_s
 
 
-def _inside(trial: WeightTrial) -> Mask:
-    return np.asarray(
-        (trial.time > trial.time[0] + EDGE_S) & (trial.time < trial.time[-1] - EDGE_S)
-    )
+def _inside(trial: WeightTrial, edge_s: float = EDGE_S) -> Mask:
+    first, last = trial.time[0] + edge_s, trial.time[-1] - edge_s
+    return np.asarray((trial.time > first) & (trial.time < last))
 
 
 def _regress(trials: Sequence[WeightTrial], model: _Model, delay_s: float) -> Array:
@@ -287,18 +281,13 @@ def _scatter(trials: Sequence[WeightTrial], found: Array, model: _Model, delay_s
         variance.append(np.maximum(square - trial.slow_noise**2, least))
         load.append(np.mean(trial.slow_truth[chosen, FZ]))
     spread, basis = np.array(variance), np.column_stack([np.ones(len(load)), np.square(load)])
-    keep = [counted, *(counted & ~np.eye(len(trials), dtype=bool))]
-    return np.array(
-        [
-            np.column_stack(
-                [
-                    np.linalg.lstsq(basis[rows] / v[rows, None], np.ones(np.count_nonzero(rows)))[0]
-                    for v in spread.T
-                ]
-            )
-            for rows in keep
-        ]
-    )
+
+    def fitted(rows: Mask) -> list[Array]:
+        ones = np.ones(np.count_nonzero(rows))
+        return [np.linalg.lstsq(basis[rows] / v[rows, None], ones)[0] for v in spread.T]
+
+    without_one = counted & ~np.eye(len(trials), dtype=bool)
+    return np.array([np.column_stack(fitted(rows)) for rows in (counted, *without_one)])
 
 
 PHASES: Final = ((-0.25, 1.2), (0.0, 0.75), (0.25, 1.2))
@@ -476,9 +465,7 @@ def find_vibration(trials: Sequence[WeightTrial]) -> tuple[float, float, float] 
 
 def _beyond_motion(trial: WeightTrial) -> tuple[Array, Array, Array]:
     """Give times, the centre of pressure minus its regression on the motion, and the motion."""
-    inside = (trial.time > trial.time[0] + FILTER_EDGE_S) & (
-        trial.time < trial.time[-1] - FILTER_EDGE_S
-    )
+    inside = _inside(trial, FILTER_EDGE_S)
     load = LOADED_SHARE * float(np.median(trial.truth[:, 2]))
     measured, true = (center_of_pressure(w, load)[:, 0] for w in (trial.measured, trial.truth))
     x = trial.slow_marker[:, 0]  # noise of a faster marker would bias the regression
