@@ -173,8 +173,6 @@ class Stream:
         late[doubled] -= step
         if self.held:
             return np.repeat(interpolated(values, first + late), step, axis=0)[:count]
-        if not late.any():
-            return values
         return interpolated(values, np.arange(count) + np.repeat(late, step)[:count])
 
 
@@ -371,8 +369,6 @@ def misplaced(wrench: Array, faults: PlateFaults) -> Array:
         were in the platform frame.
     """
     offset = np.array([faults.placement_forward_m, faults.placement_left_m, 0.0])
-    if faults.placement_deg == 0 and not offset.any():
-        return wrench
     turned = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(faults.placement_deg))
     return transform_wrench(wrench, turned, offset)
 

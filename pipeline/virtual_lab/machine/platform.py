@@ -6,6 +6,7 @@ assembly: they measure what the person puts on the plate, and the assembly's own
 changing weight, in the platform's moving frame.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -388,6 +389,19 @@ def move_platform(machine: Machine, sway: Array, pitch: Array, rate_hz: float) -
         follow(pitch, machine.pitch_hz, rate_hz),
         np.array(machine.pivot_m),
     )
+
+
+def move_treadmill(
+    machine: Machine,
+    sway: Array,
+    pitch: Array,
+    belt: Array,
+    rate_hz: float,
+    onsets: Sequence[float] | Array = (),
+) -> TreadmillMotion:
+    """Follow commanded sway, pitch and belt speed; `move_platform` has the first two."""
+    time, platform = np.arange(len(belt)) / rate_hz, move_platform(machine, sway, pitch, rate_hz)
+    return TreadmillMotion(time, platform, belt, np.asarray(onsets, float))
 
 
 def _limited(command: Array, max_value: float, max_speed: float, rate_hz: float) -> Array:

@@ -422,12 +422,6 @@ def in_lab(points: Array, pose: PlatformPose) -> Array:
     return pose.to_lab(points)
 
 
-def on_platform(points: Array, pose: PlatformPose) -> Array:
-    """Transform points of the lab to the platform's frame, (T, 3) [m]."""
-    away = points - pose.position
-    return np.asarray((np.swapaxes(pose.rotation, 1, 2) @ away[..., None])[..., 0])
-
-
 STANDING_LOAD: Final = 0.5
 """Share of the weight on a foot in standing, where the shoe's height is the sole's."""
 
@@ -469,7 +463,8 @@ def sole_targets(
         pitch = pitch * extent
         heading = placement.heading(side, time)
         rotation = pose.rotation @ orientation(pitch, heading)
-        swinging = on_platform(ankle - (rotation @ sole.origin), pose)
+        away = ankle - (rotation @ sole.origin) - pose.position
+        swinging = (np.swapaxes(pose.rotation, 1, 2) @ away[..., None])[..., 0]
         rolling = rolled(sole, pitch, heading)
         path = _path(placement, side, swinging, rolling, time)
         load = left if side == "left" else 1 - left

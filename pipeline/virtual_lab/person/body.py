@@ -22,7 +22,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from hbm.coordinates import COORDINATES, TREE, Vector
 from hbm.segments import Inertia
-from hbm.spatial import GRAVITY_MPS2, Array, read_only
+from hbm.spatial import GRAVITY_MPS2, Array
 
 SPINE: Final = ("MidTrunkFlexion", "MidTrunkRightBend", "MidTrunkLeftTwist")
 """Of the joint between mid trunk and thorax (T12/L1), in the order of the trunk's own."""
@@ -117,10 +117,6 @@ class Skeleton:
     markers: tuple[str, ...]
     marker_segment: tuple[str, ...]
     marker_position: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "axes", read_only(self.axes))
-        object.__setattr__(self, "marker_position", read_only(self.marker_position))
 
     @property
     def mass(self) -> float:

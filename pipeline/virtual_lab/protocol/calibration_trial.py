@@ -31,7 +31,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     undergo,
 )
 from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME
-from pipeline.virtual_lab.machine.platform import Pair, TreadmillMotion, move_platform
+from pipeline.virtual_lab.machine.platform import Pair, move_treadmill
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Setting
 
@@ -78,12 +78,9 @@ def record_signal_trial(
     """
     treadmill = treadmill or make_treadmill(faults or Faults(), LABORATORY)
     of_motion, of_plates, of_sensors, of_belts = np.random.default_rng(seed).spawn(4)
-    command, time = resample_signal(signal, rate_hz), sample_times(signal, rate_hz)
-    sway, pitch, belt_speed = (
-        x[: len(time)] for x in (command.sway, command.pitch, command.belt_speed)
-    )
-    platform = move_platform(treadmill.machine, sway, pitch, rate_hz)
-    motion = TreadmillMotion(time, platform, belt_speed, np.empty(0))
+    command, count = resample_signal(signal, rate_hz), len(sample_times(signal, rate_hz))
+    sway, pitch, belt_speed = (x[:count] for x in (command.sway, command.pitch, command.belt_speed))
+    motion = move_treadmill(treadmill.machine, sway, pitch, belt_speed, rate_hz)
     people = None if load is None or on_frame else (np.zeros_like(load), -load)
     response = undergo(treadmill, motion, of_motion, people, load if on_frame else None)
     streams = of_plates, of_sensors, of_belts
@@ -151,8 +148,7 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
     time = np.arange(frames * SAMPLES_PER_FRAME) / ANALOG_HZ
     level = np.zeros(len(time))
     speed = protocol.speed_mps if planned.belts_mps is None else planned.belts_mps
-    platform = move_platform(treadmill.machine, level, level, ANALOG_HZ)
-    motion = TreadmillMotion(time, platform, level + speed, np.empty(0))
+    motion = move_treadmill(treadmill.machine, level, level, level + speed, ANALOG_HZ)
     load = planned.load(time, of_load)
     nobody = np.zeros_like(load)
     sides: dict[str, Pair] = {"right": (nobody, -load), "left": (-load * MIRRORED, nobody)}

@@ -222,10 +222,9 @@ def folder_setting(folder: Path) -> Setting | None:
             )
         raise ValueError(f"{folder}: is not empty; name a new folder, nothing is overwritten")
     try:
-        setting = read_setting((folder / SIMULATED).read_text(encoding="utf-8-sig"))
+        return read_setting((folder / SIMULATED).read_text(encoding="utf-8-sig"))
     except ValueError as error:
         raise ValueError(f"{folder / SIMULATED}: {error}") from error
-    return setting
 
 
 def require_setting(folder: Path, there: Setting, wanted: Setting) -> None:

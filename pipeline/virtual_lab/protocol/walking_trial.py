@@ -39,7 +39,7 @@ from pipeline.virtual_lab.machine.platform import (
     Machine,
     Pair,
     TreadmillMotion,
-    move_platform,
+    move_treadmill,
     platform_trajectory,
     stationary_platform,
 )
@@ -230,10 +230,10 @@ def run_walk(
 
     time = np.arange(round(duration * ANALOG_HZ)) / ANALOG_HZ
     pitch = pitch_command(protocol, time) if condition == "pitch" else np.zeros(len(time))
-    platform = move_platform(machine, sway_command(onsets, directions, time), pitch, ANALOG_HZ)
+    sway = sway_command(onsets, directions, time)
     belt = BeltRamp(protocol.speed_mps, protocol.standing_s, protocol.starting_s)
-    motion = TreadmillMotion(time, platform, belt.speed(time), onsets)
-    trajectory = platform_trajectory(platform, ANALOG_HZ)
+    motion = move_treadmill(machine, sway, pitch, belt.speed(time), ANALOG_HZ, onsets)
+    trajectory = platform_trajectory(motion.platform, ANALOG_HZ)
     return simulate_walk(subject, steps, belt, trajectory, duration, rng), motion
 
 
@@ -260,9 +260,7 @@ def run_signal(
     count = len(command.sway) // SAMPLES_PER_FRAME * SAMPLES_PER_FRAME
     sway, pitch = (np.pad(values[:count], rest) for values in (command.sway, command.pitch))
     belt_speed = np.pad(command.belt_speed[:count], rest, mode="edge")
-    platform = move_platform(treadmill.machine, sway, pitch, ANALOG_HZ)
-    time = np.arange(len(sway)) / ANALOG_HZ
-    motion = TreadmillMotion(time, platform, belt_speed, np.empty(0))
+    motion = move_treadmill(treadmill.machine, sway, pitch, belt_speed, ANALOG_HZ)
     return record(treadmill, motion, None, f"{signal.name}.c3d", rng)
 
 
