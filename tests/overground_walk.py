@@ -15,7 +15,7 @@ from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Metadata, Plate, Recording
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instruments import (
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
     ANALOG_HZ,
     FRAME_HZ,
     make_force_plate,

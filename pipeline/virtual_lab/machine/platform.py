@@ -6,7 +6,6 @@ assembly: they measure what the person puts on the plate, and the assembly's own
 changing weight, in the platform's moving frame.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -392,16 +391,11 @@ def move_platform(machine: Machine, sway: Array, pitch: Array, rate_hz: float) -
 
 
 def move_treadmill(
-    machine: Machine,
-    sway: Array,
-    pitch: Array,
-    belt: Array,
-    rate_hz: float,
-    onsets: Sequence[float] | Array = (),
+    machine: Machine, sway: Array, pitch: Array, belt: Array, rate_hz: float
 ) -> TreadmillMotion:
-    """Follow commanded sway, pitch and belt speed; `move_platform` has the first two."""
-    time, platform = np.arange(len(belt)) / rate_hz, move_platform(machine, sway, pitch, rate_hz)
-    return TreadmillMotion(time, platform, belt, np.asarray(onsets, float))
+    """Follow commanded sway, pitch and belt speed, without perturbations; as `move_platform`."""
+    platform = move_platform(machine, sway, pitch, rate_hz)
+    return TreadmillMotion(np.arange(len(belt)) / rate_hz, platform, belt, np.empty(0))
 
 
 def _limited(command: Array, max_value: float, max_speed: float, rate_hz: float) -> Array:

@@ -12,29 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
-from pipeline.virtual_lab.person.body import (
-    COLUMN,
-    KNEE,
-    LINKS,
-    Frame,
-    Oscillator,
-    chunks,
-    frames,
-    ground_wrench,
-    moved,
-    placed,
-    segment_poses,
-)
-from pipeline.virtual_lab.person.gait import (
-    LEAVING,
-    STANCE,
-    FootPlacement,
-    Sole,
-    foot_angles,
-    orientation,
-    rolled,
-    sole_weights,
-)
+from pipeline.virtual_lab.person import body, gait
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
 JOINT_WEIGHTS: Final = {
@@ -77,7 +55,7 @@ class SoleTarget:
     weight: Array
 
     @classmethod
-    def of(cls, sole: Sole, rotation: Array, position: Array, weight: Array) -> "SoleTarget":
+    def of(cls, sole: gait.Sole, rotation: Array, position: Array, weight: Array) -> "SoleTarget":
         """Give the target of a sole's pose, (T, 3, 3) and (T, 3) [m], and weights, (T, 4)."""
         on_foot, origin = sole.foot_pose(rotation, position)
         ball, aside = sole.ball, BALL_HALF_WIDTH_M
@@ -128,7 +106,7 @@ def solve_legs(
     eliminated from the normal equations, which leaves one for the pelvis' height.
     """
     solved = start.copy()
-    for part in chunks(reference.shape[1]):
+    for part in body.chunks(reference.shape[1]):
         now = {side: target.frames(part) for side, target in targets.items()}
         solved[:, part] = _solve(subject, reference[:, part], now, start[:, part], *effort)
     return solved
@@ -144,7 +122,7 @@ def _solve(
 ) -> Array:
     q, height = reference.copy(), INDEX["PelvisZ"]
     q[height] = 0.0
-    pelvis = frames(subject.skeleton, (q,), ["pelvis"])["pelvis"]
+    pelvis = body.frames(subject.skeleton, (q,), ["pelvis"])["pelvis"]
     solved = [height, *(INDEX[letter + name] for letter in "RL" for name in JOINT_WEIGHTS)]
     q[solved] = start[solved]
     prior = np.array(list(JOINT_WEIGHTS.values()))[:, None]
@@ -180,26 +158,26 @@ def _solve(
 
 
 def _jacobian(
-    subject: VirtualSubject, pelvis: Frame, q: Array, letter: str, target: SoleTarget
+    subject: VirtualSubject, pelvis: body.Frame, q: Array, letter: str, target: SoleTarget
 ) -> tuple[Array, Array]:
     """Give how a sole's points move with the leg's angles, (6, 3, 4, T), and their error."""
     skeleton, origin = subject.skeleton, pelvis.origin.copy()
     origin[2] += q[INDEX["PelvisZ"]]
-    frame = Frame(pelvis.rotation, origin, pelvis.acceleration)
+    frame = body.Frame(pelvis.rotation, origin, pelvis.acceleration)
     knee = subject.extra_joints.of_knee(letter, q[INDEX[letter + "KneeFlexion"]])
     axes, places, segment = [], [], "pelvis"
     for k, link in _LEGS[letter]:
         if link.segment != segment:
             segment = link.segment
-            frame = placed(frame, skeleton.offsets[segment])
+            frame = body.placed(frame, skeleton.offsets[segment])
         name = link.name[1:]
         if name in JOINT_WEIGHTS:
             axes.append(skeleton.axes[k] @ frame.rotation[0])
             places.append(frame.origin)
-            value = q[COLUMN[link.name]]
+            value = q[body.COLUMN[link.name]]
         else:
-            value = knee[KNEE.index(name)]
-        frame = moved(frame, link, skeleton.axes[k], (value,))
+            value = knee[body.KNEE.index(name)]
+        frame = body.moved(frame, link, skeleton.axes[k], (value,))
     position = np.stack([frame.point(point) for point in target.on_foot], axis=1)
     jacobian = np.empty((len(axes), *position.shape))
     for row, axis, place in zip(jacobian, axes, places, strict=True):
@@ -225,8 +203,8 @@ def _solve_symmetric(matrix: Array, right: Array) -> Array:
 _LEGS: Final = {
     letter: [
         (k, link)
-        for k, link in enumerate(LINKS)
-        if link.name.startswith(letter) and link.name[1:] in (*JOINT_WEIGHTS, *KNEE)
+        for k, link in enumerate(body.LINKS)
+        if link.name.startswith(letter) and link.name[1:] in (*JOINT_WEIGHTS, *body.KNEE)
     ]
     for letter in "RL"
 }
@@ -342,8 +320,8 @@ def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
         if correction == 0:
             shift[2] = coarse.walking * (q - shifted)[2, coarse.steady].mean()
         motion = _differentiated(coarse.moved(q, rate_hz), rate_hz)
-        oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
-        wrench = ground_wrench(subject.skeleton, motion, oscillators)
+        oscillators = [body.Oscillator(mass, rate_hz) for mass in subject.wobbling]
+        wrench = body.ground_wrench(subject.skeleton, motion, oscillators)
         pressure = in_lab(pressure_on_platform(wrench, coarse.pose), coarse.pose)[:, :2]
         error = np.clip(np.nan_to_num(coarse.pressure - pressure), -MAX_ERROR_M, MAX_ERROR_M)
         shift[:2] += GAIN * balanced(fade[:, None] * error, coarse.height, rate_hz).T
@@ -428,7 +406,7 @@ STANDING_LOAD: Final = 0.5
 
 def sole_targets(
     subject: VirtualSubject,
-    placement: FootPlacement,
+    placement: gait.FootPlacement,
     reference: Array,
     pose: PlatformPose,
     time: Array,
@@ -455,29 +433,29 @@ def sole_targets(
     """
     targets = {}
     names = [sole.segment for sole in placement.soles.values()]
-    feet = segment_poses(subject.skeleton, reference, names)
+    feet = body.segment_poses(subject.skeleton, reference, names)
     left = placement.left_share(time)
     for (side, sole), (_, ankle) in zip(placement.soles.items(), feet, strict=True):
         phase, extent = placement.phase(side, time), placement.extent(time)
-        pitch, _ = foot_angles(phase)
+        pitch, _ = gait.foot_angles(phase)
         pitch = pitch * extent
         heading = placement.heading(side, time)
-        rotation = pose.rotation @ orientation(pitch, heading)
+        rotation = pose.rotation @ gait.orientation(pitch, heading)
         away = ankle - (rotation @ sole.origin) - pose.position
         swinging = (np.swapaxes(pose.rotation, 1, 2) @ away[..., None])[..., 0]
-        rolling = rolled(sole, pitch, heading)
+        rolling = gait.rolled(sole, pitch, heading)
         path = _path(placement, side, swinging, rolling, time)
         load = left if side == "left" else 1 - left
         path[:, 2] -= subject.sole_yield_m * (load - STANDING_LOAD)
         position = in_lab(path, pose)
         walking = np.minimum(extent, 1.0)[:, None]
-        weight = 1 - walking * (1 - sole_weights(pitch, phase))
+        weight = 1 - walking * (1 - gait.sole_weights(pitch, phase))
         targets[side] = SoleTarget.of(sole, rotation, position, weight)
     return targets
 
 
 def _path(
-    placement: FootPlacement, side: str, swinging: Array, rolling: Array, time: Array
+    placement: gait.FootPlacement, side: str, swinging: Array, rolling: Array, time: Array
 ) -> Array:
     """Join stances and swings: a swing ends where the next stance begins, (T, 3) [m].
 
@@ -494,7 +472,7 @@ def _path(
         if number >= 0:
             release = placement.release(number)
         else:
-            released = (LEAVING[0] - 0.5) * steps.overlap / (STANCE - 0.5)
+            released = (gait.LEAVING[0] - 0.5) * steps.overlap / (gait.STANCE - 0.5)
             release = float(steps.contact[0]) + released * placement.step_s
         first, last = int(np.ceil(contact * RATE_HZ)), int(np.floor(release * RATE_HZ))
         stance = slice(min(first, end), min(last, end) + 1)

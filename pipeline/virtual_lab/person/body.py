@@ -390,9 +390,7 @@ def _turned(rotation: Array, vectors: Array) -> Array:
 
 
 def ground_wrench(
-    skeleton: Skeleton,
-    motion: tuple[Array, Array, Array],
-    oscillators: Sequence[Oscillator] = (),
+    skeleton: Skeleton, motion: tuple[Array, Array, Array], oscillators: Sequence[Oscillator] = ()
 ) -> Array:
     """Give the wrench that the ground must exert on a person.
 

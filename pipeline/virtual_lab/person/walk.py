@@ -23,35 +23,7 @@ from pipeline.virtual_lab.machine.platform import (
     fit_trajectory,
     smooth_step,
 )
-from pipeline.virtual_lab.person.balance import (
-    RATE_HZ,
-    Plan,
-    balanced,
-    in_lab,
-    keep_balance,
-    pressure_on_platform,
-    sole_targets,
-    surface_height,
-)
-from pipeline.virtual_lab.person.body import (
-    LEG_COORDINATES,
-    Oscillator,
-    center_of_mass,
-    ground_wrench,
-    moments_of,
-)
-from pipeline.virtual_lab.person.gait import (
-    MAX_DEVIATION_SD,
-    STANCE,
-    STEP_M,
-    FootPlacement,
-    Steps,
-    foothold,
-    place_sideways,
-    posture,
-    size_of,
-    step_time,
-)
+from pipeline.virtual_lab.person import balance, body, gait
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
 ARMS_DOWN: Final = 0.48, 0.35
@@ -100,13 +72,13 @@ class Walk:
     motion: Trajectory
     ground: Trajectory
     left: Trajectory
-    placement: FootPlacement
+    placement: gait.FootPlacement
     platform: PlatformTrajectory
 
 
 def simulate_walk(
     subject: VirtualSubject,
-    steps: Steps,
+    steps: gait.Steps,
     belt: BeltRamp,
     platform: PlatformTrajectory,
     duration: float,
@@ -132,7 +104,7 @@ def simulate_walk(
     Walk
         Motion, ground forces and foot placement; a second longer than the trial.
     """
-    time = np.arange(round((duration + BEYOND_S) * RATE_HZ) + 1) / RATE_HZ
+    time = np.arange(round((duration + BEYOND_S) * balance.RATE_HZ) + 1) / balance.RATE_HZ
     height = float(_center(subject, subject.standing)[2])
     placement = _place(subject, steps, belt, platform, height, rng)
     pose = platform.pose(time)
@@ -144,18 +116,18 @@ def simulate_walk(
     def extended(q: Array) -> Array:
         return subject.extra_joints.extend(q, phase, walking)
 
-    ahead = center_of_mass(subject.skeleton, extended(reference.T))[:, :2] - reference[:, :2]
+    ahead = body.center_of_mass(subject.skeleton, extended(reference.T))[:, :2] - reference[:, :2]
     # shift the pressure along the feet so that the pelvis is above them as in the pattern
-    pressure = in_lab(placement.total_pressure(time), pose)[:, :2]
-    pelvis = balanced(pressure, height) - ahead
+    pressure = balance.in_lab(placement.total_pressure(time), pose)[:, :2]
+    pelvis = balance.balanced(pressure, height) - ahead
     shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
     placement = replace(placement, pressure_shift=shift)
-    intended = in_lab(placement.total_pressure(time), pose)[:, :2]
-    reference[:, :2] = balanced(intended, height) - ahead
-    reference[:, 2] += surface_height(pose, subject.standing[:2])
+    intended = balance.in_lab(placement.total_pressure(time), pose)[:, :2]
+    reference[:, :2] = balance.balanced(intended, height) - ahead
+    reference[:, 2] += balance.surface_height(pose, subject.standing[:2])
 
-    targets = sole_targets(subject, placement, extended(reference.T), pose, time)
-    plan = Plan(
+    targets = balance.sole_targets(subject, placement, extended(reference.T), pose, time)
+    plan = balance.Plan(
         subject,
         targets,
         intended,
@@ -166,11 +138,11 @@ def simulate_walk(
         steady,
         smooth_step((time - steps.contact[0]) / SETTLE_S),
     )
-    q = keep_balance(plan, np.ascontiguousarray(reference.T), time)
-    motion, rate_hz = fit_trajectory(q.T, RATE_HZ), FORCES_PER_FRAME * RATE_HZ
-    oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
+    q = balance.keep_balance(plan, np.ascontiguousarray(reference.T), time)
+    motion, rate_hz = fit_trajectory(q.T, balance.RATE_HZ), FORCES_PER_FRAME * balance.RATE_HZ
+    oscillators = [body.Oscillator(mass, rate_hz) for mass in subject.wobbling]
     total = np.concatenate(
-        [ground_wrench(subject.skeleton, state, oscillators) for _, state in _blocks(motion)]
+        [body.ground_wrench(subject.skeleton, state, oscillators) for _, state in _blocks(motion)]
     )
     time = np.arange(len(total)) / rate_hz
     hip_height = float(subject.standing[INDEX["PelvisZ"]])
@@ -181,53 +153,55 @@ def simulate_walk(
 
 def _blocks(motion: Trajectory) -> Iterator[tuple[Array, tuple[Array, Array, Array]]]:
     """Give times at the rate of the forces, (N,) [s], and the motion with two derivatives there."""
-    count = round(motion.duration * RATE_HZ) * FORCES_PER_FRAME + 1
+    count = round(motion.duration * balance.RATE_HZ) * FORCES_PER_FRAME + 1
     for first in range(0, count, BLOCK_SAMPLES):
         samples = np.arange(first, min(first + BLOCK_SAMPLES, count))
         value, rate, second = (
             np.ascontiguousarray(motion.at_knots(samples / FORCES_PER_FRAME, order).T)
             for order in range(3)
         )
-        yield samples / (FORCES_PER_FRAME * RATE_HZ), (value, rate, second)
+        yield samples / (FORCES_PER_FRAME * balance.RATE_HZ), (value, rate, second)
 
 
 def _center(subject: VirtualSubject, q: Array) -> Array:
     """Give the centre of mass in a posture (46,), (3,) [m]."""
     still = np.zeros(1)
     full = subject.extra_joints.extend(q[:, None], still, still)
-    return np.asarray(center_of_mass(subject.skeleton, full)[0])
+    return np.asarray(body.center_of_mass(subject.skeleton, full)[0])
 
 
 def _place(
     subject: VirtualSubject,
-    steps: Steps,
+    steps: gait.Steps,
     belt: BeltRamp,
     platform: PlatformTrajectory,
     height: float,
     rng: np.random.Generator,
-) -> FootPlacement:
+) -> gait.FootPlacement:
     """Choose where the feet come down: forward so that mid-stance is under the person."""
-    parameters, size = subject.step_parameters, size_of(subject.standing)
-    sideways = place_sideways(steps, parameters, height, platform.sway, rng)
-    step_s = step_time(parameters, belt.speed_mps)
+    parameters, size = subject.step_parameters, gait.size_of(subject.standing)
+    sideways = gait.place_sideways(steps, parameters, height, platform.sway, rng)
+    step_s = gait.step_time(parameters, belt.speed_mps)
     contact = steps.contact
     middle = (
         np.append(contact[0], steps.off[:-1]) + np.append(contact[1:], contact[-1] + step_s)
     ) / 2
     slope, pose = platform.slope(contact), platform.pose(contact)
     forward = (subject.standing[0] - pose.position[:, 0]) / np.cos(slope)
-    forward -= size * (STANCE * STEP_M - foothold(slope))
+    forward -= size * (gait.STANCE * gait.STEP_M - gait.foothold(slope))
     forward += belt.travelled(middle) - belt.travelled(contact)
-    deviation = np.clip(rng.normal(size=len(contact)), -MAX_DEVIATION_SD, MAX_DEVIATION_SD)
+    deviation = np.clip(
+        rng.normal(size=len(contact)), -gait.MAX_DEVIATION_SD, gait.MAX_DEVIATION_SD
+    )
     forward += parameters.forward_sd * deviation
     place = np.column_stack([forward, sideways])
     ahead = float(_center(subject, subject.t_pose)[0] - subject.soles["left"].standing[0])
-    return FootPlacement(subject.soles, steps, place, belt, STEP_M * size, step_s, ahead)
+    return gait.FootPlacement(subject.soles, steps, place, belt, gait.STEP_M * size, step_s, ahead)
 
 
 def _pattern(
     subject: VirtualSubject,
-    placement: FootPlacement,
+    placement: gait.FootPlacement,
     slope: Array,
     time: Array,
     rng: np.random.Generator,
@@ -238,10 +212,10 @@ def _pattern(
     extent = placement.extent(time)
     walking = np.minimum(extent, 1.0)[:, None]
     q = subject.t_pose + lowered * (subject.standing - subject.t_pose)
-    mean = posture(placement.phase("right", time), extent, slope, subject.standing)
+    mean = gait.posture(placement.phase("right", time), extent, slope, subject.standing)
     q += (mean - subject.standing) * subject.gain + walking * subject.offset
-    wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * RATE_HZ, axis=0)
-    wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * RATE_HZ)
+    wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * balance.RATE_HZ, axis=0)
+    wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * balance.RATE_HZ)
     q += walking * subject.wander * wander
     for knee in (INDEX["RKneeFlexion"], INDEX["LKneeFlexion"]):
         excess = q[:, knee] - MIN_KNEE_RAD
@@ -251,7 +225,7 @@ def _pattern(
 
 
 def left_wrench(
-    total: Array, placement: FootPlacement, pose: PlatformPose, time: Array, height: float
+    total: Array, placement: gait.FootPlacement, pose: PlatformPose, time: Array, height: float
 ) -> Array:
     """Give the wrench on the left foot; the right one carries the rest.
 
@@ -283,7 +257,7 @@ def left_wrench(
     """
     on_platform, share = _on_platform(total, pose), placement.left_share(time)
     shear, vertical = on_platform[:, :2], on_platform[:, 2:3]
-    pressure = pressure_on_platform(total, pose)
+    pressure = balance.pressure_on_platform(total, pose)
     error = pressure - placement.total_pressure(time)
     # each foot's shear, inclined from its own pressure towards the centre of mass; its moment
     shears, places, moments = [], [], []
@@ -412,11 +386,11 @@ def leg_moments(walk: Walk, time: Array) -> dict[str, Array]:
         Coordinate, such as "RHipFlexion" -> moment about its axis, positive in the direction in
         which it grows, (T,) [N·m].
     """
-    rate_hz = FORCES_PER_FRAME * RATE_HZ
-    oscillators = [Oscillator(mass, rate_hz) for mass in walk.subject.wobbling]
+    rate_hz = FORCES_PER_FRAME * balance.RATE_HZ
+    oscillators = [body.Oscillator(mass, rate_hz) for mass in walk.subject.wobbling]
     parts = [
-        moments_of(walk.subject.skeleton, state, foot_wrenches(walk, at), oscillators)
+        body.moments_of(walk.subject.skeleton, state, foot_wrenches(walk, at), oscillators)
         for at, state in _blocks(walk.motion)
     ]
     moments = fit_trajectory(np.concatenate(parts, axis=1).T, rate_hz).at(time)
-    return dict(zip(LEG_COORDINATES, moments.T, strict=True))
+    return dict(zip(body.LEG_COORDINATES, moments.T, strict=True))

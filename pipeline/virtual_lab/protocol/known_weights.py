@@ -19,7 +19,7 @@ from pipeline.config.plate_study import FILE
 from pipeline.io.write import write_text
 from pipeline.virtual_lab.faults import CameraFaults
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
-from pipeline.virtual_lab.machine.instruments import (
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
     ANALOG_HZ,
     FRAME_HZ,
     PLATE_CENTERS_M,
@@ -50,8 +50,7 @@ HAMMER_S: Final = 33.0
 a blow is from that, and duration of the recording; assumed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Blows:
+class Blows(NamedTuple):
     """Blows with a hammer, each in its own time, 0 where the head first touches.
 
     Attributes
@@ -357,7 +356,7 @@ class _Bench(NamedTuple):
         force = mass * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
         center = place - [0, 0, MARKER_HEIGHT_M - CENTER_HEIGHT_M]
         wrench = np.hstack([force, np.cross(center, force)])
-        angle = 2 * np.pi * errors.vibration_hz * _times(place)
+        angle = 2 * np.pi * errors.vibration_hz * (np.arange(len(place)) / ANALOG_HZ)
         angle += self.rng.uniform(0, MAX_PHASE_RAD)
         wrench[:, 4] -= wrench[:, 2] * (share * errors.vibration_m * np.sin(angle))
         self._save(name, "WEIGHT", self._seen(place), errors.measure(wrench, self.belt, self.rng))
@@ -397,7 +396,8 @@ class _Bench(NamedTuple):
 
     def _save(self, name: str, marker: str, position: Array, wrench_in_plate: Array) -> None:
         """Write a recording; the other plate measures nothing."""
-        frames, time = np.arange(len(position)) / FRAME_HZ, _times(wrench_in_plate)
+        frames = np.arange(len(position)) / FRAME_HZ
+        time = np.arange(len(wrench_in_plate)) / ANALOG_HZ
         plates = [
             recorded_plate(
                 k + 1, time, wrench_in_plate if belt == self.belt else 0 * wrench_in_plate
@@ -405,10 +405,6 @@ class _Bench(NamedTuple):
             for belt, k in PLATES.items()
         ]
         write_c3d(self.folder / name, Markers(frames, (marker,), position), plates)
-
-
-def _times(samples: Array) -> Array:
-    return np.arange(len(samples)) / ANALOG_HZ
 
 
 def _center(belt: str) -> Array:

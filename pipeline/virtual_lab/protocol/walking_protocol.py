@@ -11,11 +11,7 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
-from compensation.protocol import (
-    ADVISED_PLATFORM_SIGNAL,
-    DURATIONS_S,
-    PLATFORM_KINDS,
-)
+from compensation.protocol import ADVISED_PLATFORM_SIGNAL, DURATIONS_S, PLATFORM_KINDS
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
 from hbm.spelling import did_you_mean, listed, parse_toml, shown

@@ -18,10 +18,11 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     PITCH_CHANNEL,
     PLATFORM_MARKERS_M,
     PULSE_CHANNEL,
+    SAMPLES_PER_FRAME,
+    SENSOR_NAMES,
     SWAY_CHANNEL,
     make_treadmill,
 )
-from pipeline.virtual_lab.machine.instruments import SAMPLES_PER_FRAME, SENSOR_NAMES
 from pipeline.virtual_lab.machine.platform import Machine
 from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.person.walk import foot_events, foot_wrenches, leg_moments

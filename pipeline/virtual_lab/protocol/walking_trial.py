@@ -3,7 +3,7 @@
 `run_trial` is one of the walking study, `simulate_trial` one on a stationary treadmill.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -17,22 +17,20 @@ from pipeline.io.recording import Metadata, Recording
 from pipeline.virtual_lab.faults import CameraFaults
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
-    BELT_CHANNELS,
-    InstrumentedTreadmill,
-    measure_platform,
-    measure_pose,
-    measure_pulses,
-    recorded,
-    undergo,
-)
-from pipeline.virtual_lab.machine.instruments import (
     ANALOG_HZ,
+    BELT_CHANNELS,
     FRAME_HZ,
     PLATE_CENTERS_M,
     SAMPLES_PER_FRAME,
     ForcePlate,
+    InstrumentedTreadmill,
     measure_markers,
+    measure_platform,
+    measure_pose,
+    measure_pulses,
+    recorded,
     recorded_plate,
+    undergo,
 )
 from pipeline.virtual_lab.machine.platform import (
     BeltRamp,
@@ -232,9 +230,10 @@ def run_walk(
     pitch = pitch_command(protocol, time) if condition == "pitch" else np.zeros(len(time))
     sway = sway_command(onsets, directions, time)
     belt = BeltRamp(protocol.speed_mps, protocol.standing_s, protocol.starting_s)
-    motion = move_treadmill(machine, sway, pitch, belt.speed(time), ANALOG_HZ, onsets)
+    motion = move_treadmill(machine, sway, pitch, belt.speed(time), ANALOG_HZ)
     trajectory = platform_trajectory(motion.platform, ANALOG_HZ)
-    return simulate_walk(subject, steps, belt, trajectory, duration, rng), motion
+    walk = simulate_walk(subject, steps, belt, trajectory, duration, rng)
+    return walk, replace(motion, onsets=onsets)
 
 
 def run_signal(
