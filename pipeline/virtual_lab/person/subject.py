@@ -21,6 +21,7 @@ from hbm.markers import marker_sets
 from hbm.segments import Inertia, Sex
 from hbm.spatial import Array, axes_from, distance, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.person import body
 from pipeline.virtual_lab.person.anatomy import (
     SIDES,
     Anatomy,
@@ -29,15 +30,6 @@ from pipeline.virtual_lab.person.anatomy import (
     locate,
     offsets_of,
     t_pose,
-)
-from pipeline.virtual_lab.person.body import (
-    COLUMN,
-    EXTRA,
-    KNEE,
-    LINKS,
-    Skeleton,
-    WobblingMass,
-    frames,
 )
 from pipeline.virtual_lab.person.gait import STEP_M, Sole, StepParameters, size_of, sole_of
 
@@ -278,12 +270,12 @@ def vary(anatomy: Anatomy, faults: BodyFaults, rng: np.random.Generator) -> Anat
         points["mid_trunk"] = points["neck"] + MID_TRUNK_SHARE * away
     # the orientations follow from joint angles and axes
     changed = replace(anatomy, axes=axes, points=points, ends=_ends(anatomy.ends, points))
-    q = np.zeros((len(LINKS), 1))
+    q = np.zeros((len(body.LINKS), 1))
     for name, value in anatomy.q.items():
-        q[COLUMN[name]] = value
+        q[body.COLUMN[name]] = value
     nowhere = {s: np.zeros(3) for s in anatomy.rotations}
-    jointed = Skeleton(axes_of(changed), nowhere, {}, (), (), np.zeros((0, 3)))
-    turned = frames(jointed, (q,)).items()
+    jointed = body.Skeleton(axes_of(changed), nowhere, {}, (), (), np.zeros((0, 3)))
+    turned = body.frames(jointed, (q,)).items()
     return replace(changed, rotations={s: frame.rotation[0][..., 0] for s, frame in turned})
 
 
@@ -433,7 +425,7 @@ class ExtraJoints:
         Array
             (55, T); the trunk's coordinates are those of the lumbar joint.
         """
-        full = np.zeros((len(COORDINATES) + len(EXTRA), q.shape[1]))
+        full = np.zeros((len(COORDINATES) + len(body.EXTRA), q.shape[1]))
         full[:N_Q] = q
         for k, (i, harmonic) in enumerate(zip(TRUNK, SPINE_HARMONIC, strict=True)):
             angle = 2 * np.pi * harmonic * phase + self.spine_phase[k]
@@ -442,9 +434,9 @@ class ExtraJoints:
             full[N_Q + k] = bend
             full[i] -= bend
         for letter in self.knee:
-            first = COLUMN[letter + KNEE[0]]
+            first = body.COLUMN[letter + body.KNEE[0]]
             flexion = q[INDEX[letter + "KneeFlexion"]]
-            full[first : first + len(KNEE)] = self.of_knee(letter, flexion)
+            full[first : first + len(body.KNEE)] = self.of_knee(letter, flexion)
         return full
 
 
@@ -480,7 +472,7 @@ SCATTER: Final = 0.15
 
 def draw_wobbling_masses(
     inertias: Mapping[str, Inertia], faults: BodyFaults, rng: np.random.Generator
-) -> tuple[WobblingMass, ...]:
+) -> tuple[body.WobblingMass, ...]:
     """Draw a person's wobbling masses; none with ``same_body`` or without size."""
     masses = []
     carriers = {"thorax": "thorax", "mid_trunk": "mid_trunk"}
@@ -490,7 +482,9 @@ def draw_wobbling_masses(
         share, frequency_hz, damping = np.array(TISSUE[tissue]) * scatter
         part, share = inertias[name], min(faults.wobble_scale * share, 1.0)
         if share > 0 and not faults.same_body:
-            masses.append(WobblingMass(name, share * part.mass, part.center, frequency_hz, damping))
+            masses.append(
+                body.WobblingMass(name, share * part.mass, part.center, frequency_hz, damping)
+            )
     return tuple(masses)
 
 
@@ -572,9 +566,9 @@ class VirtualSubject:
 
     person: Person
     marker_set: str
-    skeleton: Skeleton
+    skeleton: body.Skeleton
     extra_joints: ExtraJoints
-    wobbling: tuple[WobblingMass, ...]
+    wobbling: tuple[body.WobblingMass, ...]
     soles: Mapping[str, Sole]
     sole_yield_m: float
     t_pose: Array
@@ -644,7 +638,7 @@ def make_subject(
     on_segment = [
         anatomy.rotations[s].T @ (at[name] - anatomy.origin(s)) for name, s in worn.segment.items()
     ]
-    skeleton = Skeleton(
+    skeleton = body.Skeleton(
         axes_of(anatomy),
         offsets_of(anatomy),
         inertias,
