@@ -5,9 +5,8 @@ import pytest
 
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.virtual_lab.person import momentum
 from pipeline.virtual_lab.person.balance import balanced
-from pipeline.virtual_lab.person.body import COLUMN, center_of_mass, segment_poses
+from pipeline.virtual_lab.person.body import COLUMN, center_of_mass, ground_wrench, segment_poses
 from pipeline.virtual_lab.person.gait import posture, rolled
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from pipeline.virtual_lab.person.walk import foot_wrenches, left_wrench, plate_wrenches
@@ -211,7 +210,7 @@ def test_between_its_samples_the_ground_wrench_is_that_of_the_motion(walked):
     walk, _ = walked(0, varied_body=False)
     time = np.arange(12000, 14000) / 1000
     motion = tuple(np.ascontiguousarray(walk.motion.at(time, k).T) for k in range(3))
-    error = walk.ground.at(time) - momentum.ground_wrench(walk.subject.skeleton, motion)
+    error = walk.ground.at(time) - ground_wrench(walk.subject.skeleton, motion)
     assert np.abs(error).max() < 0.05
     feet = foot_wrenches(walk, time)["left"]
     exact = left_wrench(
