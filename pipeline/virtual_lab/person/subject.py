@@ -84,15 +84,15 @@ def table(source: Source, sex: Sex) -> dict[str, Row]:
         By segment, without side.
     """
     path = Path(__file__).with_name("segment_inertias.csv")
-    rows = pd.read_csv(path, comment="#", float_precision="round_trip")
+    rows = pd.read_csv(path, comment="#", dtype=str)  # numbers are then read exactly
     rows = rows[(rows["source"] == source) & (rows["sex"] == sex)].set_index("segment")
-    total = sum(row["mass"] * (2 if name in PAIRED else 1) for name, row in rows.iterrows())
+    total = sum(float(row["mass"]) * (2 if name in PAIRED else 1) for name, row in rows.iterrows())
     return {
         str(name): Row(
-            row["mass"] / total,
+            float(row["mass"]) / total,
             row[["center_x", "center_y", "center_z"]].to_numpy(float) / 100,
             _tensor(*(row[["xx", "yy", "zz", "xy", "xz", "yz"]].to_numpy(float) / 100)),
-            row["length_mm"] / 1000 / STATURE_M[source, sex],
+            float(row["length_mm"]) / 1000 / STATURE_M[source, sex],
         )
         for name, row in rows.iterrows()
     }
