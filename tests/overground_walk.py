@@ -14,20 +14,17 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Metadata, Plate, Recording
-from pipeline.virtual_lab.faults import CameraFaults, Faults
-from pipeline.virtual_lab.machine.instruments import (
+from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
     ANALOG_HZ,
     FRAME_HZ,
     make_force_plate,
-    measure_markers,
 )
 from pipeline.virtual_lab.machine.platform import BeltRamp, stationary_platform
-from pipeline.virtual_lab.person.body import marker_positions, segment_poses
-from pipeline.virtual_lab.person.feet import SIDES
-from pipeline.virtual_lab.person.gait import schedule
-from pipeline.virtual_lab.person.soft_tissue import displace_markers
+from pipeline.virtual_lab.person.gait import SIDES, schedule
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from pipeline.virtual_lab.person.walk import Walk, foot_wrenches, simulate_walk
+from pipeline.virtual_lab.protocol.walking_trial import measure_person
 
 STANDING_S: Final = 4.0
 STARTING_S: Final = 3.5
@@ -132,7 +129,7 @@ def simulate_overground(
             for number in range(plates):
                 loads[number] += np.where((under == number)[:, None], on_floor, 0.0)
         frames = start_s + np.arange(round((stop_s - start_s) * FRAME_HZ)) / FRAME_HZ
-        position = _markers(walk, frames, faults.cameras, of_markers)
+        position = measure_person(walk, frames, faults.cameras, of_markers)
         position[..., 0] += belt.travelled(frames)[:, None]
         person = subject.person
         return Recording(
@@ -179,23 +176,6 @@ def _under(walk: Walk, side: str, time: Array, shift: Array, centers: Array) -> 
     away = np.abs(middle[:, None] - shift[:2] - centers[:, :2])
     within = np.all(away <= np.array(PLATE_M) / 2, axis=2)
     return np.asarray(np.where(np.any(within, axis=1), np.argmax(within, axis=1), -1))
-
-
-def _markers(walk: Walk, frames: Array, cameras: CameraFaults, rng: np.random.Generator) -> Array:
-    """Give the markers as the cameras see them from the treadmill's frame, (T, M, 3) [m]."""
-    of_skin, of_cameras = rng.spawn(2)
-    body, q = walk.subject.skeleton, walk.motion.at(frames).T
-    segments = list(dict.fromkeys(body.marker_segment))
-    turned = {
-        segment: rotation
-        for segment, (rotation, _) in zip(segments, segment_poses(body, q, segments), strict=True)
-    }
-    walking = np.minimum(walk.placement.extent(frames), 1.0)
-    bones = marker_positions(body, q)
-    on_skin = displace_markers(
-        bones, body.marker_segment, turned, q, walking, cameras, of_skin, FRAME_HZ
-    )
-    return measure_markers(on_skin, cameras, of_cameras, FRAME_HZ)
 
 
 def _plate(number: int, time: Array, wrench: Array, center: Array) -> Plate:

@@ -96,7 +96,11 @@ def rank_platform(
     differ if the experiment were repeated; resampled blocks do not contain that.
     """
     for trial in (*calibration, *validation):
-        _require_same_sensors(trial, calibration[0])
+        if trial.setup != calibration[0].setup:
+            raise ValueError(
+                f"{trial.name} was recorded with {', '.join(trial.setup.sensors)}, "
+                f"{calibration[0].name} with {', '.join(calibration[0].setup.sensors)}"
+            )
     models = _fitted(
         calibration, lambda trial: fit_inertia(trial.accelerations, trial.wrench, trial.setup)
     )
@@ -131,12 +135,12 @@ def _scores(
 ) -> pd.DataFrame:
     """Give RMS raw and after compensation of the components, (N, C), by calibration trial."""
     raw = _rms(measured)
+    columns = ["trial", "validation", "component", "rms_raw", "rms_after"]
     rows = [
         (name, validation, *row)
         for name, rest in left.items()
         for row in zip(components, raw, _rms(rest), strict=True)
     ]
-    columns = ["trial", "validation", "component", "rms_raw", "rms_after"]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -191,9 +195,8 @@ def best_trials(ranking: Ranking[Model]) -> pd.DataFrame:
     pandas.DataFrame
         One row per validation trial, one column per component.
     """
-    best = ranking.scores.loc[
-        ranking.scores.groupby(["validation", "component"], sort=False)["rank"].idxmin()
-    ]
+    columns = ranking.scores.groupby(["validation", "component"], sort=False)
+    best = ranking.scores.loc[columns["rank"].idxmin()]
     wide = best.pivot(index="validation", columns="component", values="trial")
     return wide[[c for c in WRENCH_COMPONENTS if c in wide.columns]]
 
@@ -244,14 +247,6 @@ def _gain_errors(model: InertiaModel, zero_sd: Array, rng: np.random.Generator) 
     return draws
 
 
-def _require_same_sensors(trial: PlatformTrial, first: PlatformTrial) -> None:
-    if trial.setup != first.setup:
-        raise ValueError(
-            f"{trial.name} was recorded with {', '.join(trial.setup.sensors)}, "
-            f"{first.name} with {', '.join(first.setup.sensors)}"
-        )
-
-
 def _rms(wrench: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(wrench**2, axis=0)))
 
@@ -288,15 +283,17 @@ def rank_belts(
         If a trial cannot be fitted, or there are fewer than two.
     """
     models = _fitted(
-        calibration, lambda trial: fit_belt(trial.acceleration, _about_mean(trial.moment))
+        calibration,
+        lambda trial: fit_belt(trial.acceleration, trial.moment - trial.moment.mean()),
     )
     rng = np.random.default_rng(seed)
     scores, resampled = [], []
     for trial in validation:
-        measured = _about_mean(trial.moment)
-        left = {n: _about_mean(measured - m.predict(trial.acceleration)) for n, m in models.items()}
-        rests = {name: rest[:, None] for name, rest in left.items()}
-        scores.append(_scores(trial.name, ["My"], measured[:, None], rests))
+        measured, left = trial.moment - trial.moment.mean(), {}
+        for name, model in models.items():
+            rest = measured - model.predict(trial.acceleration)
+            left[name] = (rest - rest.mean())[:, None]
+        scores.append(_scores(trial.name, ["My"], measured[:, None], left))
         cut, drawn = _drawn_blocks(len(measured), rng)
         after = drawn @ np.array([[np.sum(rest[b] ** 2) for rest in left.values()] for b in cut])
         total = drawn @ np.array([np.sum(measured[b] ** 2) for b in cut])
@@ -375,14 +372,9 @@ def belt_interaction(
             "p": np.where(alive, (1 + as_much) / (1 + RANDOM_SHIFTS), np.nan),
         }
     )
-    artefact = np.full(6, np.nan)
-    if model is not None:
-        artefact = np.sqrt(np.mean((explained @ model.gain[:-1]) ** 2, axis=0))
-    return table, artefact
-
-
-def _about_mean(signal: Array) -> Array:
-    return np.asarray(signal - signal.mean())
+    if model is None:
+        return table, np.full(6, np.nan)
+    return table, _rms(explained @ model.gain[:-1])
 
 
 SMALLEST_DIFFERENCE: Final = 0.1
@@ -422,9 +414,8 @@ def thesis_choice(table: pd.DataFrame) -> str:
 
 def excess(ranking: Ranking[Model], name: str) -> pd.Series:
     """Give how much more a trial leaves than the winner in each column [N, N·m]."""
-    left = ranking.scores.pivot(
-        index=["validation", "component"], columns="trial", values="rms_after"
-    )
+    columns = ["validation", "component"]
+    left = ranking.scores.pivot(index=columns, columns="trial", values="rms_after")
     return left[name] - left[ranking.winner]
 
 

@@ -92,9 +92,8 @@ def write_results(trials: Trials, seed: int, out: Path) -> Part:
             f"Low-pass {setup.cutoff_hz:g} Hz ({setup.filter_method}). Directions: x forward, y "
             "left, z up; in thesis: x right, y up, z back."
         )
-        second = table_2(ranking)
+        second, best = table_2(ranking), best_trials(ranking).reset_index()
         write_csv(second, out / "table_2.csv")
-        best = best_trials(ranking).reset_index()
         write_csv(best, out / "best_trials.csv")
         tables += [
             frame_table(f"Empty plate compensated by {ranking.winner} (Table II)", second, 1, note),
@@ -121,9 +120,8 @@ def write_results(trials: Trials, seed: int, out: Path) -> Part:
         verdicts.append(interaction_table(table, artefact))
         for one in (*validation, *trials.belt_person):
             moment = (one.moment - one.moment.mean())[:, None]
-            drawn = time_figure(
-                moment, model_of_belts.predict(one.acceleration)[:, None], RATE_HZ, ["My"]
-            )
+            predicted = model_of_belts.predict(one.acceleration)[:, None]
+            drawn = time_figure(moment, predicted, RATE_HZ, ["My"])
             text = (
                 f"{one.name}: pitch moment before and after {of_belts.winner} ({BELT_FILTER}; "
                 f"spline through the speed: {one.spline_cutoff_hz:.0f} Hz)."

@@ -156,24 +156,24 @@ def read_trials(
     ValueError, OSError
         If there is nothing to rank, or a recording cannot be used.
     """
-    files = {name: sorted((folder / name).glob("*.[cC]3[dD]")) for name in FOLDERS}
+    paths = [path for name in FOLDERS for path in sorted((folder / name).glob("*.[cC]3[dD]"))]
+    filled = {path.parent.name for path in paths}
     for first, second in (FOLDERS[:2], FOLDERS[2:4]):
-        if bool(files[first]) != bool(files[second]):
-            have, lack = (first, second) if files[first] else (second, first)
+        if (first in filled) != (second in filled):
+            have, lack = (first, second) if first in filled else (second, first)
             raise ValueError(f"{folder / have} has recordings, but {folder / lack} has none")
-    if not files["calibration"] and not files["belt_calibration"]:
+    if filled.isdisjoint(("calibration", "belt_calibration")):
         raise ValueError(
             f"{folder}: nothing to rank; put C3D files into its sub-folders calibration and "
             "validation (pitch and sway), or belt_calibration and belt_validation"
         )
-    trials, total = Trials(), sum(map(len, files.values()))
-    named = [(name, path) for name, paths in files.items() for path in paths]
-    for done, (name, path) in enumerate(named, start=1):
-        recording = read_empty(path, settings.stated)
+    trials = Trials()
+    for done, path in enumerate(paths, start=1):
+        recording, name = read_empty(path, settings.stated), path.parent.name
         one = (platform_trial if name in FOLDERS[:2] else belt_trial)(recording, settings)
         getattr(trials, name).append(one)
         if progress is not None:
-            progress(path.name, done, total)
+            progress(path.name, done, len(paths))
     return trials
 
 
@@ -228,18 +228,13 @@ def _readings(
 def factors(name: str) -> dict[str, str | float]:
     """Give kind, duration and belt speed from a trial's name; empty where it states none."""
     match = NAME.fullmatch(name)
-    if match is None:
-        return {}
-    return {
-        "kind": match["kind"],
-        "duration_s": float(match["duration_s"]),
-        "speed_mps": float(match["speed_mps"]),
-    }
+    texts = match.groupdict() if match is not None else {}
+    return {key: text if key == "kind" else float(text) for key, text in texts.items()}
 
 
 def _wrench(recording: Recording, number: int) -> Array:
-    for plate in recording.plates:
-        if plate.number == number:
-            return rotate_wrench(plate.wrench_in_plate, belt_axes(plate).T)
-    present = ", ".join(str(plate.number) for plate in recording.plates) or "none"
-    raise ValueError(f"{recording.source.name}: no plate {number}; plates there: {present}")
+    plates = {plate.number: plate for plate in recording.plates}
+    if number not in plates:
+        present = ", ".join(map(str, plates)) or "none"
+        raise ValueError(f"{recording.source.name}: no plate {number}; plates there: {present}")
+    return rotate_wrench(plates[number].wrench_in_plate, belt_axes(plates[number]).T)

@@ -119,17 +119,10 @@ def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
         table[f"difference{name}"] = 2 * level * np.sinh(logs[log_ratio] / 2)
     significant = table["p_bonferroni"] < ALPHA
     small = table["difference"].abs() < SMALLEST_DIFFERENCE
-    ends = table[["difference_low", "difference_high"]].abs()
-    within = (ends < SMALLEST_DIFFERENCE).all(axis=1)
-    table["verdict"] = np.select(
-        [
-            within | (significant & small),
-            significant & (table["difference"] < 0),
-            significant,
-        ],
-        ["no difference", "less", "more"],
-        "undecided",
-    )
+    within = (table[["difference_low", "difference_high"]].abs() < SMALLEST_DIFFERENCE).all(axis=1)
+    none, less = within | (significant & small), significant & (table["difference"] < 0)
+    verdicts = ["no difference", "less", "more"]
+    table["verdict"] = np.select([none, less, significant], verdicts, "undecided")
     return table
 
 

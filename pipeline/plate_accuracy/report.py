@@ -10,26 +10,23 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from scipy import stats
 
 from compensation import PlateCalibration, PlateCalibrations, center_of_pressure
+from compensation.accuracy import orthogonal_rmse
 from compensation.plate_calibration import to_json
-from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.config.plate_study import FILE, PlatesFile
-from pipeline.figures.style import COLOURS, STYLE, save_figure
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
+from pipeline.config.plate_study import FILE, PlatesFile, WeightRecording
+from pipeline.figures.style import STYLE, save_figure
 from pipeline.io.write import write_csv, write_text
-from pipeline.plate_accuracy.accuracy import (
-    PlateAccuracy,
-    condition_effects,
-    mean_loads,
-    reported_errors,
-    trial_errors,
-)
-from pipeline.plate_accuracy.response import PEAK, PlateResponse
+from pipeline.plate_accuracy.accuracy import PlateAccuracy, mean_loads
+from pipeline.plate_accuracy.response import PEAK, PlateResponse, rms
 from pipeline.plate_accuracy.trials import LOADED_SHARE, SLOW_CUTOFF_HZ, THESIS_FILTER, WeightTrial
 from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
 from pipeline.report.blocks import Check, Drawn, Table, drawing
 from pipeline.report.laboratory import Part, frame_table
 from pipeline.run.job import file_digest
+from pipeline.statistics.factorial import anova, compare_levels, residuals
 
 CALIBRATION: Final = "plate_calibration.json"
 COLUMNS: Final = {
@@ -84,37 +81,44 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     write_csv(thesis, out / "table_1.csv")
     write_csv(errors, out / "errors.csv")
     write_csv(faults, out / "faults.csv")
-    write_csv(judged_table(verdicts), out / "judged.csv")
+    rows = [
+        [verdict.belt, one.name, one.size, one.low, one.high, one.limit, one.unit, one.status]
+        for verdict in verdicts
+        for one in (*verdict.judged, *verdict.corrected)
+    ]
+    columns = ["belt", "error", "size", "low", "high", "limit", "unit", "status"]
+    write_csv(pd.DataFrame(rows, columns=columns), out / "judged.csv")
     if len(tests):
         write_csv(tests, out / "anova.csv")
         write_csv(pairs, out / "pairs.csv")
-    figures = {
-        "correction": (
-            "Total errors by their limits, before and after correction.",
-            correction_figure(verdicts),
-        ),
-        "linearity": (
-            "Measured against known load; shaded: loads of a walking person of "
-            f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated.",
-            linearity_figure(found.trials, verdicts, file.body_mass_kg),
-        ),
-    }
+    text = (
+        "Measured against known load; shaded: loads of a walking person of "
+        f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated."
+    )
+    figure = linearity_figure(found.trials, verdicts, file.body_mass_kg)
+    save_figure(figure, out / "figures" / "linearity.png")
+    drawn = [Drawn(text, drawing(figure))]
     for verdict in verdicts:
         response = found.responses.get(verdict.belt)
         if response is not None:
-            own = [trial for trial in found.trials_in_use if trial.weight.belt == verdict.belt]
-            maps = map_figure(response, own, verdict.calibration, file)
+            trials = [trial for trial in found.trials_in_use if trial.weight.belt == verdict.belt]
+            figure = map_figure(response, trials, verdict.calibration, file)
             text = (
                 f"{verdict.belt.title()} plate: error of the vertical force and of the centre of "
                 f"pressure (arrows: direction) under {file.body_mass_kg:g} kg at each place; dots: "
                 "recorded weights."
             )
-            figures[f"map_{verdict.belt}"] = text, maps
-    drawn = []
-    for name, (text, figure) in figures.items():
-        save_figure(figure, out / "figures" / f"{name}.png")
-        drawn.append(Drawn(text, drawing(figure, ".png" if name.startswith("map_") else ".svg")))
-    _write_calibration(found, verdicts, out)
+            save_figure(figure, out / "figures" / f"map_{verdict.belt}.png")
+            drawn.append(Drawn(text, drawing(figure, ".png")))
+    plates = tuple(one.calibration for one in verdicts if one.calibration is not None)
+    if plates:
+        provenance = {
+            "study": file.name,
+            "sha256": file_digest(found.study.folder / FILE),
+            "made": datetime.now(UTC).isoformat(timespec="seconds"),
+            "program": f"hbm-residuals {version('hbm-residuals')}",
+        }
+        write_text(to_json(PlateCalibrations(plates, provenance)), out / CALIBRATION)
     total = errors_table(verdicts, TOTAL_NOTE.format(mass=file.body_mass_kg))
     tables = [total, errors_table(verdicts, totals=False)]
     vertical_n = [np.std(trial.truth[trial.used, 2]) for trial in found.trials]
@@ -130,6 +134,144 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
         text = EFFECTS_NOTE.format(remarks="; ".join(remarks))
         tables.append(frame_table("Effects of the conditions", tests, 3, text))
     return Part("plates", [one.table for one in verdicts], tables, drawn)
+
+
+QUANTITIES: Final = ("COPx", "COPy", *WRENCH_COMPONENTS)
+ZONES: Final = ("back", "middle", "front")
+"""Thirds of the belt."""
+MIN_ZONE_SAMPLES: Final = 20
+"""Of a recording in a third of the belt, 0.2 s: fewer give no error there."""
+
+
+def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
+    """Give one row per recording, zone ("all" or a third of the belt) and quantity.
+
+    Columns: the given conditions, and RMSE by difference, orthogonal, and by difference of slow
+    signals [m, N, N·m]. Lab axes; moments of slow signals about the centre of the plate.
+    """
+    rows = []
+    for trial in trials:
+        conditions = trial.weight.model_dump()
+        measured, truth = quantities(trial.measured), quantities(trial.truth)
+        slow_error = quantities(trial.slow_measured) - quantities(trial.slow_truth)
+        edges = np.linspace(*trial.belt_ends, len(ZONES) + 1)
+        zone = np.clip(np.digitize(trial.marker[:, 0], edges) - 1, 0, len(ZONES) - 1)
+        zones = {label: trial.used & (zone == k) for k, label in enumerate(ZONES)}
+        for name, inside in {"all": trial.used, **zones}.items():
+            if np.count_nonzero(inside) < MIN_ZONE_SAMPLES:
+                continue
+            for k, quantity in enumerate(QUANTITIES):
+                m, t = measured[inside, k], truth[inside, k]
+                sizes = float(rms(m - t)), orthogonal_rmse(m, t), float(rms(slow_error[inside, k]))
+                rows.append((*conditions.values(), name, quantity, *sizes))
+    columns = [*WeightRecording.model_fields, "zone", "quantity"]
+    return pd.DataFrame(rows, columns=[*columns, "difference", "orthogonal", "slow"])
+
+
+def quantities(wrench: Array) -> Array:
+    """Give centre of pressure along and across [m], forces and moments [N, N·m], (T, 8)."""
+    threshold = LOADED_SHARE * float(np.median(np.abs(wrench[:, 2])))
+    return np.hstack([center_of_pressure(wrench, threshold)[:, :2], wrench])
+
+
+FACTORS: Final = ("belt", "profile", "speed_mps", "position_m", "mass_kg")
+MIN_TRIALS_PER_COEFFICIENT: Final = 3
+"""Of an analysis of variance."""
+MIN_BLOCKS: Final = 5
+"""Recordings in which thirds of the belt can be compared."""
+TEST_COLUMNS: Final = [
+    *("quantity", "exponent", "shapiro_w", "shapiro_p", "effect", "df", "df_error", "f", "p"),
+    "partial_eta_squared",
+]
+PAIR_COLUMNS: Final = ["quantity", "factor", "first", "second", "p_bonferroni"]
+
+
+def reported_errors(errors: pd.DataFrame) -> pd.DataFrame:
+    """Give the errors of the recordings with supports, or of all where none has supports."""
+    return errors[errors["supports"] == errors["supports"].any()]
+
+
+def condition_effects(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
+    """Test what the orthogonal errors depend on, in the recordings with supports if there are any.
+
+    Parameters
+    ----------
+    errors
+        As `trial_errors` gives them.
+
+    Returns
+    -------
+    tests
+        One row per quantity and effect: quantity, exponent (Box–Cox λ), shapiro_w and shapiro_p
+        (Shapiro–Wilk test of the model's residuals), effect, df, df_error, f, p,
+        partial_eta_squared. The effect "zone" is the third of the belt, antero-posterior.
+    pairs
+        Pairs of levels, Bonferroni-corrected: quantity, factor, first, second, p_bonferroni.
+    remarks
+        What was not tested, and why.
+
+    Notes
+    -----
+    Per quantity two analyses of variance of type III, main effects, after a Box–Cox transform. Of
+    whole recordings: belt, profile, speed, position and weight, as far as they vary. Of the thirds
+    of the belt within recordings: the third, with the recording as a block, since thirds of one
+    recording share its weight, speed and noise.
+
+    Deviations from the original: van de Loosdrecht (2018, II.A.4) tests with three factors, which
+    leaves belt and profile in the error, and does not state whether the transformed data were
+    normal.
+    """
+    supported = reported_errors(errors)
+    whole, thirds = (supported[(supported["zone"] == "all") == entire] for entire in (True, False))
+    thirds = thirds[thirds.groupby("file")["zone"].transform("nunique") > 1]
+    varied = [factor for factor in FACTORS if whole[factor].nunique() > 1]
+    coefficients = 1 + sum(whole[factor].nunique() - 1 for factor in varied)
+    needed = MIN_TRIALS_PER_COEFFICIENT * coefficients if varied else np.inf
+    tests, pairs, remarks = [], [], []
+    for label, data, least, used, tested in (
+        ("whole recordings", whole, needed, varied, varied),
+        ("thirds of the belt", thirds, MIN_BLOCKS, ["file", "zone"], ["zone"]),
+    ):
+        if data["file"].nunique() < least:
+            remarks.append(f"{label}: not tested, too few recordings, or nothing varies")
+            continue
+        for quantity, part in data.groupby("quantity", sort=False):
+            try:
+                table, compared = _analyse(str(quantity), part, used, tested)
+            except ValueError as error:
+                remarks.append(f"{quantity}, {label}: not tested: {error}")
+                continue
+            tests.append(table)
+            pairs.append(compared)
+    if not tests:
+        return pd.DataFrame(columns=TEST_COLUMNS), pd.DataFrame(columns=PAIR_COLUMNS), remarks
+    all_pairs = pd.concat(pairs, ignore_index=True)[PAIR_COLUMNS]
+    return pd.concat(tests, ignore_index=True)[TEST_COLUMNS], all_pairs, remarks
+
+
+def _analyse(
+    quantity: str, data: pd.DataFrame, factors: Sequence[str], tested: Sequence[str]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Give tests and pairs of one quantity; ``tested`` are the factors of interest."""
+    sizes = data["orthogonal"].to_numpy()
+    if not (sizes > 0).all():
+        raise ValueError("a Box–Cox transform needs positive values, none missing")
+    transformed, exponent = stats.boxcox(sizes / stats.gmean(sizes))  # λ is the same in any unit
+    data = data.assign(y=transformed)
+    table = anova(data, "y", factors)
+    normal = stats.shapiro(residuals(data, "y", factors))
+    tests = table[table["effect"].isin(tested)].assign(
+        quantity=quantity,
+        exponent=exponent,
+        shapiro_w=normal.statistic,
+        shapiro_p=normal.pvalue,
+        df_error=table["df"].iloc[-1],
+    )
+    pairs = [
+        compare_levels(data, "y", factors, factor).assign(quantity=quantity, factor=factor)
+        for factor in tested
+    ]
+    return tests, pd.concat(pairs)
 
 
 def errors_table(
@@ -148,31 +290,6 @@ def errors_table(
     if totals:
         return Table("Total errors before and after correction", heads, rows, "numbers", legend)
     return Table("Single errors of the plates by their limits", heads, rows, "folded", legend)
-
-
-def judged_table(verdicts: Sequence[PlateVerdict]) -> pd.DataFrame:
-    """Give every error beside its limit, one row each, in SI units."""
-    rows = [
-        [verdict.belt, one.name, one.size, one.low, one.high, one.limit, one.unit, one.status]
-        for verdict in verdicts
-        for one in (*verdict.judged, *verdict.corrected)
-    ]
-    columns = ["belt", "error", "size", "low", "high", "limit", "unit", "status"]
-    return pd.DataFrame(rows, columns=columns)
-
-
-def _write_calibration(found: PlateAccuracy, verdicts: Sequence[PlateVerdict], out: Path) -> None:
-    """Write ``plate_calibration.json`` with the plates that need one, if any does."""
-    plates = tuple(one.calibration for one in verdicts if one.calibration is not None)
-    if not plates:
-        return
-    provenance = {
-        "study": found.study.file.name,
-        "sha256": file_digest(found.study.folder / FILE),
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "program": f"hbm-residuals {version('hbm-residuals')}",
-    }
-    write_text(to_json(PlateCalibrations(plates, provenance)), out / CALIBRATION)
 
 
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
@@ -217,10 +334,10 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
 
 def _row(condition: str, part: pd.DataFrame, way: str) -> dict[str, str | float]:
     means = part.groupby("quantity")[way].mean()
-    row: dict[str, str | float] = {"condition": condition}
-    for column, (quantity, scale) in COLUMNS.items():
-        row[column] = "-" if quantity is None else float(means[quantity]) * scale
-    return row
+    return {"condition": condition} | {
+        column: "-" if quantity is None else float(means[quantity]) * scale
+        for column, (quantity, scale) in COLUMNS.items()
+    }
 
 
 GRID: Final = (15, 7)
@@ -253,11 +370,9 @@ def map_figure(
     grids = np.linspace(-along, along, GRID[0]), np.linspace(-across, across, GRID[1])
     x, y = np.meshgrid(*grids, indexing="ij")
     weight = file.body_mass_kg * GRAVITY_MPS2
-    off = {
-        name: place_errors(response, x.ravel(), y.ravel(), weight, used)
-        for name, used in {"as it is": None, "corrected": calibration}.items()
-        if name == "as it is" or used is not None
-    }
+    off = {"as it is": place_errors(response, x.ravel(), y.ravel(), weight, None)}
+    if calibration is not None:
+        off["corrected"] = place_errors(response, x.ravel(), y.ravel(), weight, calibration)
     force = max(file.limits.force_n, *(np.abs(errors[:, 2]).max() for errors in off.values()))
     shift = max(file.limits.cop_m, *(np.hypot(*errors[:, :2].T).max() for errors in off.values()))
     with mpl.rc_context(STYLE):
@@ -265,20 +380,12 @@ def map_figure(
         panels = figure.subplots(len(off), 2, squeeze=False, sharex=True, sharey=True)
         for (name, errors), (left, right) in zip(off.items(), panels, strict=True):
             dx, dy, up = (errors[:, k].reshape(x.shape) for k in range(3))
-            both = (
-                (left, up, "vertical force (N)", "RdBu_r", -force, force),
-                (
-                    right,
-                    1000 * np.hypot(dx, dy),
-                    "centre of pressure (mm)",
-                    "viridis",
-                    0,
-                    1000 * shift,
-                ),
-            )
-            for panel, values, label, colours, low, high in both:
-                drawn = panel.pcolormesh(x, y, values, cmap=colours, vmin=low, vmax=high)
-                figure.colorbar(drawn, ax=panel, label=label)
+            drawn = left.pcolormesh(x, y, up, cmap="RdBu_r", vmin=-force, vmax=force)
+            figure.colorbar(drawn, ax=left, label="vertical force (N)")
+            distance_mm = 1000 * np.hypot(dx, dy)
+            drawn = right.pcolormesh(x, y, distance_mm, cmap="viridis", vmin=0, vmax=1000 * shift)
+            figure.colorbar(drawn, ax=right, label="centre of pressure (mm)")
+            for panel in (left, right):
                 panel.plot(*places[::50].T, ".", color="black", ms=1.5, alpha=0.5)
                 panel.set_title(name, loc="left")
             right.quiver(x, y, dx, dy, color="white", width=0.004, scale=10 * shift)
@@ -308,32 +415,6 @@ def place_errors(
         reported = calibration.correct(reported)
     seen = center_of_pressure(reported, LOADED_SHARE * force_n)[:, :2]
     return np.column_stack([seen - np.column_stack([x, y]), reported[:, 2] - force_n])
-
-
-def correction_figure(verdicts: Sequence[PlateVerdict]) -> Figure:
-    """Draw total errors of forces, centres of pressure and moments by their limits."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 3), layout="constrained")
-        panels = figure.subplots(1, len(verdicts), sharey=True, squeeze=False).ravel()
-        for panel, verdict in zip(panels, verdicts, strict=True):
-            before = [one for one in verdict.judged if one.name.startswith(TOTAL)]
-            looks = (
-                ("as it is", before, "measured"),
-                ("corrected", verdict.corrected, "compensated"),
-            )
-            for n, (label, errors, colour) in enumerate(looks):
-                at = np.arange(len(errors)) + 0.4 * n - 0.2
-                sizes = [one.size / one.limit for one in errors]
-                panel.bar(at, sizes, 0.36, color=COLOURS[colour], label=label)
-                ends = [(one.low / one.limit, one.high / one.limit) for one in errors]
-                for place, (low, high) in zip(at, ends, strict=True):
-                    panel.vlines(place, low, high, color="black", lw=0.9)
-            panel.axhline(1, color="black", ls="--", lw=0.9)
-            panel.set_xticks(range(len(before)), [one.name.split()[-1] for one in before])
-            panel.set_title(f"{verdict.belt} plate", loc="left")
-        panels[0].set_ylabel("total error / limit")
-        panels[0].legend(frameon=False)
-    return figure
 
 
 def linearity_figure(

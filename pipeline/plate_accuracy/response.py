@@ -13,7 +13,7 @@ from scipy.signal import czt
 from compensation import Delay, PlateCalibration, center_of_pressure
 from compensation.accuracy import PlateAlignment
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, Mask, shift_wrench
-from pipeline.config.plate_study import BeltSide
+from pipeline.config.plate_study import BeltSide, PlatesFile
 from pipeline.plate_accuracy.trials import LOADED_SHARE, WeightTrial, to_cameras
 
 FX, FY, FZ, MX, MY, MZ = range(6)
@@ -109,11 +109,7 @@ def standard_error(replicates: Array) -> Array:
 
 
 def fit_response(
-    trials: Sequence[WeightTrial],
-    alignment: PlateAlignment,
-    full_scale_n: float,
-    *,
-    height_stated: bool,
+    trials: Sequence[WeightTrial], alignment: PlateAlignment, file: PlatesFile
 ) -> PlateResponse | None:
     """Find what a plate reports of the true wrenches of its recordings.
 
@@ -123,11 +119,10 @@ def fit_response(
         Recordings on one plate, as it is used.
     alignment
         Static calibration by which their wrenches were brought to the cameras' frame.
-    full_scale_n
-        Load at which the rise of the gains is given [N].
-    height_stated
-        Whether the height of the weights' centre of mass is known. A wrong height looks like a
-        moment about the lateral axis from the force along the belt, which is left out then.
+    file
+        With the full scale, at which the rise of the gains is given, and whether the height of the
+        weights' centre of mass is known. A wrong height looks like a moment about the lateral axis
+        from the force along the belt, which is left out then.
 
     Returns
     -------
@@ -153,7 +148,7 @@ def fit_response(
         and (changing or c not in EXCITED_BY_ACCELERATION)
         and (masses > 1 or c != FZ)
     )
-    model = _Model(excited, (FZ,) if masses >= MIN_MASSES else (), full_scale_n)
+    model = _Model(excited, (FZ,) if masses >= MIN_MASSES else (), file.full_scale_n)
     if len(trials) <= model.coefficients:
         return None
     model = replace(model, rising=(*model.rising, *_rising(trials, model)))
@@ -162,7 +157,7 @@ def fit_response(
     aligned[:, :, excited] += found[:, 2 : model.delay].swapaxes(1, 2)
     in_use, rise = aligned.copy(), np.full_like(aligned, 0.0 if model.rising else np.nan)
     rise[:, :, model.rising] = found[:, model.delay + 1 :].swapaxes(1, 2)
-    if not height_stated:
+    if not file.height_stated:
         in_use[:, MY, FX] = rise[:, MY, FX] = 0
     as_read = np.linalg.inv(cameras_matrix(alignment, trials[0].center))
     return PlateResponse(
@@ -175,7 +170,7 @@ def fit_response(
         scatter=_scatter(trials, found, model, float(delay_s[0])),
         examined=excited,
         degrees_of_freedom=len(trials) - model.coefficients,
-        full_scale_n=full_scale_n,
+        full_scale_n=file.full_scale_n,
     )
 
 
@@ -240,10 +235,9 @@ def _regress_with_delay(trials: Sequence[WeightTrial], model: _Model) -> tuple[A
     return found, delay_s
 
 
-def _inside(trial: WeightTrial) -> Mask:
-    return np.asarray(
-        (trial.time > trial.time[0] + EDGE_S) & (trial.time < trial.time[-1] - EDGE_S)
-    )
+def _inside(trial: WeightTrial, edge_s: float = EDGE_S) -> Mask:
+    first, last = trial.time[0] + edge_s, trial.time[-1] - edge_s
+    return np.asarray((trial.time > first) & (trial.time < last))
 
 
 def _regress(trials: Sequence[WeightTrial], model: _Model, delay_s: float) -> Array:
@@ -287,18 +281,13 @@ def _scatter(trials: Sequence[WeightTrial], found: Array, model: _Model, delay_s
         variance.append(np.maximum(square - trial.slow_noise**2, least))
         load.append(np.mean(trial.slow_truth[chosen, FZ]))
     spread, basis = np.array(variance), np.column_stack([np.ones(len(load)), np.square(load)])
-    keep = [counted, *(counted & ~np.eye(len(trials), dtype=bool))]
-    return np.array(
-        [
-            np.column_stack(
-                [
-                    np.linalg.lstsq(basis[rows] / v[rows, None], np.ones(np.count_nonzero(rows)))[0]
-                    for v in spread.T
-                ]
-            )
-            for rows in keep
-        ]
-    )
+
+    def fitted(rows: Mask) -> list[Array]:
+        ones = np.ones(np.count_nonzero(rows))
+        return [np.linalg.lstsq(basis[rows] / v[rows, None], ones)[0] for v in spread.T]
+
+    without_one = counted & ~np.eye(len(trials), dtype=bool)
+    return np.array([np.column_stack(fitted(rows)) for rows in (counted, *without_one)])
 
 
 PHASES: Final = ((-0.25, 1.2), (0.0, 0.75), (0.25, 1.2))
@@ -388,7 +377,7 @@ def total_errors(
     effect = _effects(loads, reported)
     error = np.einsum("klqc,klc->klq", effect, reported - loads)
     random = np.einsum("klqc,klc->klq", effect**2, variance).mean(axis=1)
-    systematic, unsure = _rms(error[0]), response.quantile * _rms(standard_error(error))
+    systematic, unsure = rms(error[0]), response.quantile * rms(standard_error(error))
     wide = response.quantile * standard_error(random)
     return (
         np.sqrt(systematic**2 + random[0]),
@@ -397,7 +386,8 @@ def total_errors(
     )
 
 
-def _rms(errors: Array) -> Array:
+def rms(errors: Array) -> Array:
+    """Give root mean squares of errors (n, …), (…)."""
     return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
 
 
@@ -475,9 +465,7 @@ def find_vibration(trials: Sequence[WeightTrial]) -> tuple[float, float, float] 
 
 def _beyond_motion(trial: WeightTrial) -> tuple[Array, Array, Array]:
     """Give times, the centre of pressure minus its regression on the motion, and the motion."""
-    inside = (trial.time > trial.time[0] + FILTER_EDGE_S) & (
-        trial.time < trial.time[-1] - FILTER_EDGE_S
-    )
+    inside = _inside(trial, FILTER_EDGE_S)
     load = LOADED_SHARE * float(np.median(trial.truth[:, 2]))
     measured, true = (center_of_pressure(w, load)[:, 0] for w in (trial.measured, trial.truth))
     x = trial.slow_marker[:, 0]  # noise of a faster marker would bias the regression
@@ -556,32 +544,31 @@ def estimate_faults(
     A vibration is listed only where there is one, and the moment about the lateral axis that the
     force along the belt causes only where the height of the weights is known.
     """
-    singles: list[FaultEstimate] = []
+    estimates: list[tuple[BeltSide, str, float, float, str, float]] = []
     for belt, alignment in alignments.items():
-        errors = alignment.standard_error
-        singles += [
-            FaultEstimate(belt, name, float(value), float(error), unit, np.inf)
-            for name, value, error, unit in (
-                ("angle", np.degrees(alignment.angle), np.degrees(errors[0]), "°"),
-                ("offset along", alignment.offset[0], errors[1], "m"),
-                ("offset across", alignment.offset[1], errors[2], "m"),
-            )
+        (along, across), errors = alignment.offset, alignment.standard_error
+        degrees = np.degrees(alignment.angle), np.degrees(errors[0])
+        estimates += [
+            (belt, "angle", *degrees, "°", np.inf),
+            (belt, "offset along", along, errors[1], "m", np.inf),
+            (belt, "offset across", across, errors[2], "m", np.inf),
         ]
     for belt, delay in delays.items():
-        known = (delay.seconds, delay.standard_error, "s", delay.degrees_of_freedom)
-        singles.append(FaultEstimate(belt, "delay", *known))
+        size = delay.seconds, delay.standard_error
+        estimates.append((belt, "delay", *size, "s", delay.degrees_of_freedom))
     centers = {trial.weight.belt: trial.center for trial in trials}
     left_out = LEFT_OUT if height_stated else LEFT_OUT | {OF_HEIGHT}
     for belt, response in responses.items():
         unsure = np.zeros((6, 6))
         if belt in alignments:
             unsure = _errors_of_alignment(response, alignments[belt], centers[belt])
-        singles += _response_faults(belt, response, unsure, left_out)
+        singles = _response_faults(response, unsure, left_out)
+        estimates += [(belt, *single, response.degrees_of_freedom) for single in singles]
     found = []
-    for fault in singles:
-        critical = stats.t.isf(ALPHA / 2 / len(singles), fault.degrees_of_freedom)
-        beyond = abs(fault.value) > critical * fault.standard_error
-        found.append(replace(fault, significant=bool(beyond)))
+    for belt, name, value, error, unit, freedom in estimates:
+        critical = stats.t.isf(ALPHA / 2 / len(estimates), freedom)
+        beyond = bool(abs(value) > critical * error)
+        found.append(FaultEstimate(belt, name, float(value), float(error), unit, freedom, beyond))
     for belt, (supports, words) in product(centers, ((True, "with"), (False, "without"))):
         alike = [t for t in trials if (t.weight.belt, t.weight.supports) == (belt, supports)]
         line = find_vibration(alike)
@@ -606,16 +593,22 @@ def _errors_of_alignment(
 
 
 def _response_faults(
-    belt: BeltSide, response: PlateResponse, unsure: Array, left_out: Set[tuple[int, int]]
-) -> list[FaultEstimate]:
+    response: PlateResponse, unsure: Array, left_out: Set[tuple[int, int]]
+) -> list[tuple[str, float, float, str]]:
+    """Give name, estimate, standard error and unit of what a response shows.
+
+    ``unsure`` is what the static calibration adds to the standard errors of the matrix, (6, 6).
+    """
     value = response.aligned[0] - np.eye(6)
     error = np.hypot(standard_error(response.aligned), unsure)
-    faults = [
-        (_gain_or_crosstalk(c, true), value[c, true], error[c, true], _unit(c, true))
-        for c in range(len(WRENCH_COMPONENTS))
-        for true in response.examined
-        if (c, true) not in left_out
-    ]
+    faults = []
+    for c, true in product(range(len(WRENCH_COMPONENTS)), response.examined):
+        if (c, true) not in left_out:
+            shown, cause = WRENCH_COMPONENTS[c], WRENCH_COMPONENTS[true]
+            name = f"gain of {shown}" if c == true else f"{cause} in {shown}"
+            # by the dimensions of what is shown and of what causes it
+            unit = {(True, True): "N·m/N", (False, False): "1/m"}.get((c > FZ, true < MX), "1")
+            faults.append((name, value[c, true], error[c, true], unit))
     replicates = [
         (f"zero of {name}", response.zero[:, c], "N·m" if c > FZ else "N")
         for c, name in enumerate(WRENCH_COMPONENTS)
@@ -624,21 +617,4 @@ def _response_faults(
     if np.isfinite(response.rise[0, FZ, FZ]):
         replicates.append(("curvature", response.rise[:, FZ, FZ] * response.full_scale_n, "N"))
     replicates.append(("delay in motion", response.delay_s, "s"))
-    faults += [(name, each[0], standard_error(each), unit) for name, each, unit in replicates]
-    freedom = response.degrees_of_freedom
-    return [
-        FaultEstimate(belt, name, float(value), float(error), unit, freedom)
-        for name, value, error, unit in faults
-    ]
-
-
-def _gain_or_crosstalk(measured: int, true: int) -> str:
-    component = WRENCH_COMPONENTS[measured]
-    return (
-        f"gain of {component}" if measured == true else f"{WRENCH_COMPONENTS[true]} in {component}"
-    )
-
-
-def _unit(measured: int, true: int) -> str:
-    moment, force = measured > FZ, true < MX
-    return "N·m/N" if moment and force else "1/m" if not moment and not force else "1"
+    return faults + [(name, each[0], standard_error(each), unit) for name, each, unit in replicates]

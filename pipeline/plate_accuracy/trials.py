@@ -11,13 +11,7 @@ from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.signals.resampling import interpolate
 from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench, transform_wrench
 from hbm.spelling import listed
-from pipeline.config.plate_study import (
-    BeltSide,
-    HammerRecording,
-    PlatesStudy,
-    Surface,
-    WeightRecording,
-)
+from pipeline.config.plate_study import BeltSide, HammerRecording, PlatesStudy, WeightRecording
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate
 
@@ -66,8 +60,13 @@ def read_with_marker(
     plate = next((p for p in recording.plates if p.number == number), None)
     if plate is None:
         raise ValueError(f"{name}: no plate {number} for the {belt} belt (plate_numbers)")
-    if belt in study.file.surface:
-        plate = _at_surface(plate, study.file.surface[belt])
+    if belt in study.file.surface:  # about the centre of the stated surface, in lab axes
+        surface = study.file.surface[belt]
+        center, corners = surface.center, surface.corners
+        wrench = shift_wrench(plate.wrench, center)
+        plate = replace(
+            plate, wrench_in_plate=wrench, rotation=np.eye(3), center=center, corners=corners
+        )
     if not np.isfinite(plate.corners).all():
         raise ValueError(
             f"{name}: does not say where plate {number} is; give the edges of the {belt} belt in "
@@ -86,15 +85,6 @@ def read_hammer_delay(study: PlatesStudy, impacts: HammerRecording) -> Delay:
         return hammer_delay(time, marker[:, 2], plate.time, plate.wrench[:, 2])
     except ValueError as error:
         raise ValueError(f"{impacts.file}: {error}") from error
-
-
-def _at_surface(plate: Plate, surface: Surface) -> Plate:
-    """Give a plate about the centre of a stated surface, in lab axes."""
-    center, corners = surface.center, surface.corners
-    wrench = shift_wrench(plate.wrench, center)
-    return replace(
-        plate, wrench_in_plate=wrench, rotation=np.eye(3), center=center, corners=corners
-    )
 
 
 RATE_HZ: Final = 100.0

@@ -12,7 +12,7 @@ from compensation import Delay, PlateCalibration, agreed_delay
 from compensation.hammer import AgreedDelay
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from hbm.spelling import written
-from pipeline.config.plate_study import AccuracyLimits, BeltSide
+from pipeline.config.plate_study import AccuracyLimits, BeltSide, PlatesFile
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
 from pipeline.plate_accuracy.response import (
     EXCITED,
@@ -26,6 +26,7 @@ from pipeline.plate_accuracy.response import (
     standard_error,
     total_errors,
 )
+from pipeline.plate_accuracy.trials import WeightTrial
 from pipeline.report.blocks import Check, Table
 
 Answer = Literal["fit", "fit after correction", "not fit", "cannot be determined"]
@@ -121,8 +122,6 @@ class PlateVerdict:
         Total errors after correction; empty where nothing is to be corrected.
     to_record
         What is missing for a verdict.
-    remarks
-        What else was not examined.
     contradiction
         Of the delays by two methods, a sentence, if there is one.
     calibration
@@ -145,7 +144,6 @@ class PlateVerdict:
     judged: tuple[Judged, ...]
     corrected: tuple[Judged, ...]
     to_record: tuple[str, ...]
-    remarks: tuple[str, ...]
     contradiction: tuple[str, ...]
     calibration: PlateCalibration | None
     with_supports: bool
@@ -207,28 +205,24 @@ class PlateVerdict:
             text = f"{', '.join(examined)}: {self.answer}; others: not known"
         elif self.answer == "fit":
             rating = "pass"
+        dead = [
+            f"{name} in the plate's own axes never changed under any weight: it is not connected "
+            "or was not recorded"
+            for name in self.constant
+        ]
         rows: list[tuple[str, str | list[Check]]] = [
             ("Fit for inverse dynamics", [(rating, text, "")]),
             ("Examined", ", ".join(examined) or "–"),
             ("Not examined", f"{', '.join(self.unexamined) or '–'}{DEAD * bool(self.unexamined)}"),
             (
                 "Undecided" if self.answer == "cannot be determined" else "Found",
-                self._listed_reasons(),
+                "; ".join([*dead, *(one.sentence for one in self.reasons[:MAX_REASONS])]) or "–",
             ),
             ("Extrapolated", f"above {self.largest_n:.0f} N, the largest recorded load"),
             *(("Contradiction", text) for text in self.contradiction),
             ("Next", "; ".join(self._to_do()) or "–"),
         ]
         return Table(f"{self.belt.title()} plate{used}", ("Question", "Answer"), rows, "answers")
-
-    def _listed_reasons(self) -> str:
-        listed = [
-            f"{name} in the plate's own axes never changed under any weight: it is not connected "
-            "or was not recorded"
-            for name in self.constant
-        ]
-        listed += [one.sentence for one in self.reasons[:MAX_REASONS]]
-        return "; ".join(listed) or "–"
 
     def _to_do(self) -> tuple[str, ...]:
         """Say what to correct, to record or to weigh; nothing where that would not help."""
@@ -272,49 +266,91 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
     return tuple(_judge_plate(found, belt) for belt in belts)
 
 
+@dataclass(frozen=True, slots=True)
+class _Plate:
+    """One plate of a study: its recordings, all and those in use; its response and its faults."""
+
+    found: PlateAccuracy
+    belt: BeltSide
+    trials: list[WeightTrial]
+    in_use: list[WeightTrial]
+    response: PlateResponse | None
+    faults: list[FaultEstimate]
+
+    @property
+    def file(self) -> PlatesFile:
+        """What is stated of the study."""
+        return self.found.study.file
+
+    @property
+    def not_excited(self) -> list[int]:
+        """Components whose response the recordings do not show."""
+        examined = self.response.examined if self.response is not None else ()
+        return [c for c in range(len(WRENCH_COMPONENTS)) if c not in examined]
+
+    @property
+    def unexamined(self) -> tuple[str, ...]:
+        """Quantities that depend on a response that the recordings do not show."""
+        height = [] if self.file.height_stated else [MY]
+        return quantities_of([*self.not_excited, *height])
+
+    @property
+    def agreed_delay(self) -> AgreedDelay | None:
+        """The delay by a hammer or in motion, whichever is taken."""
+        motion, response = None, self.response
+        if response is not None:
+            size = float(response.delay_s[0]), float(standard_error(response.delay_s))
+            motion = Delay(*size, degrees_of_freedom=response.degrees_of_freedom)
+        return agreed_delay(self.found.delays.get(self.belt), motion)
+
+    def if_masses_were_heavier(self, share: float) -> "_Plate":
+        """Give the plate as if all masses were heavier by a share than stated."""
+        real, response = 1 + share, self.response
+        if response is not None:
+            matrix = response.matrix.copy()
+            matrix[:, :, response.examined] /= real
+            response = replace(response, matrix=matrix, rise=response.rise / real**2)
+        faults = [
+            replace(one, value=(1 + one.value) / real - 1) if one.fault.startswith(GAIN) else one
+            for one in self.faults
+        ]
+        return replace(self, response=response, faults=faults)
+
+
 def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
-    own = [trial for trial in found.trials if trial.weight.belt == belt]
-    in_use = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
-    faults, response = _faults(found, belt), found.responses.get(belt)
-    shared = _shared_gain(found, belt)
-    heavier, faults_if_heavier = _with_heavier_masses(response, faults, shared)
-    stated = _judged(found, belt, response, faults)
-    otherwise = _judged(found, belt, heavier, faults_if_heavier)
+    plate = _Plate(
+        found,
+        belt,
+        [trial for trial in found.trials if trial.weight.belt == belt],
+        [trial for trial in found.trials_in_use if trial.weight.belt == belt],
+        found.responses.get(belt),
+        [fault for fault in found.faults if fault.belt == belt],
+    )
+    shared = _shared_gain(plate)
+    heavier = plate.if_masses_were_heavier(shared)
+    stated, otherwise = _judged(plate), _judged(heavier)
     judged, corrected, calibration = _either(stated, otherwise), list[Judged](), None
     if all(one.status == other.status for one, other in zip(stated, otherwise, strict=True)):
         shared = 0.0
         if any(o.correctable and o.status in ("beyond", "unclear") for o in judged):
-            corrected, calibration = _correction(found, belt, response, heavier)
-    unexamined = _unexamined(found, belt)
-    remarks = [f"{', '.join(unexamined)}: no weight on a belt exerts a lateral force"]
-    if belt not in found.alignments:
-        remarks.append(
-            "rotation and offset alone: no static recordings (they are in the total errors)"
-        )
-    if belt not in found.delays:
-        remarks.append("delay by a hammer: no recordings of impacts")
-    constant = np.all([trial.constant for trial in own], axis=0)
+            corrected, calibration = _correction(plate, heavier)
+    constant = np.all([trial.constant for trial in plate.trials], axis=0)
     return PlateVerdict(
         belt,
         tuple(judged),
         tuple(corrected),
-        _to_record(found, belt),
-        tuple(remarks),
-        _contradiction(faults),
+        _to_record(plate),
+        _contradiction(plate),
         calibration,
-        with_supports=len({trial.weight.supports for trial in own}) > 1,
-        largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in in_use),
+        with_supports=len({trial.weight.supports for trial in plate.trials}) > 1,
+        largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in plate.in_use),
         constant=tuple(name for name, one in zip(WRENCH_COMPONENTS, constant, strict=True) if one),
-        unexamined=unexamined,
+        unexamined=plate.unexamined,
         shared=shared,
     )
 
 
-def _faults(found: PlateAccuracy, belt: BeltSide) -> list[FaultEstimate]:
-    return [fault for fault in found.faults if fault.belt == belt]
-
-
-def _shared_gain(found: PlateAccuracy, belt: BeltSide) -> float:
+def _shared_gain(plate: _Plate) -> float:
     """Find the part of all gains that one misstatement of all masses would explain.
 
     Of all plates on which the same masses were recorded: the mean gain less 1, weighted by
@@ -322,14 +358,14 @@ def _shared_gain(found: PlateAccuracy, belt: BeltSide) -> float:
     or gains differ in sign, next to nothing is shared.
     """
     masses: dict[BeltSide, set[float]] = {}
-    for trial in found.trials_in_use:
+    for trial in plate.found.trials_in_use:
         masses.setdefault(trial.weight.belt, set()).add(trial.weight.mass_kg)
-    alike = [fault for fault in found.faults if masses[fault.belt] & masses[belt]]
+    alike = [fault for fault in plate.found.faults if masses[fault.belt] & masses[plate.belt]]
     gains = [(one.value, one.uncertainty) for one in alike if one.fault.startswith(GAIN)]
     if not gains:
         return 0.0
-    stated = found.study.file.mass_uncertainty_percent
-    most = np.inf if stated is None else stated / 100
+    percent = plate.file.mass_uncertainty_percent
+    most = np.inf if percent is None else percent / 100
     value, half = np.array(gains).T
     half = np.maximum(half, np.finfo(float).eps)
     mean = float(np.average(value, weights=half**-2))
@@ -337,65 +373,34 @@ def _shared_gain(found: PlateAccuracy, belt: BeltSide) -> float:
     return float(side * max(min(side * mean, np.min(side * value + half), most), 0.0))
 
 
-def _with_heavier_masses(
-    response: PlateResponse | None, faults: Sequence[FaultEstimate], share: float
-) -> tuple[PlateResponse | None, list[FaultEstimate]]:
-    """Give the response and the gains as if all masses were heavier by a share."""
-    real = 1 + share
-    if response is not None:
-        matrix = response.matrix.copy()
-        matrix[:, :, response.examined] /= real
-        response = replace(response, matrix=matrix, rise=response.rise / real**2)
-    return response, [
-        replace(one, value=(1 + one.value) / real - 1) if one.fault.startswith(GAIN) else one
-        for one in faults
-    ]
-
-
-def _not_excited(found: PlateAccuracy, belt: BeltSide) -> list[int]:
-    examined = found.responses[belt].examined if belt in found.responses else ()
-    return [c for c in range(len(WRENCH_COMPONENTS)) if c not in examined]
-
-
-def _unexamined(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
-    """Give the quantities that depend on a response that the recordings do not show."""
-    height = [] if found.study.file.height_stated else [MY]
-    return quantities_of([*_not_excited(found, belt), *height])
-
-
-def _judged(
-    found: PlateAccuracy,
-    belt: BeltSide,
-    response: PlateResponse | None,
-    faults: Sequence[FaultEstimate],
-) -> list[Judged]:
+def _judged(plate: _Plate) -> list[Judged]:
     """Judge total errors, single faults, linearity and noise of a plate, and list its gaps."""
-    file, limits = found.study.file, found.study.file.limits
-    supported = any(t.weight.supports for t in found.trials if t.weight.belt == belt)
-    late = chosen_delay(faults)
+    limits, full_scale_n, late = plate.file.limits, plate.file.full_scale_n, plate.agreed_delay
+    supported = any(trial.weight.supports for trial in plate.trials)
     used = None if late is None else DELAYS[late.method]
-    judged = _totals(found, belt, response)
-    for fault in faults:
+    judged = _totals(plate)
+    for fault in plate.faults:
         name = fault.fault
         vibration = name.startswith("vibration")
         if name in DELAYS.values() and name != used:
             continue
         if vibration and name.endswith("with supports") != supported:
             continue
-        limit = _limit(fault, limits, file.full_scale_n)
+        limit = _limit(fault, limits, full_scale_n)
         correctable = not vibration and name not in ("drift", "curvature")
         judged.append(_judge(name, fault.value, fault.uncertainty, limit, fault.unit, correctable))
     limit, unknown = limits.gain_percent / 100, (np.nan, np.nan, np.nan)
-    for c in _not_excited(found, belt):
+    for c in plate.not_excited:
         name = f"{GAIN}{WRENCH_COMPONENTS[c]}"
         judged.append(Judged(name, *unknown, limit, "1", correctable=False, examined=False))
-    if belt in found.linearities:
-        line, chance = found.linearities[belt], np.array([0.025, 0.975])
+    if plate.belt in plate.found.linearities:
+        line, chance = plate.found.linearities[plate.belt], np.array([0.025, 0.975])
         freedom = line.degrees_of_freedom
         low, high = line.nonlinearity * np.sqrt(freedom / stats.chi2.isf(chance, freedom))
-        limit = limits.nonlinearity_percent / 100 * file.full_scale_n
+        limit = limits.nonlinearity_percent / 100 * full_scale_n
         size = (line.nonlinearity, float(low), float(high))
         judged.append(Judged("non-linearity", *size, limit, "N", correctable=False))
+    response = plate.response
     if response is not None:
         for name, unit, limit, chosen in (
             ("forces", "N", limits.noise_n, slice(0, 3)),
@@ -430,25 +435,19 @@ def _limit(fault: FaultEstimate, limits: AccuracyLimits, full_scale_n: float) ->
     return by_beginning.get(fault.fault.split()[0], limits.cross_talk_percent / 100)
 
 
-def _totals(
-    found: PlateAccuracy,
-    belt: BeltSide,
-    response: PlateResponse | None,
-    calibration: PlateCalibration | None = None,
-) -> list[Judged]:
+def _totals(plate: _Plate, calibration: PlateCalibration | None = None) -> list[Judged]:
     """Judge the total errors of a plate, if its recordings show all that they depend on."""
+    response, limits = plate.response, plate.file.limits
     if response is None or not response.complete:
         return []
-    limits, unexamined = found.study.file.limits, _unexamined(found, belt)
     units = {"F": ("N", limits.force_n), "C": ("m", limits.cop_m), "M": ("N·m", limits.moment_nm)}
-    loads = stance_loads(found.study.file.body_mass_kg)
+    loads = stance_loads(plate.file.body_mass_kg)
     sizes = np.transpose(total_errors(response, loads, calibration)).tolist()
     suffix = "" if calibration is None else " after correction"
     judged = []
-    for quantity, values in zip(QUANTITIES, sizes, strict=True):
+    for quantity, (size, low, high) in zip(QUANTITIES, sizes, strict=True):
         unit, limit = units[quantity[0]]
-        size, low, high = values
-        name, examined = f"{TOTAL} of {quantity}{suffix}", quantity not in unexamined
+        name, examined = f"{TOTAL} of {quantity}{suffix}", quantity not in plate.unexamined
         judged.append(Judged(name, size, low, high, limit, unit, calibration is None, examined))
     return judged
 
@@ -461,21 +460,16 @@ def _either(stated: Sequence[Judged], otherwise: Sequence[Judged]) -> list[Judge
     ]
 
 
-def _correction(
-    found: PlateAccuracy,
-    belt: BeltSide,
-    response: PlateResponse | None,
-    heavier: PlateResponse | None,
-) -> tuple[list[Judged], PlateCalibration | None]:
+def _correction(plate: _Plate, heavier: _Plate) -> tuple[list[Judged], PlateCalibration | None]:
     """Give what a calibration leaves, and the calibration where it makes nothing worse.
 
     The part of all gains that heavier masses would explain is not corrected.
     """
-    totals = _totals(found, belt, response)
-    calibration = _calibration(found, belt, heavier) if totals and heavier is not None else None
+    totals = _totals(plate)
+    calibration = _calibration(heavier) if totals else None
     if calibration is None:
         return [], None
-    corrected = _either(*(_totals(found, belt, one, calibration) for one in (response, heavier)))
+    corrected = _either(*(_totals(one, calibration) for one in (plate, heavier)))
     worse = any(
         after.size > max(after.limit, before.size)
         for before, after in zip(totals, corrected, strict=True)
@@ -483,9 +477,7 @@ def _correction(
     return corrected, None if worse else calibration
 
 
-def _calibration(
-    found: PlateAccuracy, belt: BeltSide, response: PlateResponse
-) -> PlateCalibration | None:
+def _calibration(plate: _Plate) -> PlateCalibration | None:
     """Give the correction of a plate: the inverse of its response, with the jackknife's error.
 
     A zero or a delay is corrected where it differs significantly from none. A lateral force, which
@@ -493,20 +485,21 @@ def _calibration(
     time or at random is left. None where no calibration turns what the plate reports into the true
     wrench: a channel is dead, or the axes are wrong.
     """
-    faults = _faults(found, belt)
-    significant = {fault.fault for fault in faults if fault.significant}
+    response, late, delay_s = plate.response, plate.agreed_delay, 0.0
+    if response is None:
+        return None
+    significant = {fault.fault for fault in plate.faults if fault.significant}
     corrected = [f"zero of {name}" in significant for name in WRENCH_COMPONENTS]
-    late, delay_s = chosen_delay(faults), 0.0
     if late is not None and DELAYS[late.method] in significant:
         delay_s = late.delay.seconds
     try:
         inverse = np.asarray(np.linalg.inv(response.matrix), float)
         return PlateCalibration(
-            found.study.file.plate_numbers[belt],
+            plate.file.plate_numbers[plate.belt],
             inverse[0],
             np.where(corrected, response.zero[0], 0.0),
             standard_error(inverse),
-            next(trial.center for trial in found.trials if trial.weight.belt == belt),
+            plate.trials[0].center,
             tuple(WRENCH_COMPONENTS[c] for c in response.examined),
             delay_s,
         )
@@ -514,24 +507,14 @@ def _calibration(
         return None
 
 
-def chosen_delay(faults: Sequence[FaultEstimate]) -> AgreedDelay | None:
-    """Choose between the delays of a plate by a hammer and in motion."""
-    delays = {
-        one.fault: Delay(one.value, one.standard_error, degrees_of_freedom=one.degrees_of_freedom)
-        for one in faults
-        if one.fault in DELAYS.values()
-    }
-    return agreed_delay(delays.get("delay"), delays.get("delay in motion"))
-
-
-def _contradiction(faults: Sequence[FaultEstimate]) -> tuple[str, ...]:
+def _contradiction(plate: _Plate) -> tuple[str, ...]:
     """Say that the delays of a plate by a hammer and in motion contradict each other, if so."""
-    late = chosen_delay(faults)
+    late = plate.agreed_delay
     if late is None or not late.disagree:
         return ()
     sizes = {
         one.fault: f"{written(1000 * one.value, '.1f')} ± {1000 * one.uncertainty:.1f} ms"
-        for one in faults
+        for one in plate.faults
     }
     return (
         f"delay by the hammer {sizes['delay']}, in motion {sizes['delay in motion']}; used: "
@@ -539,25 +522,26 @@ def _contradiction(faults: Sequence[FaultEstimate]) -> tuple[str, ...]:
     )
 
 
-def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
+def _to_record(plate: _Plate) -> tuple[str, ...]:
     """Give what has to be recorded before anything can be said of a person's load."""
-    trials = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
-    masses = len({trial.weight.mass_kg for trial in trials})
-    positions = len({trial.weight.position_m for trial in trials})
-    changing = any(trial.weight.profile != "constant" for trial in trials)
+    weights = [trial.weight for trial in plate.in_use]
+    masses = len({weight.mass_kg for weight in weights})
     wanted = (
         (masses >= MIN_MASSES, f"record {MIN_MASSES} different weights or more, not {masses}"),
-        (positions > 1, "record weights at two distances from the belt's middle or more"),
         (
-            len(trials) > COEFFICIENTS,
-            f"record {COEFFICIENTS + 1} times or more, there are {len(trials)} recordings",
+            len({weight.position_m for weight in weights}) > 1,
+            "record weights at two distances from the belt's middle or more",
         ),
         (
-            changing,
+            len(weights) > COEFFICIENTS,
+            f"record {COEFFICIENTS + 1} times or more, there are {len(weights)} recordings",
+        ),
+        (
+            any(weight.profile != "constant" for weight in weights),
             "record changing belt speeds (sine, square): only they exert a force along it",
         ),
         (
-            found.study.file.height_stated,
+            plate.file.height_stated,
             "give center_height_m: without it, the moment that a force along the belt causes "
             "cannot be examined",
         ),

@@ -25,11 +25,11 @@ class BodyFaults(InputModel):
     """How the true body differs from what markers and the Human Body Model suggest.
 
     ``joint_scale`` is of joint centres and axes, ``segment_scale`` of the masses, centres and radii
-    of gyration of segments (`pipeline.virtual_lab.person.variation`).
+    of gyration of segments (`pipeline.virtual_lab.person.subject`).
 
     The others are not in that model, and absent with ``same_body`` whatever their scales: segment
     inertias of another table; a joint in the middle of the trunk, knees that are no hinges, ankle
-    axes that differ, wobbling masses (`pipeline.virtual_lab.person.momentum`), and shoes with a
+    axes that differ, wobbling masses (`pipeline.virtual_lab.person.body`), and shoes with a
     mass and a sole that yields under body weight.
     """
 

@@ -15,7 +15,7 @@ import pandas as pd
 
 from compensation import hammer_delay
 from pipeline.viewer.trial import markdown
-from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.instrumented_treadmill import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.known_weights import strike_belt
 
 DRAWS: Final = 1000

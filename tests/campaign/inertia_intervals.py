@@ -33,7 +33,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     InstrumentedTreadmill,
     make_treadmill,
 )
-from pipeline.virtual_lab.person import bystander
+from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import (
     BESIDE_THE_BELTS,
     BYSTANDERS,
@@ -49,10 +49,10 @@ RATE_HZ: Final = 200.0
 """Of the recordings. At 1000 Hz σ is on average the same to 3 % and what is left to 6 %, of two
 laboratories on the softer machine, whose noise and zeros are other draws (`--rate-hz`)."""
 SIGNAL_MPS: Final = 3.0
-BESIDE: Final[dict[str, tuple[bystander.LoadPattern, float]]] = {
-    "walking": (bystander.walking, 1.3),
-    "running": (bystander.running, 2.5),
-    "boards": (bystander.stepping_on_boards, 0.0),
+BESIDE: Final[dict[str, tuple[calibration_trial.LoadPattern, float]]] = {
+    "walking": (calibration_trial.walking, 1.3),
+    "running": (calibration_trial.running, 2.5),
+    "boards": (calibration_trial.stepping_on_boards, 0.0),
 }
 """The calibration's recordings of people, and the speed of the belts in them and in its signal."""
 TRIAL_BELTS_MPS: Final = {
@@ -63,7 +63,7 @@ TRIAL_BELTS_MPS: Final = {
 }
 """Range of the belt speed of each trial, drawn in every laboratory."""
 PEOPLE: Final = (0.8, 1.2)
-"""Range of the weights of people in calibration and trials, by `bystander.MASS_KG`."""
+"""Range of the weights of people in calibration and trials, by `calibration_trial.MASS_KG`."""
 SETTLED: Final = slice(100, -100)
 """Frames that count: a second from both ends, where the low-pass has settled."""
 CUTOFFS_HZ: Final = (6.0, 20.0)
@@ -80,17 +80,22 @@ KEYS: Final = [*SETUP, "trial", "cutoff_hz"]
 def recorded(
     treadmill: InstrumentedTreadmill,
     signal: Signal,
-    person: bystander.LoadPattern | None,
+    person: calibration_trial.LoadPattern | None,
     rng: np.random.Generator,
     rate_hz: float,
 ) -> Recording:
     """Record the empty left plate, with a person of a weight of his own beside it."""
-    loads = {}
+    load = None
     if person is not None:
         load = rng.uniform(*PEOPLE) * person(sample_times(signal, rate_hz), rng)
-        loads = {"on_frame" if person in BESIDE_THE_BELTS else "load": load}
-    seed = int(rng.integers(2**31))
-    return record_signal_trial(signal, seed=seed, rate_hz=rate_hz, treadmill=treadmill, **loads)
+    return record_signal_trial(
+        signal,
+        seed=int(rng.integers(2**31)),
+        rate_hz=rate_hz,
+        treadmill=treadmill,
+        load=load,
+        on_frame=person in BESIDE_THE_BELTS,
+    )
 
 
 def laboratory(

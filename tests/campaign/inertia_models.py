@@ -31,22 +31,27 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     InstrumentedTreadmill,
     make_treadmill,
 )
-from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import (
     BESIDE_THE_BELTS,
     BYSTANDERS,
+    LoadPattern,
     record_signal_trial,
     sample_times,
+    stepping_on_boards,
+    walking,
 )
 
 RATE_HZ: Final = 200.0
 EDGE: Final = 200
 """Samples left out at both ends of a recording, where low-passes are inaccurate: a second."""
 SENSORS: Final = (1, 2, 3, 4)
-CALIBRATIONS: Final[dict[str, tuple[float, tuple[bystander.LoadPattern, ...]]]] = {
+CALIBRATIONS: Final[dict[str, tuple[float, tuple[LoadPattern, ...]]]] = {
     "empty": (3.0, ()),
     "empty, belts at rest": (0.0, ()),
-    "empty, beside walking and boards": (3.0, (bystander.walking, bystander.stepping_on_boards)),
+    "empty, beside walking and boards": (
+        3.0,
+        (walking, stepping_on_boards),
+    ),
 }
 """Belt speed of the signal all_60s, and what people do beside the empty plate in a minute each, the
 belts at walking speed and the platform at rest."""
@@ -99,17 +104,21 @@ def laboratory(seed: int, machine: str, places: Sequence[Sequence[float]]) -> In
 def record(
     treadmill: InstrumentedTreadmill,
     signal: Signal,
-    person: bystander.LoadPattern | None,
+    person: LoadPattern | None,
     seed: list[int],
 ) -> Recording:
     """Record the left plate, empty, while somebody may be on the frame or the other belt."""
     rng, load = np.random.default_rng((*seed, STREAM)), None
     if person is not None:
         load = person(sample_times(signal, RATE_HZ), rng)
-    where = "on_frame" if person in BESIDE_THE_BELTS else "load"
     noise = int(rng.integers(2**31))
     return record_signal_trial(
-        signal, seed=noise, rate_hz=RATE_HZ, treadmill=treadmill, **{where: load}
+        signal,
+        seed=noise,
+        rate_hz=RATE_HZ,
+        treadmill=treadmill,
+        load=load,
+        on_frame=person in BESIDE_THE_BELTS,
     )
 
 

@@ -25,7 +25,7 @@ from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.response import QUANTITIES, stance_loads
 from pipeline.plate_accuracy.verdict import TOTAL, Answer, judge
 from pipeline.viewer.trial import markdown
-from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, PLATE_CENTERS_M
+from pipeline.virtual_lab.machine.instrumented_treadmill import ANALOG_HZ, PLATE_CENTERS_M
 from pipeline.virtual_lab.protocol.known_weights import (
     FULL_SCALE_N,
     PLATES,

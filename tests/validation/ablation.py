@@ -28,13 +28,16 @@ from pipeline.run.processes import in_processes
 from pipeline.trial.residuals import AXES, UNITS
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    ANALOG_HZ,
     PITCH_CHANNEL,
+    SAMPLES_PER_FRAME,
     SWAY_CHANNEL,
+    Clock,
     InstrumentedTreadmill,
     make_treadmill,
+    misplaced,
     undergo,
 )
-from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME, Clock, misplaced
 from pipeline.virtual_lab.machine.platform import Machine, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person.walk import Walk

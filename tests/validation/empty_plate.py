@@ -14,10 +14,9 @@ import pandas as pd
 from compensation.protocol import validation_signals
 from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.machine.instruments import ANALOG_HZ
+from pipeline.virtual_lab.machine.instrumented_treadmill import ANALOG_HZ, make_treadmill
 from pipeline.virtual_lab.machine.structure import make_structure, state_matrix
-from pipeline.virtual_lab.person import bystander
+from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 from pipeline.virtual_lab.protocol.walking_study import CUTOFF_HZ
 
@@ -44,7 +43,7 @@ def beside_a_runner(structures: Sequence[float]) -> pd.DataFrame:
         whole, sway=whole.sway[rows], pitch=whole.pitch[rows], belt_speed=whole.belt_speed[rows]
     )
     time = sample_times(signal, ANALOG_HZ)
-    load = bystander.running(time, np.random.default_rng(PERSON_SEED))
+    load = calibration_trial.running(time, np.random.default_rng(PERSON_SEED))
     inside = (time >= SETTLING_S) & (time < time[-1] - SETTLING_S)
     found: list[dict[str, object]] = []
     for flexibility in structures:

@@ -9,8 +9,11 @@ from hbm.coordinates import COORDINATES, N_Q
 from hbm.ik.tracking import solve_ik
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    ANALOG_HZ,
+    SAMPLES_PER_FRAME,
+    make_treadmill,
+)
 from pipeline.virtual_lab.machine.platform import BELT_ASSEMBLIES
 from pipeline.virtual_lab.protocol.walking_protocol import (
     ONSET_PHASE,

@@ -8,7 +8,7 @@ from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, PARENT, SEGMENTS, SUBJECT_AXES
 from hbm.markers import Markers
 from hbm.spatial import Array
-from pipeline.virtual_lab.person.body import marker_positions
+from pipeline.virtual_lab.person.body import LINKS, marker_positions
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
 
@@ -39,7 +39,8 @@ def true_body(subject: VirtualSubject) -> Body:
     offsets["thorax"] = skeleton.offsets["mid_trunk"]
     for side in ("right", "left"):
         offsets[f"{side}_foot"] = skeleton.offsets[f"{side}_talus"]
-    axes = {COORDINATES[i]: skeleton.axis(COORDINATES[i]) for i in SUBJECT_AXES}
+    axis_of = {link.name: axis for link, axis in zip(LINKS, skeleton.axes, strict=True)}
+    axes = {COORDINATES[i]: axis_of[COORDINATES[i]] for i in SUBJECT_AXES}
     lengths = (skeleton.offsets[s] for s in ("thorax", "right_foot", "left_foot"))
     if any(np.linalg.norm(length) > 0 for length in lengths) or subject.wobbling:
         return body

@@ -16,8 +16,15 @@ from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.kernels import skeleton
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.machine.platform import smooth_step
-from pipeline.virtual_lab.person.feet import LEFT, OUTWARD, orientation, rolled
-from pipeline.virtual_lab.person.gait import LEAVING, STANCE, roll_over
+from pipeline.virtual_lab.person.gait import (
+    LEAVING,
+    LEFT,
+    OUTWARD,
+    STANCE,
+    orientation,
+    roll_over,
+    rolled,
+)
 from pipeline.virtual_lab.person.subject import VirtualSubject
 from tests.validation.true_body import true_body
 

@@ -19,7 +19,7 @@ from pipeline.trial.gait.cycles import normalise
 from pipeline.virtual_lab.machine.platform import Machine
 from pipeline.virtual_lab.person.balance import in_lab, pressure_on_platform
 from pipeline.virtual_lab.person.body import COLUMN, segment_poses
-from pipeline.virtual_lab.person.feet import SIDES
+from pipeline.virtual_lab.person.gait import SIDES
 from pipeline.virtual_lab.person.walk import Walk, foot_wrenches
 from pipeline.virtual_lab.protocol.walking_protocol import ConditionName, Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject

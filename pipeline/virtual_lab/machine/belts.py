@@ -119,14 +119,6 @@ class BeltDrive:
     report_jitter_s: float
     lines: tuple[RotatingLine, ...] = ()
 
-    def __post_init__(self) -> None:
-        if not self.turning_kg > 0:
-            raise ValueError(
-                f"belt drive: {self.moment_kg_m:g} N·m per m/s² leave rollers and belt "
-                f"{self.turning_kg:.3g} kg beside a motor of {self.motor_kg:g} kg; expected more "
-                "than 0: give a larger moment_kg_m or a smaller motor_kg"
-            )
-
     @property
     def roller_radius_m(self) -> float:
         """Radius of the rollers [m]."""
@@ -516,10 +508,9 @@ def run_belts(
     for k, own in enumerate(rng.spawn(2)):
         if drives is None:
             motions.append(run_linear_belt(machine, command, rate_hz))
-        elif people is None or not people[k].any():
-            motions.append(run_belt(drives[k], command, rate_hz, own))
         else:
-            push, weight = -people[k][:, 0], np.maximum(people[k][:, 2], 0.0)
+            load = np.zeros((len(command), 6)) if people is None else people[k]
+            weight, push = np.maximum(load[:, 2], 0.0), -load[:, 0]
             motions.append(run_belt(drives[k], command, rate_hz, own, weight, push))
     return motions[0], motions[1]
 

@@ -1,33 +1,22 @@
-"""The treadmill with its instruments: what these undergo when it moves, and what they record."""
+"""The treadmill with its instruments: what these undergo when it moves, and what they record.
+
+Plates, accelerometers, streams and cameras with their errors.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from scipy.signal import lfilter
 
 from hbm.markers import Markers
-from hbm.spatial import Array, shift_wrench
-from pipeline.io.recording import Analog, Metadata, Recording
+from hbm.spatial import GRAVITY_MPS2, Array, rotation_about, shift_wrench, transform_wrench
+from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.units import acceleration_in_mps2
-from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.faults import AccelerometerFaults, CameraFaults, Faults, PlateFaults
 from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
-from pipeline.virtual_lab.machine.instruments import (
-    FRAME_HZ,
-    PLATE_CENTERS_M,
-    SENSOR_NAMES,
-    Accelerometer,
-    Clock,
-    ForcePlate,
-    Stream,
-    add_noise,
-    make_accelerometers,
-    make_force_plate,
-    measure_markers,
-    misplaced,
-    recorded_plate,
-)
 from pipeline.virtual_lab.machine.platform import Machine, Pair, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import (
     Response,
@@ -36,6 +25,517 @@ from pipeline.virtual_lab.machine.structure import (
     make_structure,
     respond,
 )
+
+ANALOG_HZ: Final = 1000.0
+FRAME_HZ: Final = 100.0
+"""Sampling rate of plates and analog channels, and frame rate of the cameras: the thesis'. Standard
+deviations of noise on plates and analog channels are stated for `ANALOG_HZ`."""
+SAMPLES_PER_FRAME: Final = round(ANALOG_HZ / FRAME_HZ)
+MAX_JITTER_S: Final = 0.002
+"""Largest error of an instant, that of recorded streams."""
+WANDER_HZ: Final = 0.5
+"""Corner frequency of a zero that wanders; assumed."""
+WANDER_UPDATE_HZ: Final = 10.0
+"""How often a wandering zero is drawn; in between it is straight."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """When an instrument samples.
+
+    Attributes
+    ----------
+    delay_s
+        How much later its readings are than what they show [s].
+    rate
+        Error of its clock, as a share of the time.
+    jitter_s
+        Standard deviation of its instants [s].
+    """
+
+    delay_s: float = 0.0
+    rate: float = 0.0
+    jitter_s: float = 0.0
+
+    def sample(self, values: Array, rate_hz: float, rng: np.random.Generator) -> Array:
+        """Give what the instrument samples of what happens, (N, C), at ``rate_hz``, (N, C)."""
+        position = np.arange(len(values), dtype=np.float64)
+        position *= 1 + self.rate
+        position -= self.delay_s * rate_hz
+        if self.jitter_s > 0:
+            position += rate_hz * jitter(len(values), self.jitter_s, rng)
+        return interpolated(values, position)
+
+
+def jitter(count: int, sd_s: float, rng: np.random.Generator) -> Array:
+    """Draw errors of instants, `MAX_JITTER_S` at most, (N,) [s]."""
+    return np.clip(sd_s * rng.standard_normal(count), -MAX_JITTER_S, MAX_JITTER_S)
+
+
+def interpolated(values: Array, position: Array) -> Array:
+    """Give values between samples, of the cubic through the four around each.
+
+    Parameters
+    ----------
+    values
+        (N, C).
+    position
+        Wanted places in samples, (K,); before the first and after the last it is held.
+
+    Returns
+    -------
+    Array
+        (K, C); at a sample exactly that.
+    """
+    last = len(values) - 1
+    here = np.clip(position, 0, last)
+    below = np.minimum(here.astype(int), max(last - 1, 0))
+    f = here - below
+    weights = (
+        -f * (f - 1) * (f - 2) / 6,
+        (f + 1) * (f - 1) * (f - 2) / 2,
+        -(f + 1) * f * (f - 2) / 2,
+        (f + 1) * f * (f - 1) / 6,
+    )
+    total = np.zeros((len(here), values.shape[1]))
+    for k, weight in enumerate(weights):
+        total += weight[:, None] * values[np.clip(below + k - 1, 0, last)]
+    return total
+
+
+def add_noise(
+    values: Array, sd: Array | float, rng: np.random.Generator, rate_hz: float = ANALOG_HZ
+) -> None:
+    """Add white noise to readings in place, (N, C), with one standard deviation or one of each.
+
+    It is stated for `ANALOG_HZ`; at other rates the density stays the same.
+    """
+    if np.any(sd):
+        values += sd * np.sqrt(rate_hz / ANALOG_HZ) * rng.standard_normal(values.shape)
+
+
+def wander(count: int, rate_hz: float, channels: int, rng: np.random.Generator) -> Array:
+    """Draw zeros that wander below `WANDER_HZ`, with standard deviation 1, (N, channels)."""
+    step = max(round(rate_hz / WANDER_UPDATE_HZ), 1)
+    kept = np.exp(-2 * np.pi * WANDER_HZ / WANDER_UPDATE_HZ)
+    drawn = rng.standard_normal((count // step + 2, channels))
+    drawn[1:] *= np.sqrt(1 - kept**2)
+    drawn = np.asarray(lfilter([1.0], [1.0, -kept], drawn, axis=0))
+    share = np.arange(step)[:, None] / step
+    between = drawn[:-1, None] + share * np.diff(drawn, axis=0)[:, None]
+    return np.asarray(between.reshape(-1, channels)[:count])
+
+
+def quantised(values: Array, largest: Array | float, bits: int) -> Array:
+    """Round readings to the steps of a converter's range; 0 bits: not at all."""
+    if bits == 0:
+        return values
+    step = np.asarray(largest) / 2 ** (bits - 1)
+    return np.asarray(np.rint(values / step) * step)
+
+
+def add_interference(values: Array, rms: Array | float, rng: np.random.Generator) -> None:
+    """Add interference from above half the sampling rate to readings in place, (N, C).
+
+    Sampled without a filter it appears as a tone at any frequency below that; in each recording
+    and channel there is some of it.
+    """
+    share = rms * rng.standard_normal(values.shape[1])
+    if np.any(rms):
+        frequency, phase = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
+        tone = np.sqrt(2) * np.sin(frequency * np.arange(len(values)) + phase)
+        values += tone[:, None] * share
+
+
+UPDATE_HZ: Final = 200.0
+"""How often the controller updates the belt speed that it reports (van de Loosdrecht 2018); in
+between the recorder holds the last value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """When a controller reads what it streams.
+
+    Attributes
+    ----------
+    delay_s
+        How much later its values arrive than what they show [s].
+    jitter_s
+        Standard deviation of its instants, one every 1 / `UPDATE_HZ` [s].
+    doubled_per_minute
+        How often a value is repeated instead of read anew.
+    held
+        Whether a value stays until the next; else the channel goes on between its instants.
+    """
+
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    doubled_per_minute: float = 0.0
+    held: bool = False
+
+    def sample(self, values: Array, rate_hz: float, rng: np.random.Generator) -> Array:
+        """Give what the recorder holds of what happens, (N, C), at ``rate_hz``, (N, C)."""
+        step = max(round(rate_hz / UPDATE_HZ), 1)
+        count = len(values)
+        first = np.arange(0, count, step)
+        of_jitter, of_doubled = rng.spawn(2)
+        late = np.full(len(first), -self.delay_s * rate_hz)
+        late += rate_hz * jitter(len(first), self.jitter_s, of_jitter)
+        seconds = step / rate_hz
+        doubled = of_doubled.random(len(first)) < self.doubled_per_minute / 60 * seconds
+        late[doubled] -= step
+        if self.held:
+            return np.repeat(interpolated(values, first + late), step, axis=0)[:count]
+        return interpolated(values, np.arange(count) + np.repeat(late, step)[:count])
+
+
+GAP_S: Final = 0.15
+"""Mean duration of a gap; assumed."""
+MARKERS_OF_A_PERSON: Final = 46
+"""Number of markers to which ``gaps_per_minute`` refers: those of the HBM2 set."""
+
+
+def measure_markers(
+    position: Array, faults: CameraFaults, rng: np.random.Generator, rate_hz: float
+) -> Array:
+    """Report marker positions with noise and gaps (NaN).
+
+    Parameters
+    ----------
+    position
+        True positions, (T, M, 3) [m].
+    faults
+        Sizes and rates of the errors.
+    rng
+        Source of chance.
+    rate_hz
+        Frame rate [Hz].
+
+    Returns
+    -------
+    Array
+        Reported positions, (T, M, 3) [m].
+    """
+    frames, markers = position.shape[:2]
+    measured = position + faults.noise_m * rng.normal(size=position.shape)
+    minutes = frames / rate_hz / 60
+    for _ in range(rng.poisson(faults.gaps_per_minute * minutes * markers / MARKERS_OF_A_PERSON)):
+        start = rng.integers(frames)
+        length = max(1, round(rng.exponential(GAP_S) * rate_hz))
+        measured[start : start + length, rng.integers(markers)] = np.nan
+    return measured
+
+
+PLATE_LENGTH_M: Final = 1.8
+PLATE_WIDTH_M: Final = 0.5
+"""Belt surface of each plate; assumed, as on common split-belt treadmills."""
+PLATE_CENTERS_M: Final = np.array([[0.0, PLATE_WIDTH_M / 2, 0.0], [0.0, -PLATE_WIDTH_M / 2, 0.0]])
+"""Centres of the left and the right plate's surface with the platform in neutral."""
+MOMENT_ARM_M: Final = 1 / 3
+"""By which errors drawn for forces are multiplied to give those of moments [N·m per N]: about how
+far the load cells are from the centre of a plate."""
+
+
+FORCE_NOISE_N: Final = 1.1
+MOMENT_NOISE_NM: Final = 0.6
+WANDER_N: Final = 0.15
+"""White noise: real plates at rest have 0.9 to 1.3 N and 0.4 to 0.9 N·m. White noise alone would
+leave half of the 0.13 to 0.27 N that these have below 6 Hz: the zero wanders."""
+CROSS_TALK: Final = 0.002
+CURVATURE: Final = 0.002
+"""Of each component in each other; and of a force at full scale, as a share of that, of plates and
+accelerometers; assumed, of the size that makers state."""
+OFFSET_N: Final = 2.0
+ZERO_SHIFT_N: Final = 0.5
+DRIFT_N_PER_MIN: Final = 0.3
+"""Of the zero, from trial to trial and within one; assumed."""
+ALIAS_N: Final = 0.1
+"""Interference of the motors, from above half the sampling rate; assumed."""
+BITS: Final = 16
+"""Of the converters over the range."""
+FULL_SCALE_N: Final = 4000.0
+"""Range of a plate's forces, either way; of its moments, by `MOMENT_ARM_M`; assumed."""
+ERROR_SCALE: Final = np.array([1.0, 1.0, 1.0, *[MOMENT_ARM_M] * 3])
+
+
+@dataclass(frozen=True, slots=True)
+class ForcePlate:
+    """How a plate's load cells report a wrench: all errors are about one point of the plate.
+
+    Attributes
+    ----------
+    gain
+        Cross-talk and gain: measured = gain @ true, (6, 6).
+    curvature
+        Vertical force too large by this share of full scale at full scale, growing with its square.
+    full_scale_n
+        Vertical force at which ``curvature`` is stated [N].
+    offset
+        Zero error, (6,) [N, N·m].
+    drift
+        Change of the zero, (6,) [N/s, N·m/s].
+    noise
+        Standard deviation of white noise from sample to sample at `ANALOG_HZ`, (6,) [N, N·m].
+    wander
+        Standard deviation of a zero that wanders, (6,) [N, N·m].
+    zero_shift
+        Standard deviation of the zero from recording to recording, (6,) [N, N·m].
+    alias
+        Root mean square of interference from above half the sampling rate, (6,) [N, N·m]; in each
+        recording some of it.
+    bits
+        Of its converter over `FULL_SCALE_N` either way; 0 for a perfect one.
+    clock
+        When it samples.
+    """
+
+    gain: Array = field(default_factory=lambda: np.eye(6))
+    curvature: float = 0.0
+    full_scale_n: float = 1.0
+    offset: Array = field(default_factory=lambda: np.zeros(6))
+    drift: Array = field(default_factory=lambda: np.zeros(6))
+    noise: Array = field(default_factory=lambda: np.zeros(6))
+    wander: Array = field(default_factory=lambda: np.zeros(6))
+    zero_shift: Array = field(default_factory=lambda: np.zeros(6))
+    alias: Array = field(default_factory=lambda: np.zeros(6))
+    bits: int = 0
+    clock: Clock = field(default_factory=Clock)
+
+    def measure(self, wrench: Array, rate_hz: float, rng: np.random.Generator) -> Array:
+        """Report true wrenches.
+
+        Parameters
+        ----------
+        wrench
+            What the load cells carry, (N, 6) [N, N·m].
+        rate_hz
+            Sampling rate [Hz]. White noise keeps its density at any.
+        rng
+            Source of the noise.
+
+        Returns
+        -------
+        Array
+            (N, 6) [N, N·m], about the same point.
+        """
+        of_clock, of_zero, of_wander, of_alias = rng.spawn(4)
+        measured = self.clock.sample(wrench, rate_hz, of_clock) @ self.gain.T
+        measured[:, 2] += self.curvature / self.full_scale_n * measured[:, 2] ** 2
+        measured += self.offset + self.zero_shift * of_zero.standard_normal(6)
+        measured += np.arange(len(wrench))[:, None] / rate_hz * self.drift
+        if self.wander.any():
+            measured += wander(len(wrench), rate_hz, 6, of_wander) * self.wander
+        add_interference(measured, self.alias, of_alias)
+        add_noise(measured, self.noise, rng, rate_hz)
+        return quantised(measured, FULL_SCALE_N * ERROR_SCALE, self.bits)
+
+
+def make_force_plate(
+    faults: PlateFaults, rng: np.random.Generator, clock: Clock | None = None
+) -> ForcePlate:
+    """Draw a plate's errors.
+
+    Parameters
+    ----------
+    faults
+        Their standard deviations.
+    rng
+        Source of chance.
+    clock
+        When it samples; by default late by the left plate's delay.
+
+    Returns
+    -------
+    ForcePlate
+        Errors of moments are a third of those of forces, in N·m and N (`MOMENT_ARM_M`).
+    """
+    cross_talk = faults.gain_scale * CROSS_TALK * rng.normal(size=(6, 6))
+    return ForcePlate(
+        gain=np.eye(6) + cross_talk * ERROR_SCALE[:, None],
+        curvature=faults.gain_scale * CURVATURE * rng.normal(),
+        full_scale_n=FULL_SCALE_N,
+        offset=faults.zero_scale * OFFSET_N * rng.normal(size=6) * ERROR_SCALE,
+        drift=faults.zero_scale * DRIFT_N_PER_MIN / 60 * rng.normal(size=6) * ERROR_SCALE,
+        noise=faults.noise_scale * np.repeat([FORCE_NOISE_N, MOMENT_NOISE_NM], 3),
+        wander=faults.fine_scale * WANDER_N * ERROR_SCALE,
+        zero_shift=faults.zero_scale * ZERO_SHIFT_N * ERROR_SCALE,
+        alias=faults.fine_scale * ALIAS_N * ERROR_SCALE,
+        bits=BITS if faults.fine_scale else 0,
+        clock=clock or Clock(faults.delay_s),
+    )
+
+
+def misplaced(wrench: Array, faults: PlateFaults) -> Array:
+    """Give wrenches as plates see them that are not where the cameras' coordinates say.
+
+    Parameters
+    ----------
+    wrench
+        In the platform frame about its origin, (N, 6) [N, N·m].
+    faults
+        Rotation and offset from the cameras' to the plates' coordinates.
+
+    Returns
+    -------
+    Array
+        In the plates' frame about its origin, (N, 6) [N, N·m]: what a force plate reports as if it
+        were in the platform frame.
+    """
+    offset = np.array([faults.placement_forward_m, faults.placement_left_m, 0.0])
+    turned = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(faults.placement_deg))
+    return transform_wrench(wrench, turned, offset)
+
+
+def recorded_plate(number: int, time: Array, wrench_in_plate: Array) -> Plate:
+    """Give a plate as a recording holds it.
+
+    Parameters
+    ----------
+    number
+        1 for the left plate, 2 for the right.
+    time
+        Sample times, (N,) [s].
+    wrench_in_plate
+        In the platform's axes about the plate's centre, (N, 6) [N, N·m].
+
+    Returns
+    -------
+    Plate
+        Its axes are parallel to the platform's.
+    """
+    center = PLATE_CENTERS_M[number - 1]
+    x, y = PLATE_LENGTH_M / 2, PLATE_WIDTH_M / 2
+    corners = center + np.array([[x, y, 0], [x, -y, 0], [-x, -y, 0], [-x, y, 0]])
+    return Plate(number, time, wrench_in_plate, np.eye(3), center, corners)
+
+
+PLACES_M: Final = {
+    "rear_left": (-0.90, 0.62, -0.20),
+    "front_right": (0.95, -0.58, -0.20),
+    "front_left": (0.88, 0.60, -0.06),
+    "rear_right": (-0.86, -0.63, -0.32),
+}
+"""Name and place in the platform frame: the first two at opposite corners, as in the thesis; the
+other two, assumed, at other heights, so that they distinguish rotations."""
+SENSOR_NAMES: Final = tuple(PLACES_M)
+RANGE_G: Final = 2.0
+"""The thesis'."""
+NOISE_MPS2: Final = 0.02
+GAIN_SHARE: Final = 0.01
+MISALIGNMENT_DEG: Final = 1.0
+CROSS_AXIS: Final = 0.01
+OFFSET_MPS2: Final = 0.05
+DRIFT_MPS2_PER_MIN: Final = 0.001
+ALIAS_MPS2: Final = 0.002
+"""Standard deviations, of the size that makers state; ``CROSS_AXIS`` is what a channel shows of the
+other two axes beside the misalignment of the sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Accelerometer:
+    """A triaxial accelerometer fixed to the platform.
+
+    Attributes
+    ----------
+    name
+        Where it is.
+    place
+        In the platform frame, (3,) [m].
+    sensitivity
+        Reading = sensitivity @ specific force + offset, (3, 3); holds gains, misaligned axes, and
+        what each channel shows of the other two axes.
+    offset
+        (3,) [m/s²].
+    noise
+        Standard deviation of white noise from sample to sample at `ANALOG_HZ` [m/s²].
+    limit
+        Where it clips [m/s²].
+    curvature
+        Reading too large by this share of ``limit`` there, growing with its square, (3,).
+    drift
+        Change of the offset, (3,) [m/s² per s].
+    alias
+        Root mean square of interference from above half the sampling rate [m/s²]; in each recording
+        and channel some of it.
+    bits
+        Of its converter over ``limit`` either way; 0 for a perfect one.
+    clock
+        When it samples.
+    """
+
+    name: str
+    place: Array
+    sensitivity: Array = field(default_factory=lambda: np.eye(3))
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    noise: float = 0.0
+    limit: float = np.inf
+    curvature: Array = field(default_factory=lambda: np.zeros(3))
+    drift: Array = field(default_factory=lambda: np.zeros(3))
+    alias: float = 0.0
+    bits: int = 0
+    clock: Clock = field(default_factory=Clock)
+
+    def measure(self, specific_force: Array, rate_hz: float, rng: np.random.Generator) -> Array:
+        """Report the specific force at its place, (N, 3) [m/s²], by its three channels.
+
+        White noise keeps its density at any sampling rate; the drift counts from the first sample.
+        """
+        of_clock, of_alias = rng.spawn(2)
+        measured = self.clock.sample(specific_force, rate_hz, of_clock) @ self.sensitivity.T
+        measured += self.curvature / self.limit * measured**2
+        measured += self.offset
+        measured += np.arange(len(measured))[:, None] / rate_hz * self.drift
+        add_interference(measured, self.alias, of_alias)
+        add_noise(measured, self.noise, rng, rate_hz)
+        return quantised(np.clip(measured, -self.limit, self.limit), self.limit, self.bits)
+
+
+def make_accelerometers(
+    faults: AccelerometerFaults, rng: np.random.Generator, clocks: Sequence[Clock] = ()
+) -> tuple[Accelerometer, ...]:
+    """Draw the accelerometers of a laboratory.
+
+    Parameters
+    ----------
+    faults
+        How many there are, and the standard deviations of their errors.
+    rng
+        Source of chance.
+    clocks
+        When each samples; by default late by the stated delay.
+
+    Returns
+    -------
+    tuple of Accelerometer
+        In the order of `PLACES_M`.
+    """
+    clocks = clocks or [Clock(faults.delay_s)] * faults.sensors
+    scale = faults.error_scale
+    sensors = []
+    for (name, place), clock in zip(list(PLACES_M.items())[: faults.sensors], clocks, strict=False):
+        axis = rng.normal(size=3)
+        angle = np.radians(scale * MISALIGNMENT_DEG) * rng.normal()
+        misalignment = rotation_about(axis / np.linalg.norm(axis), angle)
+        gain = np.diag(1 + scale * GAIN_SHARE * rng.normal(size=3))
+        offset = scale * OFFSET_MPS2 * rng.normal(size=3)
+        others = scale * CROSS_AXIS * rng.normal(size=(3, 3)) * (1 - np.eye(3))
+        sensors.append(
+            Accelerometer(
+                name,
+                np.array(place),
+                sensitivity=(gain + others) @ misalignment,
+                offset=offset,
+                noise=faults.noise_scale * NOISE_MPS2,
+                limit=RANGE_G * GRAVITY_MPS2,
+                curvature=scale * CURVATURE * rng.normal(size=3),
+                drift=scale * DRIFT_MPS2_PER_MIN / 60 * rng.normal(size=3),
+                alias=scale * ALIAS_MPS2,
+                bits=BITS if faults.noise_scale else 0,
+                clock=clock,
+            )
+        )
+    return tuple(sensors)
+
 
 RATE_PPM: Final = 1.0
 JITTER_S: Final = 0.00002
@@ -80,9 +580,7 @@ class InstrumentedTreadmill:
     sensors: tuple[Accelerometer, ...]
 
 
-def make_treadmill(
-    faults: Faults, seed: int, machine: Machine | None = None
-) -> InstrumentedTreadmill:
+def make_treadmill(faults: Faults, seed: int) -> InstrumentedTreadmill:
     """Draw the instruments of a laboratory.
 
     Parameters
@@ -91,8 +589,6 @@ def make_treadmill(
         Sizes of their errors.
     seed
         Seed of the errors.
-    machine
-        The treadmill; by default that of ``faults.machine``.
 
     Returns
     -------
@@ -102,17 +598,25 @@ def make_treadmill(
     of_left, of_right, of_sensors, of_clocks, of_drives = np.random.default_rng(
         (seed, INSTRUMENT_STREAM)
     ).spawn(5)
-    machine = machine or Machine(sway_hz=faults.machine.sway_hz)
-    flexibility = faults.machine.flexibility
-    structure = make_structure(flexibility=flexibility) if flexibility else None
-    left, right, *of_each = _clocks(faults, of_clocks)
-    plates = (
-        make_force_plate(faults.plates, of_left, left),
-        make_force_plate(faults.plates, of_right, right),
+    # the clocks of both plates and of every accelerometer that there can be
+    delays = [*faults.plates.delays_s, *[faults.accelerometers.delay_s] * len(SENSOR_NAMES)]
+    errors = 1e-6 * faults.clocks.scale * RATE_PPM * of_clocks.standard_normal(len(delays))
+    left, right, *of_each = (
+        Clock(delay_s, rate, faults.clocks.scale * JITTER_S)
+        for delay_s, rate in zip(delays, errors.tolist(), strict=True)
     )
-    sensors = make_accelerometers(faults.accelerometers, of_sensors, of_each)
-    drives = make_drives(faults.belts, of_drives)
-    return InstrumentedTreadmill(machine, structure, drives, faults, plates, sensors)
+    flexibility = faults.machine.flexibility
+    return InstrumentedTreadmill(
+        Machine(sway_hz=faults.machine.sway_hz),
+        make_structure(flexibility) if flexibility else None,
+        make_drives(faults.belts, of_drives),
+        faults,
+        (
+            make_force_plate(faults.plates, of_left, left),
+            make_force_plate(faults.plates, of_right, right),
+        ),
+        make_accelerometers(faults.accelerometers, of_sensors, of_each),
+    )
 
 
 def undergo(
@@ -156,16 +660,6 @@ def undergo(
         round(rate_hz / FRAME_HZ),
     )
     return replace(response, belts=belts)
-
-
-def _clocks(faults: Faults, rng: np.random.Generator) -> list[Clock]:
-    """Draw the clocks of both plates and of every accelerometer that there can be."""
-    delays = [*faults.plates.delays_s, *[faults.accelerometers.delay_s] * len(SENSOR_NAMES)]
-    errors = 1e-6 * faults.clocks.scale * RATE_PPM * rng.standard_normal(len(delays))
-    return [
-        Clock(delay_s, rate, faults.clocks.scale * JITTER_S)
-        for delay_s, rate in zip(delays, errors.tolist(), strict=True)
-    ]
 
 
 PLATFORM_MARKERS_M: Final = {
@@ -230,42 +724,31 @@ def recorded(
     """
     of_plates, of_sensors, of_belts = streams
     rate_hz, faults = motion.rate_hz, treadmill.faults
+    noises = of_sensors.spawn(len(treadmill.sensors))
     readings = [
-        sensor.measure(felt, rate_hz, own) / acceleration_in_mps2("g")
-        for sensor, felt, own in zip(
-            treadmill.sensors,
-            response.sensors,
-            of_sensors.spawn(len(treadmill.sensors)),
-            strict=True,
-        )
+        sensor.measure(felt, rate_hz, noise) / acceleration_in_mps2("g")
+        for sensor, felt, noise in zip(treadmill.sensors, response.sensors, noises, strict=True)
     ]
     sensors = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
     # a motor's reports are uneven already
     jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
     stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
     noise_mps, speeds = faults.belts.roughness * NOISE_MPS, []
-    for belt, own, _ in zip(response.belts, of_belts.spawn(2), belts, strict=False):
-        speeds.append(stream.sample(belt.reported_speed[:, None], rate_hz, own.spawn(1)[0]))
-        add_noise(speeds[-1], noise_mps, own, rate_hz)
+    for belt, noise, _ in zip(response.belts, of_belts.spawn(2), belts, strict=False):
+        speeds.append(stream.sample(belt.reported_speed[:, None], rate_hz, noise.spawn(1)[0]))
+        add_noise(speeds[-1], noise_mps, noise, rate_hz)
     names, units, columns = zip(
         (sensors, ("g",) * len(sensors), np.hstack(readings)),
         (belts, ("m/s",) * len(belts), np.hstack(speeds)),
         *more,
         strict=True,
     )
-    plates = [
-        recorded_plate(
-            number,
-            motion.time,
-            shift_wrench(plate.measure(misplaced(wrench, faults.plates), rate_hz, own), center),
-        )
-        for number, (plate, wrench, own, center) in enumerate(
-            zip(
-                treadmill.plates, response.plates, of_plates.spawn(2), PLATE_CENTERS_M, strict=True
-            ),
-            start=1,
-        )
-    ]
+    plates = []
+    for k, noise in enumerate(of_plates.spawn(2)):
+        carried = misplaced(response.plates[k], faults.plates)
+        measured = treadmill.plates[k].measure(carried, rate_hz, noise)
+        about_center = shift_wrench(measured, PLATE_CENTERS_M[k])
+        plates.append(recorded_plate(k + 1, motion.time, about_center))
     if markers is None:
         frames = motion.time[:: round(rate_hz / FRAME_HZ)]
         markers = Markers(frames, (), np.empty((len(frames), 0, 3)))
@@ -303,16 +786,11 @@ def measure_pose(
     sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
     true = np.column_stack([sway_mm, pitch_deg])
     scale, faults = treadmill.faults.clocks.scale, treadmill.faults.platform
-    delay_s = faults.delay_s
-    if faults.replay_frames:
-        most = faults.replay_frames
-        delay_s += float(of_delay.integers(-most, most, endpoint=True)) / FRAME_HZ
-    stream = Stream(delay_s, scale * STREAM_JITTER_S, scale * DOUBLED_PER_MINUTE)
-    return (
-        (SWAY_CHANNEL, PITCH_CHANNEL),
-        ("mm", "deg"),
-        stream.sample(true, motion.rate_hz, of_stream),
-    )
+    most = faults.replay_frames
+    late_s = faults.delay_s + float(of_delay.integers(-most, most, endpoint=True)) / FRAME_HZ
+    stream = Stream(late_s, scale * STREAM_JITTER_S, scale * DOUBLED_PER_MINUTE)
+    values = stream.sample(true, motion.rate_hz, of_stream)
+    return (SWAY_CHANNEL, PITCH_CHANNEL), ("mm", "deg"), values
 
 
 def measure_pulses(motion: TreadmillMotion, rng: np.random.Generator) -> Channels:

@@ -50,42 +50,16 @@ class Trajectory:
 
     def at(self, time: Array, derivative: int = 0) -> Array:
         """Evaluate a derivative at any times between the knots, (T, C) [unit/s^derivative]."""
-        position = (np.asarray(time, float) - self.start) * self.rate_hz
+        return self.at_knots((np.asarray(time, float) - self.start) * self.rate_hz, derivative)
+
+    def at_knots(self, position: Array, derivative: int = 0) -> Array:
+        """Evaluate a derivative at places that are counted in knots, (T, C)."""
         knot = np.clip(np.floor(position).astype(int), 0, len(self.coefficients) - DEGREE - 1)
         weights = _weights(position - knot, derivative) * self.rate_hz**derivative
         value = np.zeros((len(position), self.coefficients.shape[1]))
         for k in range(DEGREE + 1):
             value += weights[:, k, None] * self.coefficients[knot + k]
         return value
-
-    def between_knots(self, parts: int, first: int, last: int, derivative: int = 0) -> Array:
-        """Evaluate a derivative at equal intervals between knots, time last.
-
-        Parameters
-        ----------
-        parts
-            Samples per knot.
-        first, last
-            Knots from which, and before which, samples begin; none is beyond the last knot.
-        derivative
-            Which.
-
-        Returns
-        -------
-        Array
-            (C, N) [unit/s^derivative].
-        """
-        knots = len(self.coefficients) - DEGREE + 1
-        own = np.ascontiguousarray(self.coefficients[first : last + DEGREE].T)
-        weights = _weights(np.arange(parts) / parts, derivative) * self.rate_hz**derivative
-        count = last - first
-        values = np.zeros((len(own), count, parts))
-        for part in range(parts):
-            end = count if part == 0 or last < knots else count - 1
-            for k in np.flatnonzero(weights[part]):
-                values[:, :end, part] += weights[part, k] * own[:, k : k + end]
-        flat = values.reshape(len(own), -1)
-        return flat if last < knots else flat[:, : flat.shape[1] - parts + 1]
 
 
 def fit_trajectory(values: Array, rate_hz: float, start: float = 0.0) -> Trajectory:
@@ -414,6 +388,14 @@ def move_platform(machine: Machine, sway: Array, pitch: Array, rate_hz: float) -
         follow(pitch, machine.pitch_hz, rate_hz),
         np.array(machine.pivot_m),
     )
+
+
+def move_treadmill(
+    machine: Machine, sway: Array, pitch: Array, belt: Array, rate_hz: float
+) -> TreadmillMotion:
+    """Follow commanded sway, pitch and belt speed, without perturbations; as `move_platform`."""
+    platform = move_platform(machine, sway, pitch, rate_hz)
+    return TreadmillMotion(np.arange(len(belt)) / rate_hz, platform, belt, np.empty(0))
 
 
 def _limited(command: Array, max_value: float, max_speed: float, rate_hz: float) -> Array:

@@ -251,19 +251,13 @@ class Modes:
         accelerating[COORDINATES:] = np.linalg.solve(structure.mass, load_of_inputs)
         excited = np.linalg.solve(vectors, accelerating.astype(complex))
         one = values.imag > 0
-        if np.count_nonzero(one) != COORDINATES:
-            raise ValueError(
-                f"the structure vibrates in {np.count_nonzero(one)} modes, expected {COORDINATES}; "
-                "lower flexibility"
-            )
         value = values[one].astype(complex)
         x = np.asarray(value / rate_hz, complex)
         grown: Complex = np.exp(x)
         now: Complex = (grown - 1 - x) / x**2 / rate_hz
         before: Complex = (grown - 1) / x / rate_hz - now
-        return cls(
-            vectors[:, one], excited[one], grown, now, before, np.asarray(-1 / value, complex)
-        )
+        at_rest: Complex = np.asarray(-1 / value, complex)
+        return cls(vectors[:, one], excited[one], grown, now, before, at_rest)
 
     def readout(self, output: Array) -> Array:
         """Give the matrix from real and imaginary parts of the modes to outputs of the state."""
@@ -278,13 +272,10 @@ class Modes:
             first = parts[:modes, 0] + 1j * parts[modes:, 0]
             state = (self.at_rest - self.now) * first
         after = np.empty_like(state)
-        for k, (decay, now, before) in enumerate(
-            zip(self.decay, self.now, self.before, strict=True)
-        ):
-            exciting = parts[k] + 1j * parts[modes + k]
-            moved, after[k : k + 1] = lfilter(
-                [now, before], [1, -decay], exciting, zi=state[k : k + 1]
-            )
+        for k in range(modes):
+            exciting, one = parts[k] + 1j * parts[modes + k], slice(k, k + 1)
+            weights, decay = [self.now[k], self.before[k]], [1, -self.decay[k]]
+            moved, after[one] = lfilter(weights, decay, exciting, zi=state[one])
             parts[k], parts[modes + k] = moved.real, moved.imag
         return parts, after
 
@@ -377,12 +368,10 @@ def respond(
     sensors = tuple(specific_force(motion, place) for place in places)
     count = len(range(0, len(terms), step))
     if structure is None:
-        plates = np.stack(
-            [terms @ wrench.T + own for wrench, own in zip(by_terms, drives, strict=True)]
-        )
+        left, right = (terms @ by.T + drive for by, drive in zip(by_terms, drives, strict=True))
         if people is not None:
-            plates += people
-        return Response((plates[0], plates[1]), sensors, np.zeros((count, FRAME)), people)
+            left, right = left + people[0], right + people[1]
+        return Response((left, right), sensors, np.zeros((count, FRAME)), people)
 
     series = [terms, *drives]
     if people is not None:
@@ -402,17 +391,15 @@ def respond(
         now = slice(start, start + chunk)
         inputs = np.concatenate([part[now].T for part in series])
         modal, state = modes.advance(inputs, state)
-        found = readout @ modal + through @ inputs
-        frame[start // step : -(-(start + inputs.shape[1]) // step)] = (
-            of_frame @ modal[:, ::step]
-        ).T
+        # six rows each: per plate wrench and coordinates, per sensor acceleration and rotation
+        blocks = np.split(readout @ modal + through @ inputs, 4 + len(sensors))
+        shapes = (of_frame @ modal[:, ::step]).T
+        frame[start // step :][: len(shapes)] = shapes
         for k, weight in enumerate(weights):
-            wrench, moved = found[12 * k : 12 * k + 6], found[12 * k + 6 : 12 * k + 12]
-            plates[k, now] = _in_moved_axes(wrench, weight, moved).T
-        for k, sensor in enumerate(sensors):
-            own = found[24 + 6 * k : 30 + 6 * k]
+            plates[k, now] = _in_moved_axes(blocks[2 * k], weight, blocks[2 * k + 1]).T
+        for sensor, block in zip(sensors, blocks[4:], strict=True):
             felt = sensor[now].T
-            sensor[now] = (felt + own[:3] - np.cross(own[3:], felt, axis=0)).T
+            sensor[now] = (felt + block[:3] - np.cross(block[3:], felt, axis=0)).T
     return Response((plates[0], plates[1]), sensors, frame, people)
 
 

@@ -7,6 +7,7 @@ model's, and as the mean from which other people differ.
 """
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -49,19 +50,17 @@ class Anatomy:
 
     def origin(self, segment: str) -> Array:
         """Give the joint that carries a segment, (3,) [m], lab axes."""
-        return self.points[_JOINT.get(segment) or _limb_joint(segment)]
+        side, _, part = segment.partition("_")
+        joint = f"{side}_{_JOINT[part]}" if side in SIDES else _JOINT[segment]
+        return self.points[joint]
 
 
-_JOINT: Final = {"pelvis": "pelvis", "mid_trunk": "lumbar", "thorax": "mid_trunk", "head": "neck"}
-_LIMB_JOINT: Final = {
+_JOINT: Final = {
+    **{"pelvis": "pelvis", "mid_trunk": "lumbar", "thorax": "mid_trunk", "head": "neck"},
     **{"shoulder": "shoulder", "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"},
     **{"thigh": "hip", "shank": "knee", "talus": "ankle", "foot": "subtalar", "toes": "toes"},
 }
-
-
-def _limb_joint(segment: str) -> str:
-    side, _, part = segment.partition("_")
-    return f"{side}_{_LIMB_JOINT[part]}"
+"""Segment, without side -> the joint that carries it."""
 
 
 def about(axis: Array, zero: Array, direction: Array) -> float:
@@ -115,10 +114,7 @@ HEIGHTS_M: Final = (0.0, 0.076, 0.520, 0.948, 1.477, 1.782)
 """Floor, ankle, knee, hip, neck and crown of the reference person (``t_pose.csv``)."""
 REACHES_M: Final = (0.0, 0.190, 0.478, 0.752, 0.840)
 """Middle, shoulder, elbow, wrist and end of the hand of the reference person, sideways."""
-BREADTHS: Final[dict[Sex, tuple[float, float]]] = {
-    "male": (1.0, 1.0),
-    "female": (1.04, 0.92),
-}
+BREADTHS: Final[dict[Sex, tuple[float, float]]] = {"male": (1.0, 1.0), "female": (1.04, 0.92)}
 """Breadth of pelvis and shoulders by that of the reference man of the same stature; assumed."""
 
 
@@ -163,31 +159,23 @@ def t_pose(names: Sequence[str], height_m: float, sex: Sex, proportions: Proport
     Array
         Marker positions, (M, 3) [m]: x forward, y left, z up, floor at z = 0.
 
-    Raises
-    ------
-    ValueError
-        If the reference person has no marker of a name.
     """
-    hips, shoulders = BREADTHS[sex]
-    own = proportions
-    hips, shoulders = hips * own.pelvis, shoulders * own.shoulders
-    heights = _scaled(HEIGHTS_M, (own.ankle, own.shank, own.thigh, own.trunk, own.head))
+    size, (hips, shoulders) = proportions, BREADTHS[sex]
+    hips, shoulders = hips * size.pelvis, shoulders * size.shoulders
+    heights = _scaled(HEIGHTS_M, (size.ankle, size.shank, size.thigh, size.trunk, size.head))
     heights *= HEIGHTS_M[-1] / heights[-1]
-    reaches = _scaled(REACHES_M, (shoulders, own.upper_arm, own.forearm, own.hand))
+    reaches = _scaled(REACHES_M, (shoulders, size.upper_arm, size.forearm, size.hand))
     scale = {
-        "pelvis": (own.depth, hips),
-        "trunk": (own.depth, shoulders),
+        "pelvis": (size.depth, hips),
+        "trunk": (size.depth, shoulders),
         "head": (1.0, 1.0),
         "leg": (1.0, hips),
-        "foot": (own.foot, hips),
+        "foot": (size.foot, hips),
     }
 
     position = np.empty((len(names), 3))
-    reference = _reference()
     for k, name in enumerate(names):
-        if name not in reference:
-            raise ValueError(f"the reference person has no marker {name!r}: {', '.join(reference)}")
-        part, (x, y, z) = reference[name]
+        part, (x, y, z) = _reference()[name]
         if part == "arm":
             y = np.sign(y) * np.interp(abs(y), REACHES_M, reaches)
             z += heights[4] - HEIGHTS_M[4]
@@ -210,15 +198,11 @@ def _reference() -> dict[str, tuple[str, tuple[float, float, float]]]:
     points = {}
     for row in csv.DictReader(line for line in text.splitlines() if not line.startswith("#")):
         x, y, z = (float(row[axis]) / 1000 for axis in "xyz")
-        points[row["point"]] = row["part"], (x, y, z)
-        mirrored = _other_side(row["point"])
-        points.setdefault(mirrored, (row["part"], (x, -y, z)))
+        point, part = row["point"], row["part"]
+        points[point] = part, (x, y, z)
+        points.setdefault(re.sub("^(F?)R", r"\1L", point), (part, (x, -y, z)))
     points["STRN"], points["XYPH"] = points["JN"], points["XIPH"]
     return points
-
-
-def _other_side(name: str) -> str:
-    return "FLTHI" if name == "FRTHI" else "L" + name[1:] if name.startswith("R") else name
 
 
 SKIN_M: Final = 0.009
@@ -281,9 +265,13 @@ def locate(at: Landmarks, shown: frozenset[str], sex: Sex, navel: float) -> Anat
     -----
     Hips: Harrington et al. 2007 (J Biomech 40:595), Table 3, less `SKIN_M`.
     """
-    anatomy = Anatomy()
-    points, axes = _combinations(at)
-    anatomy.points |= points
+    anatomy = Anatomy({name: (at[a] + at[b]) / 2 for name, (a, b) in MIDDLES.items()})
+    axes = dict[str, Array]()  # of the joints, to the left
+    for side, medial in SIDES.items():
+        for joint, (first, second, inward) in JOINTS.items():
+            one, other = (at[side[0].upper() + marker] for marker in (first, second))
+            anatomy.points[f"{side}_{joint}"] = (one + other) / 2
+            axes[f"{side}_{joint}"] = medial * inward * (other - one)
     _pelvis(anatomy, at, shown, sex)
     for side in SIDES:
         _leg(anatomy, at, shown, side, axes)
@@ -291,18 +279,6 @@ def locate(at: Landmarks, shown: frozenset[str], sex: Sex, navel: float) -> Anat
     for side in SIDES:
         _arm(anatomy, at, side, axes)
     return anatomy
-
-
-def _combinations(at: Landmarks) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Give points midway between markers, and the joints' axes, which point to the left."""
-    points = {name: (at[a] + at[b]) / 2 for name, (a, b) in MIDDLES.items()}
-    axes: dict[str, Array] = {}
-    for side, medial in SIDES.items():
-        for joint, (first, second, inward) in JOINTS.items():
-            one, other = (at[side[0].upper() + marker] for marker in (first, second))
-            points[f"{side}_{joint}"] = (one + other) / 2
-            axes[f"{side}_{joint}"] = medial * inward * (other - one)
-    return points, axes
 
 
 def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) -> None:

@@ -12,23 +12,8 @@ from scipy.ndimage import gaussian_filter1d
 from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
-from pipeline.virtual_lab.person.body import (
-    COLUMN,
-    KNEE,
-    LINKS,
-    Frame,
-    Skeleton,
-    chunks,
-    frames,
-    moved,
-    placed,
-    segment_poses,
-)
-from pipeline.virtual_lab.person.feet import FootPlacement, Sole, orientation, rolled
-from pipeline.virtual_lab.person.gait import LEAVING, STANCE, foot_angles, sole_weights
-from pipeline.virtual_lab.person.momentum import Oscillator, ground_wrench
+from pipeline.virtual_lab.person import body, gait
 from pipeline.virtual_lab.person.subject import VirtualSubject
-from pipeline.virtual_lab.person.variation import ExtraJoints
 
 JOINT_WEIGHTS: Final = {
     "HipFlexion": 3e-4,
@@ -70,7 +55,7 @@ class SoleTarget:
     weight: Array
 
     @classmethod
-    def of(cls, sole: Sole, rotation: Array, position: Array, weight: Array) -> "SoleTarget":
+    def of(cls, sole: gait.Sole, rotation: Array, position: Array, weight: Array) -> "SoleTarget":
         """Give the target of a sole's pose, (T, 3, 3) and (T, 3) [m], and weights, (T, 4)."""
         on_foot, origin = sole.foot_pose(rotation, position)
         ball, aside = sole.ball, BALL_HALF_WIDTH_M
@@ -87,20 +72,18 @@ class SoleTarget:
 
 
 def solve_legs(
-    skeleton: Skeleton,
-    extra: ExtraJoints,
+    subject: VirtualSubject,
     reference: Array,
     targets: Mapping[str, SoleTarget],
     start: Array,
-    height_weight: float,
-    iterations: int,
+    effort: tuple[float, int],
 ) -> Array:
     """Find the joint angles of the legs with which the soles are where they should be.
 
     Parameters
     ----------
-    skeleton, extra
-        The person's.
+    subject
+        Whose legs.
     reference
         Wanted coordinates, (46, T); pelvis, trunk, head and arms are kept, the legs' are
         approached where the soles leave a choice or cannot be reached.
@@ -108,10 +91,9 @@ def solve_legs(
         Side -> target of its sole.
     start
         Coordinates to start from, (46, T).
-    height_weight
-        Weight that keeps the pelvis at its height: m² per m² of the soles' points.
-    iterations
-        At most.
+    effort
+        Weight that keeps the pelvis at its height, m² per m² of the soles' points; iterations at
+        most.
 
     Returns
     -------
@@ -124,46 +106,44 @@ def solve_legs(
     eliminated from the normal equations, which leaves one for the pelvis' height.
     """
     solved = start.copy()
-    for part in chunks(reference.shape[1]):
-        own = {side: target.frames(part) for side, target in targets.items()}
-        solved[:, part] = _solve(
-            skeleton, extra, reference[:, part], own, start[:, part], height_weight, iterations
-        )
+    for part in body.chunks(reference.shape[1]):
+        now = {side: target.frames(part) for side, target in targets.items()}
+        solved[:, part] = _solve(subject, reference[:, part], now, start[:, part], *effort)
     return solved
 
 
 def _solve(
-    skeleton: Skeleton,
-    extra: ExtraJoints,
+    subject: VirtualSubject,
     reference: Array,
-    points: Mapping[str, SoleTarget],
+    targets: Mapping[str, SoleTarget],
     start: Array,
     height_weight: float,
     iterations: int,
 ) -> Array:
     q, height = reference.copy(), INDEX["PelvisZ"]
     q[height] = 0.0
-    pelvis = frames(skeleton, (q,), ["pelvis"])["pelvis"]
+    pelvis = body.frames(subject.skeleton, (q,), ["pelvis"])["pelvis"]
     solved = [height, *(INDEX[letter + name] for letter in "RL" for name in JOINT_WEIGHTS)]
     q[solved] = start[solved]
+    prior = np.array(list(JOINT_WEIGHTS.values()))[:, None]
     for _ in range(iterations):
         total = np.full(q.shape[1], height_weight + DAMPING)
         right = height_weight * (reference[height] - q[height])
         legs = []
-        for side, own in points.items():
+        for side, target in targets.items():
             letter = side[0].upper()
             rows = [INDEX[letter + name] for name in JOINT_WEIGHTS]
-            jacobian, error = _jacobian(skeleton, extra, pelvis, q, letter, own)
-            weighted = jacobian * own.weight
-            prior = np.array(list(JOINT_WEIGHTS.values()))[:, None]
+            jacobian, error = _jacobian(subject, pelvis, q, letter, target)
+            weighted = jacobian * target.weight
             square = np.einsum("aikt,bikt->abt", weighted, jacobian)
             square[range(6), range(6)] += prior + DAMPING
             wanted = np.einsum("aikt,ikt->at", weighted, error)
             wanted += prior * (reference[rows] - q[rows])
             coupling = weighted[:, 2].sum(axis=1)
             solution = _solve_symmetric(square, np.stack([wanted, coupling], axis=1))
-            total += own.weight.sum(axis=0) - (coupling * solution[:, 1]).sum(axis=0)
-            right += (own.weight * error[2]).sum(axis=0) - (coupling * solution[:, 0]).sum(axis=0)
+            total += target.weight.sum(axis=0) - (coupling * solution[:, 1]).sum(axis=0)
+            upward = (target.weight * error[2]).sum(axis=0)
+            right += upward - (coupling * solution[:, 0]).sum(axis=0)
             legs.append((rows, solution))
         rise = np.clip(right / total, -MAX_STEP, MAX_STEP)
         q[height] += rise
@@ -178,33 +158,31 @@ def _solve(
 
 
 def _jacobian(
-    skeleton: Skeleton, extra: ExtraJoints, pelvis: Frame, q: Array, letter: str, points: SoleTarget
+    subject: VirtualSubject, pelvis: body.Frame, q: Array, letter: str, target: SoleTarget
 ) -> tuple[Array, Array]:
     """Give how a sole's points move with the leg's angles, (6, 3, 4, T), and their error."""
-    origin = pelvis.origin.copy()
+    skeleton, origin = subject.skeleton, pelvis.origin.copy()
     origin[2] += q[INDEX["PelvisZ"]]
-    frame = Frame(pelvis.rotation, origin, pelvis.acceleration)
-    knee = extra.of_knee(letter, q[INDEX[letter + "KneeFlexion"]])
+    frame = body.Frame(pelvis.rotation, origin, pelvis.acceleration)
+    knee = subject.extra_joints.of_knee(letter, q[INDEX[letter + "KneeFlexion"]])
     axes, places, segment = [], [], "pelvis"
     for k, link in _LEGS[letter]:
         if link.segment != segment:
             segment = link.segment
-            frame = placed(frame, skeleton.offsets[segment])
+            frame = body.placed(frame, skeleton.offsets[segment])
         name = link.name[1:]
         if name in JOINT_WEIGHTS:
             axes.append(skeleton.axes[k] @ frame.rotation[0])
             places.append(frame.origin)
-            value = q[COLUMN[link.name]]
+            value = q[body.COLUMN[link.name]]
         else:
-            value = knee[KNEE.index(name)]
-        frame = moved(frame, link, skeleton.axes[k], (value,))
-    position = np.stack([frame.point(point) for point in points.on_foot], axis=1)
+            value = knee[body.KNEE.index(name)]
+        frame = body.moved(frame, link, skeleton.axes[k], (value,))
+    position = np.stack([frame.point(point) for point in target.on_foot], axis=1)
     jacobian = np.empty((len(axes), *position.shape))
     for row, axis, place in zip(jacobian, axes, places, strict=True):
-        arm = position - place[:, None]
-        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            row[i] = axis[j] * arm[k] - axis[k] * arm[j]
-    return jacobian, points.wanted - position
+        row[:] = np.cross(axis[:, None], position - place[:, None], axis=0)
+    return jacobian, target.wanted - position
 
 
 def _solve_symmetric(matrix: Array, right: Array) -> Array:
@@ -225,8 +203,8 @@ def _solve_symmetric(matrix: Array, right: Array) -> Array:
 _LEGS: Final = {
     letter: [
         (k, link)
-        for k, link in enumerate(LINKS)
-        if link.name.startswith(letter) and link.name[1:] in (*JOINT_WEIGHTS, *KNEE)
+        for k, link in enumerate(body.LINKS)
+        if link.name.startswith(letter) and link.name[1:] in (*JOINT_WEIGHTS, *body.KNEE)
     ]
     for letter in "RL"
 }
@@ -295,26 +273,22 @@ class Plan:
     def every(self, step: int) -> "Plan":
         """Give the plan for every so many samples."""
         part = slice(None, None, step)
+        arrays = ("pressure", "phase", "walking", "steady", "corrected")
         return replace(
             self,
             targets={side: target.frames(part) for side, target in self.targets.items()},
-            pressure=self.pressure[part],
             pose=PlatformPose(self.pose.rotation[part], self.pose.position[part]),
-            phase=self.phase[part],
-            walking=self.walking[part],
-            steady=self.steady[part],
-            corrected=self.corrected[part],
+            **{name: getattr(self, name)[part] for name in arrays},
         )
 
-    def on_feet(self, reference: Array, start: Array, effort: tuple[float, int]) -> Array:
-        """Give the legs' angles near a reference with which the feet are in their places."""
-        body, extra = self.subject.skeleton, self.subject.extra_joints
-        return solve_legs(body, extra, reference, self.targets, start, *effort)
-
     def moved(self, q: Array, rate_hz: float) -> Array:
-        """Give all coordinates (55, T) of a person who moves smoothly by (46, T)."""
-        extra = self.subject.extra_joints
-        return extra.extend(_smooth(q, rate_hz), self.phase, self.walking)
+        """Give all coordinates (55, T) of a person who moves by (46, T), smoothed.
+
+        The smoothing Gaussian's amplitude response is 1/√2 at `SMOOTHING_HZ`.
+        """
+        sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * SMOOTHING_HZ) * rate_hz
+        smooth = gaussian_filter1d(q, sigma, axis=1, mode="nearest")
+        return self.subject.extra_joints.extend(smooth, self.phase, self.walking)
 
 
 def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
@@ -334,39 +308,31 @@ def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
     Array
         All coordinates, (55, T).
     """
-    shift, start = _correction(plan.every(COARSE), reference[:, ::COARSE], RATE_HZ / COARSE)
-    coarse = time[::COARSE]
-    reference = reference.copy()
-    reference[: len(shift)] += CubicSpline(coarse, shift, axis=1)(time)
-    q = CubicSpline(coarse, start, axis=1)(time)
-    return plan.moved(plan.on_feet(reference, q, LATER), RATE_HZ)
-
-
-def _correction(plan: Plan, reference: Array, rate_hz: float) -> tuple[Array, Array]:
-    """Give by how much the pelvis has to move, (3, T) [m], and coordinates near the solution."""
-    subject, shift = plan.subject, np.zeros((3, reference.shape[1]))
-    fade = plan.corrected.copy()
+    subject, coarse, rate_hz = plan.subject, plan.every(COARSE), RATE_HZ / COARSE
+    # by how much the pelvis has to move, [m], and coordinates near the solution
+    q = np.ascontiguousarray(reference[:, ::COARSE])
+    shifted, shift = q.copy(), np.zeros((3, q.shape[1]))
+    fade = coarse.corrected.copy()
     fade[-int(rate_hz * FREE_END_S) :] = 0.0
-    pattern, q = reference[:3].copy(), np.ascontiguousarray(reference)
-    reference = q.copy()
     for correction in range(CORRECTIONS):
-        q = plan.on_feet(reference, q, LATER if correction else FIRST)
+        effort = LATER if correction else FIRST
+        q = solve_legs(subject, shifted, coarse.targets, q, effort)
         if correction == 0:
-            shift[2] = plan.walking * (q - reference)[2, plan.steady].mean()
-        motion = _differentiated(plan.moved(q, rate_hz), rate_hz)
-        oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
-        wrench = ground_wrench(subject.skeleton, motion, oscillators)
-        found = in_lab(pressure_on_platform(wrench, plan.pose), plan.pose)[:, :2]
-        error = np.clip(np.nan_to_num(plan.pressure - found), -MAX_ERROR_M, MAX_ERROR_M)
-        shift[:2] += GAIN * balanced(fade[:, None] * error, plan.height, rate_hz).T
-        reference[:3] = pattern + shift
-    return shift, q
+            shift[2] = coarse.walking * (q - shifted)[2, coarse.steady].mean()
+        motion = _differentiated(coarse.moved(q, rate_hz), rate_hz)
+        oscillators = [body.Oscillator(mass, rate_hz) for mass in subject.wobbling]
+        wrench = body.ground_wrench(subject.skeleton, motion, oscillators)
+        pressure = in_lab(pressure_on_platform(wrench, coarse.pose), coarse.pose)[:, :2]
+        error = np.clip(np.nan_to_num(coarse.pressure - pressure), -MAX_ERROR_M, MAX_ERROR_M)
+        shift[:2] += GAIN * balanced(fade[:, None] * error, coarse.height, rate_hz).T
+        shifted[:3] = reference[:3, ::COARSE] + shift
 
-
-def _smooth(q: Array, rate_hz: float) -> Array:
-    """Smooth by a Gaussian whose amplitude response is 1/√2 at `SMOOTHING_HZ`, (C, T)."""
-    sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * SMOOTHING_HZ) * rate_hz
-    return np.asarray(gaussian_filter1d(q, sigma, axis=1, mode="nearest"))
+    # the same for every sample
+    reference = reference.copy()
+    reference[:3] += CubicSpline(time[::COARSE], shift, axis=1)(time)
+    q = CubicSpline(time[::COARSE], q, axis=1)(time)
+    q = solve_legs(subject, reference, plan.targets, q, LATER)
+    return plan.moved(q, RATE_HZ)
 
 
 def _differentiated(values: Array, rate_hz: float) -> tuple[Array, Array, Array]:
@@ -434,19 +400,13 @@ def in_lab(points: Array, pose: PlatformPose) -> Array:
     return pose.to_lab(points)
 
 
-def on_platform(points: Array, pose: PlatformPose) -> Array:
-    """Transform points of the lab to the platform's frame, (T, 3) [m]."""
-    away = points - pose.position
-    return np.asarray((np.swapaxes(pose.rotation, 1, 2) @ away[..., None])[..., 0])
-
-
 STANDING_LOAD: Final = 0.5
 """Share of the weight on a foot in standing, where the shoe's height is the sole's."""
 
 
 def sole_targets(
     subject: VirtualSubject,
-    placement: FootPlacement,
+    placement: gait.FootPlacement,
     reference: Array,
     pose: PlatformPose,
     time: Array,
@@ -473,42 +433,47 @@ def sole_targets(
     """
     targets = {}
     names = [sole.segment for sole in placement.soles.values()]
-    feet = segment_poses(subject.skeleton, reference, names)
+    feet = body.segment_poses(subject.skeleton, reference, names)
     left = placement.left_share(time)
     for (side, sole), (_, ankle) in zip(placement.soles.items(), feet, strict=True):
         phase, extent = placement.phase(side, time), placement.extent(time)
-        pitch, _ = foot_angles(phase)
+        pitch, _ = gait.foot_angles(phase)
         pitch = pitch * extent
         heading = placement.heading(side, time)
-        rotation = pose.rotation @ orientation(pitch, heading)
-        swinging = on_platform(ankle - (rotation @ sole.origin), pose)
-        rolling = rolled(sole, pitch, heading)
+        rotation = pose.rotation @ gait.orientation(pitch, heading)
+        away = ankle - (rotation @ sole.origin) - pose.position
+        swinging = (np.swapaxes(pose.rotation, 1, 2) @ away[..., None])[..., 0]
+        rolling = gait.rolled(sole, pitch, heading)
         path = _path(placement, side, swinging, rolling, time)
         load = left if side == "left" else 1 - left
         path[:, 2] -= subject.sole_yield_m * (load - STANDING_LOAD)
         position = in_lab(path, pose)
         walking = np.minimum(extent, 1.0)[:, None]
-        weight = 1 - walking * (1 - sole_weights(pitch, phase))
+        weight = 1 - walking * (1 - gait.sole_weights(pitch, phase))
         targets[side] = SoleTarget.of(sole, rotation, position, weight)
     return targets
 
 
 def _path(
-    placement: FootPlacement, side: str, swinging: Array, rolling: Array, time: Array
+    placement: gait.FootPlacement, side: str, swinging: Array, rolling: Array, time: Array
 ) -> Array:
     """Join stances and swings: a swing ends where the next stance begins, (T, 3) [m].
 
     ``swinging`` is the sole's place in the gait pattern, ``rolling`` its displacement while it
     rolls over the belt, both on the platform, (T, 3) [m].
     """
-    end = len(time) - 1
-    own = list(range(0 if side == "left" else 1, len(placement.steps.contact), 2))
+    end, steps = len(time) - 1, placement.steps
     path = np.empty_like(swinging)
     departure, left_at = None, 0
-    for number in own if side == "left" else [-1, *own]:
-        standing = number < 1 if side == "left" else number < 0
-        contact = 0.0 if standing else placement.steps.contact[number]
-        release = placement.release(number) if number >= 0 else _first_release(placement)
+    # left steps are even and begin with standing; the right foot stands before its first step
+    first_number = 0 if side == "left" else -1
+    for number in range(first_number, len(steps.contact), 2):
+        contact = 0.0 if number == first_number else steps.contact[number]
+        if number >= 0:
+            release = placement.release(number)
+        else:
+            released = (gait.LEAVING[0] - 0.5) * steps.overlap / (gait.STANCE - 0.5)
+            release = float(steps.contact[0]) + released * placement.step_s
         first, last = int(np.ceil(contact * RATE_HZ)), int(np.floor(release * RATE_HZ))
         stance = slice(min(first, end), min(last, end) + 1)
         held = rolling[stance] + np.pad(
@@ -527,9 +492,3 @@ def _path(
         left_at = stance.stop - 1
         departure = held[-1] - swinging[left_at]
     return path
-
-
-def _first_release(placement: FootPlacement) -> float:
-    """Give when the right foot leaves its standing place [s]."""
-    released = (LEAVING[0] - 0.5) * placement.steps.overlap / (STANCE - 0.5)
-    return float(placement.steps.contact[0]) + released * placement.step_s

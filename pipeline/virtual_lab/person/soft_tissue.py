@@ -10,37 +10,25 @@ from hbm.coordinates import INDEX
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import CameraFaults
 
-SKIN_RMS_M: Final = {
-    "pelvis": 0.004,
-    "thorax": 0.004,
-    "head": 0.001,
-    "shoulder": 0.005,
-    "upper_arm": 0.006,
-    "forearm": 0.004,
-    "hand": 0.002,
-    "thigh": 0.009,
-    "shank": 0.005,
-    "foot": 0.002,
-    "toes": 0.002,
+ARTEFACTS: Final[dict[str, tuple[float, tuple[str, ...]]]] = {
+    "pelvis": (0.004, ("RHipFlexion", "LHipFlexion")),
+    "thorax": (0.004, ("TrunkRightBend", "TrunkLeftTwist", "RShoulderFlexion", "LShoulderFlexion")),
+    "head": (0.001, ("HeadFlexion", "HeadLeftTwist")),
+    "shoulder": (0.005, ("ShoulderFlexion",)),
+    "upper_arm": (0.006, ("ShoulderFlexion", "ElbowFlexion")),
+    "forearm": (0.004, ("ElbowFlexion", "ForeArmPronation")),
+    "hand": (0.002, ("WristFlexion", "ForeArmPronation")),
+    "thigh": (0.009, ("HipFlexion", "HipAbduction", "HipInternalRotation", "KneeFlexion")),
+    "shank": (0.005, ("KneeFlexion", "AnklePlantarFlexion")),
+    "foot": (0.002, ("AnklePlantarFlexion", "FootPronation")),
+    "toes": (0.002, ("AnklePlantarFlexion", "ToeFlexion")),
 }
-"""RMS displacement of skin markers in walking: thigh the most, then shank (Leardini et al. 2005,
-Gait Posture 21:212; Peters et al. 2010, Gait Posture 31:1); head, hands and feet, for which no
-review has a value, are assumed small."""
-DRIVERS: Final = {
-    "pelvis": ("RHipFlexion", "LHipFlexion"),
-    "thorax": ("TrunkRightBend", "TrunkLeftTwist", "RShoulderFlexion", "LShoulderFlexion"),
-    "head": ("HeadFlexion", "HeadLeftTwist"),
-    "shoulder": ("ShoulderFlexion",),
-    "upper_arm": ("ShoulderFlexion", "ElbowFlexion"),
-    "forearm": ("ElbowFlexion", "ForeArmPronation"),
-    "hand": ("WristFlexion", "ForeArmPronation"),
-    "thigh": ("HipFlexion", "HipAbduction", "HipInternalRotation", "KneeFlexion"),
-    "shank": ("KneeFlexion", "AnklePlantarFlexion"),
-    "foot": ("AnklePlantarFlexion", "FootPronation"),
-    "toes": ("AnklePlantarFlexion", "ToeFlexion"),
-}
-"""Coordinates of the joints at both ends of a segment, of which the artefact is a linear function
-(Bonci et al. 2014, J Biomech 47:2354); on the limbs without the side."""
+"""RMS displacement of a segment's skin markers in walking [m], and what drives it.
+
+Thigh the most, then shank (Leardini et al. 2005, Gait Posture 21:212; Peters et al. 2010, Gait
+Posture 31:1); head, hands and feet, for which no review has a value, are assumed small. The
+artefact is a linear function of the coordinates of the joints at both ends of the segment (Bonci et
+al. 2014, J Biomech 47:2354); on the limbs they stand without the side."""
 MIN_WEIGHT: Final = 1e-12
 """Of what is not zero; a coordinate that does not move drives nothing."""
 DRIVEN_SHARE: Final = 0.8
@@ -90,28 +78,23 @@ def displace_markers(
         Positions of the markers on the skin, (T, M, 3) [m].
     """
     displaced = position.copy()
-    for name in dict.fromkeys(segment):
-        part = name.removeprefix("left_").removeprefix("right_")
-        letter = "" if part == name else name[0].upper()
-        drivers = _standardised([letter + n for n in DRIVERS[part]], q, walking)
-        size = faults.skin_scale * SKIN_RMS_M[part] / np.sqrt(3)
+    for carrier in dict.fromkeys(segment):
+        part = carrier.removeprefix("left_").removeprefix("right_")
+        letter = "" if part == carrier else carrier[0].upper()
+        rms_m, coordinates = ARTEFACTS[part]
+        drivers = _unit_variance(q[[INDEX[letter + name] for name in coordinates]], walking)
+        size = faults.skin_scale * rms_m / np.sqrt(3)
         common = rng.normal(size=(3, len(drivers)))
-        turn = np.moveaxis(rotation[name], 0, 2)
-        for k in (k for k, s in enumerate(segment) if s == name):
-            own = rng.normal(size=(3, len(drivers)))
-            mixed = np.sqrt(COMMON_SHARE) * common + np.sqrt(1 - COMMON_SHARE) * own
+        turn = np.moveaxis(rotation[carrier], 0, 2)
+        for k in (k for k, s in enumerate(segment) if s == carrier):
+            alone = rng.normal(size=(3, len(drivers)))
+            mixed = np.sqrt(COMMON_SHARE) * common + np.sqrt(1 - COMMON_SHARE) * alone
             driven = _unit_variance(mixed @ drivers, walking)
             irregular = _irregular(len(position), rng, rate_hz)
             shift = np.sqrt(DRIVEN_SHARE) * driven + np.sqrt(1 - DRIVEN_SHARE) * irregular
             shift *= size * walking
             displaced[:, k] += (turn * shift).sum(axis=1).T
     return displaced
-
-
-def _standardised(names: list[str], q: Array, walking: Array) -> Array:
-    """Give coordinates less their mean, by their standard deviation in walking, (S, T)."""
-    values = q[[INDEX[name] for name in names]]
-    return _unit_variance(values, walking)
 
 
 def _unit_variance(values: Array, walking: Array) -> Array:

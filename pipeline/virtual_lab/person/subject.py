@@ -1,30 +1,492 @@
-"""Virtual subjects: stature, mass and sex, an individual body, and an individual gait."""
+"""Virtual subjects: stature, mass and sex, an individual body, and an individual gait.
+
+People differ from the Human Body Model. Joint centres are known to a centimetre at best: hip
+centres by regression err by 8 mm in every direction (Sangeux et al. 2011, Gait Posture 34:324;
+2014, 40:20), palpated joint axes by some degrees (Della Croce et al. 2005, Gait Posture 21:226).
+Segment masses, centres and radii of gyration differ between methods and people by several per cent
+of their values (Rao et al. 2006, J Biomech 39:1531; Dumas et al. 2007, J Biomech 40:543).
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Final, Literal
+from functools import cache
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from hbm.coordinates import COORDINATES, INDEX
-from hbm.markers import MarkerSet, marker_sets
-from hbm.spatial import Array
+from hbm.coordinates import COORDINATES, INDEX, N_Q
+from hbm.markers import marker_sets
+from hbm.segments import Inertia, Sex
+from hbm.spatial import Array, axes_from, distance, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.anatomy import Proportions, axes_of, locate, offsets_of, t_pose
-from pipeline.virtual_lab.person.body import Skeleton
-from pipeline.virtual_lab.person.feet import SIDES, Sole, sole_of
-from pipeline.virtual_lab.person.gait import STEP_M, StepParameters, size_of
-from pipeline.virtual_lab.person.momentum import WobblingMass, draw_wobbling_masses
-from pipeline.virtual_lab.person.variation import (
-    MAX_DEVIATION_SD,
-    ExtraJoints,
-    draw_extra_joints,
-    inertias_of,
-    navel_share,
-    vary,
-    vary_inertias,
-    with_shoes,
+from pipeline.virtual_lab.person import body
+from pipeline.virtual_lab.person.anatomy import (
+    SIDES,
+    Anatomy,
+    Proportions,
+    axes_of,
+    locate,
+    offsets_of,
+    t_pose,
 )
+from pipeline.virtual_lab.person.gait import STEP_M, Sole, StepParameters, size_of, sole_of
+
+Source = Literal["de_leva", "dumas"]
+STATURE_M: Final = {
+    **{("de_leva", "male"): 1.741, ("de_leva", "female"): 1.735},
+    **{("dumas", "male"): 1.77, ("dumas", "female"): 1.61},
+}
+"""Mean statures of the samples."""
+PAIRED: Final = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
+TOES_KG: Final = 1e-6
+TOES_GYRATION_M: Final = 0.01
+"""Mass and size of the toes as the Human Body Model's implementation has them: the tables' feet
+include them."""
+
+
+class Row(NamedTuple):
+    """A segment of a table: shares of body mass and of the segment's length.
+
+    Attributes
+    ----------
+    mass
+        Share of body mass; those of a whole body add up to one.
+    center
+        Centre of mass: forward, along the segment, to the right, (3,).
+    tensor
+        Tensor of inertia about it by mass and length squared, in these axes, (3, 3).
+    length
+        Mean length by stature; NaN where it is not used.
+    """
+
+    mass: float
+    center: Array
+    tensor: Array
+    length: float
+
+
+@cache
+def table(source: Source, sex: Sex) -> dict[str, Row]:
+    """Give a table's rows for a sex.
+
+    Parameters
+    ----------
+    source
+        "de_leva" or "dumas" (see ``segment_inertias.csv``).
+    sex
+        Of the person.
+
+    Returns
+    -------
+    dict of str to Row
+        By segment, without side.
+    """
+    path = Path(__file__).with_name("segment_inertias.csv")
+    rows = pd.read_csv(path, comment="#", dtype=str)  # numbers are then read exactly
+    rows = rows[(rows["source"] == source) & (rows["sex"] == sex)].set_index("segment")
+    total = sum(float(row["mass"]) * (2 if name in PAIRED else 1) for name, row in rows.iterrows())
+    return {
+        str(name): Row(
+            float(row["mass"]) / total,
+            row[["center_x", "center_y", "center_z"]].to_numpy(float) / 100,
+            _tensor(*(row[["xx", "yy", "zz", "xy", "xz", "yz"]].to_numpy(float) / 100)),
+            float(row["length_mm"]) / 1000 / STATURE_M[source, sex],
+        )
+        for name, row in rows.iterrows()
+    }
+
+
+def navel_share(sex: Sex) -> float:
+    """Give the way from xiphoid to navel as a share of that to mid-hip (de Leva 1996)."""
+    rows = table("de_leva", sex)
+    middle, lower = rows["mid_trunk"].length, rows["pelvis"].length
+    return middle / (middle + lower)
+
+
+def inertias_of(
+    anatomy: Anatomy, source: Source, mass_kg: float, sex: Sex, height_m: float
+) -> dict[str, Inertia]:
+    """Scale a table to a person.
+
+    Parameters
+    ----------
+    anatomy
+        The person in the T-pose.
+    source
+        Which table.
+    mass_kg, sex, height_m
+        Of the person [kg, m].
+
+    Returns
+    -------
+    dict of str to Inertia
+        In the frames of the segments; the toes are massless but for rounding.
+    """
+    rows, inertias = table(source, sex), dict[str, Inertia]()
+    for segment, rotation in anatomy.rotations.items():
+        name = segment.removeprefix("right_").removeprefix("left_")
+        if name in rows:
+            placed = _de_leva(anatomy, segment)
+            if source == "dumas":
+                placed = _dumas(anatomy, segment, rows["pelvis"].length * height_m)
+            part = _scaled(rows[name], mass_kg, *placed)
+            inertias[segment] = part.in_frame(rotation, anatomy.origin(segment))
+    for side in SIDES:
+        foot = inertias[f"{side}_foot"]
+        inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - TOES_KG)
+        tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
+        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), tensor)
+    return inertias
+
+
+Placed = tuple[Array, Array, float, str]
+"""Origin of a table's segment, (3,) [m]; its frame, (3, 3); its length [m]; and on which side its
+third axis, which points outward, is."""
+
+
+def _de_leva(anatomy: Anatomy, segment: str) -> Placed:
+    proximal, distal, lateral = anatomy.ends[segment]
+    frame = axes_from(lateral, proximal - distal, exact="up")
+    return proximal, frame, distance(distal, proximal), "right"
+
+
+def _dumas(anatomy: Anatomy, segment: str, pelvis_m: float) -> Placed:
+    """Place a segment between its joints: the trunk's are C7/T1, T12/L1 and L5/S1."""
+    points, side = anatomy.points, segment.partition("_")[0]
+    if segment == "pelvis":
+        return points["lumbar"], anatomy.rotations["pelvis"], pelvis_m, "right"
+    if segment.endswith("foot"):
+        heel, tip, lateral = anatomy.ends[segment]
+        origin, ahead = points[f"{side}_ankle"], tip - heel
+        left = axes_from(lateral, np.cross(ahead, lateral), exact="up")[:, 1]
+        frame = axes_from(left, np.cross(ahead, left), exact="up")
+        return origin, frame, distance(points[f"{side}_toes"], origin), side
+    if side in SIDES:
+        _, distal, lateral = anatomy.ends[segment]
+        origin = anatomy.origin(segment)
+        frame = axes_from(lateral, origin - distal, exact="up")
+        return origin, frame, distance(distal, origin), side
+    upper, lower = {
+        "head": (points["vertex"], points["neck"]),
+        "thorax": (points["neck"], points["mid_trunk"]),
+        "mid_trunk": (points["mid_trunk"], points["lumbar"]),
+    }[segment]
+    frame = axes_from(anatomy.rotations[segment][:, 1], upper - lower, exact="up")
+    origin = lower if segment == "head" else upper
+    return origin, frame, distance(upper, lower), "right"
+
+
+def _scaled(
+    row: Row, mass_kg: float, origin: Array, frame: Array, length: float, side: str
+) -> Inertia:
+    """Scale a row to a segment; ``frame`` has the columns forward, left, up of the segment."""
+    ahead, left, up = frame.T
+    outward = left if side == "left" else -left
+    axes = np.column_stack([ahead, up, outward])
+    mass = row.mass * mass_kg
+    return Inertia(
+        mass, origin + length * axes @ row.center, mass * length**2 * axes @ row.tensor @ axes.T
+    )
+
+
+def _tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
+    radii = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.asarray(np.sign(radii) * radii**2)
+
+
+MIN_MASS_KG: Final = 0.01
+"""Segments below this mass are only there to split a joint; their inertia is not varied."""
+JOINT_CENTER_SD_M: Final = {
+    **{"lumbar": 0.008, "neck": 0.006, "shoulder": 0.008, "elbow": 0.004, "wrist": 0.003},
+    **{"hip": 0.008, "knee": 0.004, "ankle": 0.003},
+}
+"""Standard deviation of joint centres in every direction: the hip's as cited above, the others
+assumed."""
+AXIS_DEG: Final = 3.0
+MASS_SHARE: Final = 0.06
+CENTER_M: Final = 0.008
+GYRATION_SHARE: Final = 0.05
+"""Standard deviations of joint axes, and of segments' masses, centres and radii of gyration: of the
+sizes cited above."""
+MAX_DEVIATION_SD: Final = 2
+"""Nothing varies by more than two standard deviations, so that no body is impossible."""
+MID_TRUNK_SHARE: Final = 0.69
+"""Place of T12/L1 on the way from C7/T1 to L5/S1: the share with which thorax and abdomen of Dumas
+and Wojtusch (2018) together have the torso's centre of mass of Dumas et al. (2007), both sexes."""
+ANKLE_SD_DEG: Final = {"AnklePlantarFlexion": (3.7, 7.0), "FootPronation": (9.0, 11.0)}
+"""Standard deviations between people of the talocrural axis, in the frontal and the transverse
+plane, and of the subtalar axis' inclination and medial deviation (Inman 1976, The joints of the
+ankle)."""
+SUBTALAR_BELOW_M: Final = 0.012
+"""Distance of the subtalar axis below the talocrural one; assumed, half the talus' height."""
+SHOE_SIZE_M: Final = 0.28, 0.10, 0.06
+"""Length, width and height of the box that has a shoe's radii of gyration; assumed."""
+SHOE_HEIGHT_M: Final = 0.015
+"""Height of its centre above the sole; assumed: most of a shoe's mass is in the sole."""
+
+
+def drawn(rng: np.random.Generator, count: int = 1) -> Array:
+    """Draw from the standard normal distribution within `MAX_DEVIATION_SD`, (count,)."""
+    return np.asarray(np.clip(rng.normal(size=count), -MAX_DEVIATION_SD, MAX_DEVIATION_SD))
+
+
+def vary(anatomy: Anatomy, faults: BodyFaults, rng: np.random.Generator) -> Anatomy:
+    """Give a person whose joints differ from those that the markers suggest.
+
+    Parameters
+    ----------
+    anatomy
+        The joints that the markers suggest, in the T-pose.
+    faults
+        Sizes of the differences.
+    rng
+        Source of the variation; what is drawn does not depend on the sizes.
+
+    Returns
+    -------
+    Anatomy
+        In the same pose, with the same joint angles.
+    """
+    axes, points = dict(anatomy.axes), dict(anatomy.points)
+    ankle = 0.0 if faults.same_body else faults.ankle_scale
+    for name in sorted(axes):
+        axes[name] = _tilted(axes[name], np.radians(faults.joint_scale * AXIS_DEG) * drawn(rng, 3))
+        if name[1:] in ANKLE_SD_DEG:
+            first, second = np.radians(ANKLE_SD_DEG[name[1:]]) * ankle * drawn(rng, 2)
+            axes[name] = _tilted(axes[name], np.array([first, 0.0, second]))
+    for name in sorted(points):
+        joint = name.removeprefix("right_").removeprefix("left_")
+        if joint in JOINT_CENTER_SD_M:
+            shift = faults.joint_scale * JOINT_CENTER_SD_M[joint] * drawn(rng, 3)
+            points[name] = points[name] + shift
+    for side in SIDES:
+        lower = np.array([0.0, 0.0, ankle * SUBTALAR_BELOW_M])
+        points[f"{side}_subtalar"] = points[f"{side}_ankle"] - lower
+    points["mid_trunk"] = points["lumbar"]
+    if not faults.same_body:
+        away = points["lumbar"] - points["neck"]
+        points["mid_trunk"] = points["neck"] + MID_TRUNK_SHARE * away
+    # the orientations follow from joint angles and axes
+    changed = replace(anatomy, axes=axes, points=points, ends=_ends(anatomy.ends, points))
+    q = np.zeros((len(body.LINKS), 1))
+    for name, value in anatomy.q.items():
+        q[body.COLUMN[name]] = value
+    nowhere = {s: np.zeros(3) for s in anatomy.rotations}
+    jointed = body.Skeleton(axes_of(changed), nowhere, {}, (), (), np.zeros((0, 3)))
+    turned = body.frames(jointed, (q,)).items()
+    return replace(changed, rotations={s: frame.rotation[0][..., 0] for s, frame in turned})
+
+
+def vary_inertias(
+    inertias: Mapping[str, Inertia], faults: BodyFaults, rng: np.random.Generator
+) -> dict[str, Inertia]:
+    """Vary masses, centres and radii of gyration; the total mass stays.
+
+    Parameters
+    ----------
+    inertias
+        By segment.
+    faults
+        Sizes of the differences.
+    rng
+        Source of the variation.
+
+    Returns
+    -------
+    dict of str to Inertia
+        By segment.
+    """
+    names = [s for s, part in inertias.items() if part.mass > MIN_MASS_KG]
+    draws = {s: (drawn(rng), drawn(rng, 3), drawn(rng)) for s in names}
+    if faults.same_body:
+        draws["mid_trunk"] = draws["thorax"]
+    heavier = {s: 1 + faults.segment_scale * MASS_SHARE * float(draws[s][0][0]) for s in names}
+    total = sum(inertias[s].mass for s in names)
+    scale = total / sum(inertias[s].mass * heavier[s] for s in names)
+    varied = dict(inertias)
+    for s in names:
+        part, (_, away, wider) = inertias[s], draws[s]
+        factor = scale * heavier[s]
+        gyration = 1 + faults.segment_scale * GYRATION_SHARE * float(wider[0])
+        varied[s] = Inertia(
+            part.mass * factor,
+            part.center + faults.segment_scale * CENTER_M * away,
+            part.tensor * factor * gyration**2,
+        )
+    return varied
+
+
+def with_shoes(
+    inertias: Mapping[str, Inertia], anatomy: Anatomy, shoe_kg: float
+) -> dict[str, Inertia]:
+    """Add a shoe to each foot: a box over the length of the foot; mass in kg."""
+    length, width, height = SHOE_SIZE_M
+    square = np.array([width**2 + height**2, length**2 + height**2, length**2 + width**2])
+    shod = dict(inertias)
+    for side in SIDES:
+        foot = f"{side}_foot"
+        heel, tip, _ = anatomy.ends[foot]
+        middle = (heel + tip) / 2
+        middle[2] = SHOE_HEIGHT_M
+        shoe = Inertia(shoe_kg, middle, np.diag(shoe_kg / 12 * square))
+        shod[foot] = shod[foot] + shoe.in_frame(anatomy.rotations[foot], anatomy.origin(foot))
+    return shod
+
+
+def _tilted(axis: Array, rotation: Array) -> Array:
+    angle = float(np.linalg.norm(rotation))
+    if angle == 0:
+        return axis
+    return np.asarray(rotation_about(rotation / angle, angle) @ axis)
+
+
+def _ends(ends: Mapping[str, Array], points: Mapping[str, Array]) -> dict[str, Array]:
+    """Move the ends of the limbs' segments with their joints."""
+    joints = {
+        **{"upper_arm": ("shoulder", "elbow"), "forearm": ("elbow", "wrist")},
+        **{"hand": ("wrist", "knuckle"), "thigh": ("hip", "knee"), "shank": ("knee", "ankle")},
+    }
+    moved = dict(ends)
+    for side in SIDES:
+        for part, (first, second) in joints.items():
+            near, far = points[f"{side}_{first}"], points[f"{side}_{second}"]
+            moved[f"{side}_{part}"] = np.stack([near, far, ends[f"{side}_{part}"][2]])
+    return moved
+
+
+TRUNK: Final = tuple(INDEX[n] for n in ("TrunkFlexion", "TrunkRightBend", "TrunkLeftTwist"))
+SPINE_SHARE: Final = 0.42, 0.44, 0.47
+"""Share of the mid trunk's joint in the trunk's flexion, bending and twist: its range in walking by
+that of it and the lumbar spine, 2.5 of 6.0, 7 of 16 and 4 of 8.5 degrees (Crosbie, Vachalathiti and
+Smith 1997, Gait Posture 5:6, recalled)."""
+SPINE_SHARE_SD: Final = 0.15
+"""Its standard deviation between people; assumed."""
+SPINE_WAVE_DEG: Final = 0.8, 1.5, 1.0
+"""Amplitude of motion in the mid trunk's joint that the lumbar joint takes back, so that the thorax
+is shifted but not turned; assumed, about a quarter of the published ranges."""
+SPINE_HARMONIC: Final = 2, 1, 1
+"""Its cycles per gait cycle: as the spine's flexion, bending and twist in walking."""
+KNEE_AMPLITUDE: Final = (0.0075, np.radians(-2.7), np.radians(8.0))
+"""Anterior translation, adduction and internal rotation of a flexed shank [m, rad], with which the
+ranges over a stance phase of 5 to 22° are 3.3 mm, 1.2° and 3.5° (published: 3.4 ± 1.6 mm,
+2.3 ± 0.6° and 3.6 ± 1.1°; Kefala et al. 2017, Med Sci Sports Exerc 49:2260)."""
+KNEE_SCATTER: Final = 0.35
+"""Standard deviation between people by those amplitudes: about that of the published ranges."""
+KNEE_FLEXION_RAD: Final = np.radians(25.0)
+"""Flexion after which the coupled motion has reached 63 % of its amplitude; assumed: most of it is
+in the first 30 to 40 degrees (Walker et al. 1988, J Biomech 21:965)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExtraJoints:
+    """How a person moves in the joints that the Human Body Model does not have.
+
+    Attributes
+    ----------
+    spine_share
+        Share of the mid trunk's joint in the trunk's three angles, (3,).
+    spine_wave, spine_phase
+        Amplitude [rad] and phase [rad] of its own motion, (3,) each.
+    knee
+        Side's letter -> translation [m] and rotations [rad] that full flexion approaches, (3,).
+    t_pose
+        Coordinates in which all extra joints are at zero, (46,).
+    """
+
+    spine_share: Array
+    spine_wave: Array
+    spine_phase: Array
+    knee: Mapping[str, Array]
+    t_pose: Array
+
+    def of_knee(self, letter: str, flexion: Array) -> Array:
+        """Give a knee's translation and rotations at flexion angles (T,) [rad], (3, T)."""
+        straight = self.t_pose[INDEX[letter + "KneeFlexion"]]
+        bent = np.exp(-straight / KNEE_FLEXION_RAD) - np.exp(-flexion / KNEE_FLEXION_RAD)
+        return np.outer(self.knee[letter], bent)
+
+    def extend(self, q: Array, phase: Array, walking: Array) -> Array:
+        """Add the extra coordinates.
+
+        Parameters
+        ----------
+        q
+            The coordinates of the Human Body Model, the trunk's as angles between pelvis and
+            thorax, (46, T) [rad and m].
+        phase
+            Of the right gait cycle, (T,).
+        walking
+            From standing (0) to walking (1), (T,).
+
+        Returns
+        -------
+        Array
+            (55, T); the trunk's coordinates are those of the lumbar joint.
+        """
+        full = np.zeros((len(COORDINATES) + len(body.EXTRA), q.shape[1]))
+        full[:N_Q] = q
+        for k, (i, harmonic) in enumerate(zip(TRUNK, SPINE_HARMONIC, strict=True)):
+            angle = 2 * np.pi * harmonic * phase + self.spine_phase[k]
+            bend = self.spine_share[k] * (q[i] - self.t_pose[i])
+            bend += self.spine_wave[k] * walking * np.cos(angle)
+            full[N_Q + k] = bend
+            full[i] -= bend
+        for letter in self.knee:
+            first = body.COLUMN[letter + body.KNEE[0]]
+            flexion = q[INDEX[letter + "KneeFlexion"]]
+            full[first : first + len(body.KNEE)] = self.of_knee(letter, flexion)
+        return full
+
+
+def draw_extra_joints(faults: BodyFaults, t_pose: Array, rng: np.random.Generator) -> ExtraJoints:
+    """Draw a person's motion in the extra joints; none with ``same_body``."""
+    spine, knee = (0.0, 0.0) if faults.same_body else (faults.spine_scale, faults.knee_scale)
+    share = np.array(SPINE_SHARE) * (1 + SPINE_SHARE_SD * drawn(rng, 3))
+    wave = np.radians(SPINE_WAVE_DEG) * (1 + SPINE_SHARE_SD * drawn(rng, 3))
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    knees = {
+        letter: knee * np.array(KNEE_AMPLITUDE) * (1 + KNEE_SCATTER * drawn(rng, 3))
+        for letter in "RL"
+    }
+    return ExtraJoints(spine * share, spine * wave, phase, knees, t_pose)
+
+
+TISSUE: Final = {
+    "thigh": (0.70, 10.0, 0.30),
+    "shank": (0.55, 14.0, 0.30),
+    "thorax": (0.40, 5.0, 0.40),
+    "mid_trunk": (0.60, 5.0, 0.40),
+}
+"""Share of the segment's mass, natural frequency [Hz] and damping ratio. Shares: soft tissue beside
+bone of thigh, shank and trunk, after the wobbling mass models of Gruber et al. (1998, J Biomech
+31:439) and Pain and Challis (2006, J Biomech 39:119), rounded; the thorax' less, for its wall is
+stiff. Frequencies: soft tissue of the legs in walking and running 10 to 50 Hz, strongly damped by
+active muscle (Wakeling and Nigg 2001, J Appl Physiol 90:412); trunk and viscera of standing people
+about 5 Hz (Matsumoto and Griffin 1998, J Sound Vib 212:85). Values within these ranges and the
+damping ratios are assumed."""
+SCATTER: Final = 0.15
+"""Standard deviation between people of all three, by their values; assumed."""
+
+
+def draw_wobbling_masses(
+    inertias: Mapping[str, Inertia], faults: BodyFaults, rng: np.random.Generator
+) -> tuple[body.WobblingMass, ...]:
+    """Draw a person's wobbling masses; none with ``same_body`` or without size."""
+    masses = []
+    carriers = {"thorax": "thorax", "mid_trunk": "mid_trunk"}
+    carriers |= {f"{side}_{part}": part for side in SIDES for part in ("thigh", "shank")}
+    for name, tissue in carriers.items():
+        scatter = 1 + SCATTER * drawn(rng, 3)
+        share, frequency_hz, damping = np.array(TISSUE[tissue]) * scatter
+        part, share = inertias[name], min(faults.wobble_scale * share, 1.0)
+        if share > 0 and not faults.same_body:
+            masses.append(
+                body.WobblingMass(name, share * part.mass, part.center, frequency_hz, damping)
+            )
+    return tuple(masses)
+
 
 SHOE_KG: Final = 0.3
 SOLE_M: Final = 0.025
@@ -104,9 +566,9 @@ class VirtualSubject:
 
     person: Person
     marker_set: str
-    skeleton: Skeleton
+    skeleton: body.Skeleton
     extra_joints: ExtraJoints
-    wobbling: tuple[WobblingMass, ...]
+    wobbling: tuple[body.WobblingMass, ...]
     soles: Mapping[str, Sole]
     sole_yield_m: float
     t_pose: Array
@@ -148,33 +610,70 @@ def make_subject(
     """
     faults = faults or Faults.none().body
     shape_rng, body_rng, gait_rng = (rng or np.random.default_rng(0)).spawn(3)
-    proportions = Proportions(
-        **{
-            f.name: 1 + individuality * PROPORTION_SD * _drawn(shape_rng)
-            for f in fields(Proportions)
-        }
+    deviation = PROPORTION_SD * individuality * drawn(shape_rng, len(fields(Proportions)))
+    worn, proportions = marker_sets()[marker_set], Proportions(*(1 + deviation).tolist())
+    source, shoe_scale = faults.inertias, faults.shoe_scale
+    if faults.same_body:
+        source, shoe_scale = "de_leva", 0.0
+
+    # markers in the T-pose, the joints that they suggest, and the true ones
+    points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *worn.segment, *ANATOMICAL)))
+    position = t_pose(points, person.height_m, person.sex, proportions)
+    position[:, 2] += shoe_scale * SOLE_M
+    at = dict(zip(points, position, strict=True))
+    suggested = locate(at, frozenset(worn.landmark), person.sex, navel_share(person.sex))
+    joint_rng, mass_rng, tissue_rng, motion_rng = body_rng.spawn(4)
+    anatomy = vary(suggested, faults, joint_rng)
+
+    # masses, those of the shoes last
+    shoe_kg = shoe_scale * SHOE_KG
+    bare_kg = person.mass_kg - 2 * shoe_kg
+    inertias = inertias_of(anatomy, source, bare_kg, person.sex, person.height_m)
+    inertias = vary_inertias(inertias, faults, mass_rng)
+    wobbling = draw_wobbling_masses(inertias, faults, tissue_rng)
+    if shoe_kg > 0:
+        inertias = with_shoes(inertias, anatomy, shoe_kg)
+
+    # markers on the segments, and the soles
+    on_segment = [
+        anatomy.rotations[s].T @ (at[name] - anatomy.origin(s)) for name, s in worn.segment.items()
+    ]
+    skeleton = body.Skeleton(
+        axes_of(anatomy),
+        offsets_of(anatomy),
+        inertias,
+        tuple(worn.segment),
+        tuple(worn.segment.values()),
+        np.array(on_segment),
     )
-    worn = marker_sets()[marker_set]
-    skeleton, extra_joints, wobbling, soles, q = _body(person, worn, proportions, faults, body_rng)
+    landmarks = {mark: at[name] for mark, name in worn.landmark.items()}
+    soles = {}
+    for side in ("left", "right"):
+        foot = f"{side}_foot"
+        soles[side] = sole_of(landmarks, anatomy.rotations[foot], anatomy.origin(foot), side)
+
+    # posture and gait
+    q = np.array([anatomy.q.get(name, 0.0) for name in COORDINATES])
     standing = q.copy()
     for side in "RL":
         for name, angle in HANGING_ARM_DEG.items():
             standing[INDEX[side + name]] = np.radians(angle)
     size, typical = size_of(standing), StepParameters()
-    longer = STEP_LENGTH_SD * _drawn(gait_rng) - TREADMILL_SHORTENING
+    longer, wider = drawn(gait_rng, 2).tolist()
+    longer = STEP_LENGTH_SD * longer - TREADMILL_SHORTENING
     step_parameters = replace(
         typical,
         step_m=STEP_M * size * (1 + individuality * longer),
-        width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(gait_rng)),
+        width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * wider),
     )
     return VirtualSubject(
         person,
         marker_set,
         skeleton,
-        extra_joints,
+        draw_extra_joints(faults, q, motion_rng),
         wobbling,
         soles,
-        0.0 if faults.same_body else faults.shoe_scale * SOLE_YIELD_M,
+        shoe_scale * SOLE_YIELD_M,
         q,
         standing,
         step_parameters,
@@ -182,71 +681,20 @@ def make_subject(
     )
 
 
-def _body(
-    person: Person,
-    worn: MarkerSet,
-    proportions: Proportions,
-    faults: BodyFaults,
-    rng: np.random.Generator,
-) -> tuple[Skeleton, ExtraJoints, tuple[WobblingMass, ...], dict[str, Sole], Array]:
-    """Give a person's skeleton, extra joints, soft tissue, soles and T-pose."""
-    names = tuple(worn.segment)
-    points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *names, *ANATOMICAL)))
-    position = t_pose(points, person.height_m, person.sex, proportions)
-    position[:, 2] += 0.0 if faults.same_body else faults.shoe_scale * SOLE_M
-    at = dict(zip(points, position, strict=True))
-    shown = frozenset(worn.landmark)
-    suggested = locate(at, shown, person.sex, navel_share(person.sex))
-    joint_rng, mass_rng, tissue_rng, motion_rng = rng.spawn(4)
-    anatomy = vary(suggested, faults, joint_rng)
-    source, shoe_kg = faults.inertias, faults.shoe_scale * SHOE_KG
-    if faults.same_body:
-        source, shoe_kg = "de_leva", 0.0
-    bare_kg = person.mass_kg - 2 * shoe_kg
-    inertias = inertias_of(anatomy, source, bare_kg, person.sex, person.height_m)
-    inertias = vary_inertias(inertias, faults, mass_rng)
-    wobbling = draw_wobbling_masses(inertias, faults, tissue_rng)
-    if shoe_kg > 0:
-        inertias = with_shoes(inertias, anatomy, shoe_kg)
-    on_segment = [
-        anatomy.rotations[s].T @ (at[name] - anatomy.origin(s)) for name, s in worn.segment.items()
-    ]
-    skeleton = Skeleton(
-        axes_of(anatomy),
-        offsets_of(anatomy),
-        inertias,
-        names,
-        tuple(worn.segment.values()),
-        np.array(on_segment),
-    )
-    landmarks = {mark: at[name] for mark, name in worn.landmark.items()}
-    soles = {}
-    for side in SIDES:
-        foot = f"{side}_foot"
-        soles[side] = sole_of(landmarks, anatomy.rotations[foot], anatomy.origin(foot), side)
-    q = np.array([anatomy.q.get(name, 0.0) for name in COORDINATES])
-    return skeleton, draw_extra_joints(faults, q, motion_rng), wobbling, soles, q
-
-
-def _drawn(rng: np.random.Generator) -> float:
-    """Draw from the standard normal distribution within `MAX_DEVIATION_SD`."""
-    return float(np.clip(rng.normal(), -MAX_DEVIATION_SD, MAX_DEVIATION_SD))
-
-
 def _gait_style(individuality: float, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Draw offset, gain and wander of all coordinates."""
     count = len(COORDINATES)
     offset, gain, wander = np.zeros(count), np.ones(count), np.zeros(count)
-    of_joint: dict[str, tuple[float, float]] = {}
+    of_joint: dict[str, Array] = {}
     for i, name in enumerate(COORDINATES):
         joint = name[1:] if name[0] in "RL" else name
         arm = joint.startswith(ARM)
         if joint not in of_joint:
-            of_joint[joint] = _drawn(rng), _drawn(rng)
+            of_joint[joint] = drawn(rng, 2)
         bilateral, wider = of_joint[joint]
         sd = np.radians(OFFSET_SD_DEG.get(joint, 0.0))
-        own = BILATERAL_SHARE * bilateral + UNILATERAL_SHARE * _drawn(rng)
-        offset[i] = individuality * sd * own
+        deviation = BILATERAL_SHARE * bilateral + UNILATERAL_SHARE * drawn(rng)[0]
+        offset[i] = individuality * sd * deviation
         if joint in ("PelvisYaw", "PelvisRightRoll"):
             gain[i] += individuality * PELVIS_RANGE_SD * wider
         elif not joint.startswith("Pelvis"):

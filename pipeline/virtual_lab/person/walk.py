@@ -1,11 +1,11 @@
 """A person walks: coordinates that keep the feet on the belt and the body in balance.
 
-The pattern of the joints comes from `gait_pattern`; the feet are where `steps` placed them; the
-legs reach them (`leg_ik`); then the pelvis is moved until the ground wrench that follows from the
-equations of motion has its centre of pressure where the feet are.
+The pattern of the joints and the times of the steps come from `gait`; the legs reach the feet, and
+the pelvis is moved until the ground wrench that follows from the equations of motion has its centre
+of pressure where the feet are (`balance`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -23,29 +23,7 @@ from pipeline.virtual_lab.machine.platform import (
     fit_trajectory,
     smooth_step,
 )
-from pipeline.virtual_lab.person.balance import (
-    RATE_HZ,
-    Plan,
-    balanced,
-    in_lab,
-    keep_balance,
-    pressure_on_platform,
-    sole_targets,
-    surface_height,
-)
-from pipeline.virtual_lab.person.feet import SIDES, FootPlacement
-from pipeline.virtual_lab.person.gait import (
-    MAX_DEVIATION_SD,
-    STANCE,
-    STEP_M,
-    Steps,
-    foothold,
-    place_sideways,
-    posture,
-    size_of,
-    step_time,
-)
-from pipeline.virtual_lab.person.momentum import Oscillator, center_of_mass, ground_wrench
+from pipeline.virtual_lab.person import balance, body, gait
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
 ARMS_DOWN: Final = 0.48, 0.35
@@ -53,7 +31,7 @@ ARMS_DOWN: Final = 0.48, 0.35
 FORCES_PER_FRAME: Final = 2
 """Ground forces per sample of the motion: at 200 Hz, between which they are interpolated. The
 motion has nothing above 30 Hz."""
-BLOCK_KNOTS: Final = 4096
+BLOCK_SAMPLES: Final = 8192
 """Samples of the motion whose forces are computed at a time, to bound memory."""
 SETTLE_S: Final = 0.5
 """Time from the first step on in which the correction of balance begins."""
@@ -94,13 +72,13 @@ class Walk:
     motion: Trajectory
     ground: Trajectory
     left: Trajectory
-    placement: FootPlacement
+    placement: gait.FootPlacement
     platform: PlatformTrajectory
 
 
 def simulate_walk(
     subject: VirtualSubject,
-    steps: Steps,
+    steps: gait.Steps,
     belt: BeltRamp,
     platform: PlatformTrajectory,
     duration: float,
@@ -126,26 +104,30 @@ def simulate_walk(
     Walk
         Motion, ground forces and foot placement; a second longer than the trial.
     """
-    time = np.arange(round((duration + BEYOND_S) * RATE_HZ) + 1) / RATE_HZ
-    placement = _place(subject, steps, belt, platform, rng)
+    time = np.arange(round((duration + BEYOND_S) * balance.RATE_HZ) + 1) / balance.RATE_HZ
+    height = float(_center(subject, subject.standing)[2])
+    placement = _place(subject, steps, belt, platform, height, rng)
     pose = platform.pose(time)
     reference = _pattern(subject, placement, platform.slope(time), time, rng)
-    height = _height(subject, subject.standing)
     extent = placement.extent(time)
-    walking = np.minimum(extent, 1.0)
+    walking, steady = np.minimum(extent, 1.0), extent > STEADY_SHARE * extent[-1]
     phase = placement.phase("right", time)
 
     def extended(q: Array) -> Array:
         return subject.extra_joints.extend(q, phase, walking)
 
-    ahead = center_of_mass(subject.skeleton, extended(reference.T))[:, :2] - reference[:, :2]
-    placement = _shifted_pressure(placement, reference, ahead, pose, height, time)
-    intended = in_lab(placement.total_pressure(time), pose)[:, :2]
-    reference[:, :2] = balanced(intended, height) - ahead
-    reference[:, 2] += surface_height(pose, subject.standing[:2])
+    ahead = body.center_of_mass(subject.skeleton, extended(reference.T))[:, :2] - reference[:, :2]
+    # shift the pressure along the feet so that the pelvis is above them as in the pattern
+    pressure = balance.in_lab(placement.total_pressure(time), pose)[:, :2]
+    pelvis = balance.balanced(pressure, height) - ahead
+    shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
+    placement = replace(placement, pressure_shift=shift)
+    intended = balance.in_lab(placement.total_pressure(time), pose)[:, :2]
+    reference[:, :2] = balance.balanced(intended, height) - ahead
+    reference[:, 2] += balance.surface_height(pose, subject.standing[:2])
 
-    targets = sole_targets(subject, placement, extended(reference.T), pose, time)
-    plan = Plan(
+    targets = balance.sole_targets(subject, placement, extended(reference.T), pose, time)
+    plan = balance.Plan(
         subject,
         targets,
         intended,
@@ -153,80 +135,73 @@ def simulate_walk(
         pose,
         phase,
         walking,
-        extent > STEADY_SHARE * extent[-1],
+        steady,
         smooth_step((time - steps.contact[0]) / SETTLE_S),
     )
-    q = keep_balance(plan, np.ascontiguousarray(reference.T), time)
-    return _loaded(subject, fit_trajectory(q.T, RATE_HZ), placement, platform)
-
-
-def _loaded(
-    subject: VirtualSubject,
-    motion: Trajectory,
-    placement: FootPlacement,
-    platform: PlatformTrajectory,
-) -> Walk:
-    """Add the ground's wrenches to a motion."""
-    rate_hz = FORCES_PER_FRAME * motion.rate_hz
-    oscillators = [Oscillator(mass, rate_hz) for mass in subject.wobbling]
-    parts = []
-    knots = round(motion.duration * motion.rate_hz) + 1
-    for first in range(0, knots, BLOCK_KNOTS):
-        value, rate, second = (
-            motion.between_knots(FORCES_PER_FRAME, first, min(first + BLOCK_KNOTS, knots), k)
-            for k in range(3)
-        )
-        parts.append(ground_wrench(subject.skeleton, (value, rate, second), oscillators))
-    total = np.concatenate(parts)
-    time = motion.start + np.arange(len(total)) / rate_hz
-    left = left_wrench(
-        total, placement, platform.pose(time), time, float(subject.standing[INDEX["PelvisZ"]])
+    q = balance.keep_balance(plan, np.ascontiguousarray(reference.T), time)
+    motion, rate_hz = fit_trajectory(q.T, balance.RATE_HZ), FORCES_PER_FRAME * balance.RATE_HZ
+    oscillators = [body.Oscillator(mass, rate_hz) for mass in subject.wobbling]
+    total = np.concatenate(
+        [body.ground_wrench(subject.skeleton, state, oscillators) for _, state in _blocks(motion)]
     )
-    ground, left_only = (fit_trajectory(wrench, rate_hz, motion.start) for wrench in (total, left))
+    time = np.arange(len(total)) / rate_hz
+    hip_height = float(subject.standing[INDEX["PelvisZ"]])
+    left = left_wrench(total, placement, platform.pose(time), time, hip_height)
+    ground, left_only = (fit_trajectory(wrench, rate_hz) for wrench in (total, left))
     return Walk(subject, motion, ground, left_only, placement, platform)
 
 
-def _height(subject: VirtualSubject, q: Array) -> float:
-    """Give the height of the centre of mass in a posture (46,) [m]."""
-    return float(_center(subject, q)[2])
+def _blocks(motion: Trajectory) -> Iterator[tuple[Array, tuple[Array, Array, Array]]]:
+    """Give times at the rate of the forces, (N,) [s], and the motion with two derivatives there."""
+    count = round(motion.duration * balance.RATE_HZ) * FORCES_PER_FRAME + 1
+    for first in range(0, count, BLOCK_SAMPLES):
+        samples = np.arange(first, min(first + BLOCK_SAMPLES, count))
+        value, rate, second = (
+            np.ascontiguousarray(motion.at_knots(samples / FORCES_PER_FRAME, order).T)
+            for order in range(3)
+        )
+        yield samples / (FORCES_PER_FRAME * balance.RATE_HZ), (value, rate, second)
 
 
 def _center(subject: VirtualSubject, q: Array) -> Array:
+    """Give the centre of mass in a posture (46,), (3,) [m]."""
     still = np.zeros(1)
     full = subject.extra_joints.extend(q[:, None], still, still)
-    return np.asarray(center_of_mass(subject.skeleton, full)[0])
+    return np.asarray(body.center_of_mass(subject.skeleton, full)[0])
 
 
 def _place(
     subject: VirtualSubject,
-    steps: Steps,
+    steps: gait.Steps,
     belt: BeltRamp,
     platform: PlatformTrajectory,
+    height: float,
     rng: np.random.Generator,
-) -> FootPlacement:
+) -> gait.FootPlacement:
     """Choose where the feet come down: forward so that mid-stance is under the person."""
-    parameters, size = subject.step_parameters, size_of(subject.standing)
-    height = _height(subject, subject.standing)
-    sideways = place_sideways(steps, parameters, height, platform.sway, rng)
-    step_s = step_time(parameters, belt.speed_mps)
+    parameters, size = subject.step_parameters, gait.size_of(subject.standing)
+    sideways = gait.place_sideways(steps, parameters, height, platform.sway, rng)
+    step_s = gait.step_time(parameters, belt.speed_mps)
     contact = steps.contact
     middle = (
         np.append(contact[0], steps.off[:-1]) + np.append(contact[1:], contact[-1] + step_s)
     ) / 2
     slope, pose = platform.slope(contact), platform.pose(contact)
     forward = (subject.standing[0] - pose.position[:, 0]) / np.cos(slope)
-    forward -= size * (STANCE * STEP_M - foothold(slope))
+    forward -= size * (gait.STANCE * gait.STEP_M - gait.foothold(slope))
     forward += belt.travelled(middle) - belt.travelled(contact)
-    deviation = np.clip(rng.normal(size=len(contact)), -MAX_DEVIATION_SD, MAX_DEVIATION_SD)
+    deviation = np.clip(
+        rng.normal(size=len(contact)), -gait.MAX_DEVIATION_SD, gait.MAX_DEVIATION_SD
+    )
     forward += parameters.forward_sd * deviation
     place = np.column_stack([forward, sideways])
     ahead = float(_center(subject, subject.t_pose)[0] - subject.soles["left"].standing[0])
-    return FootPlacement(subject.soles, steps, place, belt, STEP_M * size, step_s, ahead)
+    return gait.FootPlacement(subject.soles, steps, place, belt, gait.STEP_M * size, step_s, ahead)
 
 
 def _pattern(
     subject: VirtualSubject,
-    placement: FootPlacement,
+    placement: gait.FootPlacement,
     slope: Array,
     time: Array,
     rng: np.random.Generator,
@@ -237,10 +212,10 @@ def _pattern(
     extent = placement.extent(time)
     walking = np.minimum(extent, 1.0)[:, None]
     q = subject.t_pose + lowered * (subject.standing - subject.t_pose)
-    mean = posture(placement.phase("right", time), extent, slope, subject.standing)
+    mean = gait.posture(placement.phase("right", time), extent, slope, subject.standing)
     q += (mean - subject.standing) * subject.gain + walking * subject.offset
-    wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * RATE_HZ, axis=0)
-    wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * RATE_HZ)
+    wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * balance.RATE_HZ, axis=0)
+    wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * balance.RATE_HZ)
     q += walking * subject.wander * wander
     for knee in (INDEX["RKneeFlexion"], INDEX["LKneeFlexion"]):
         excess = q[:, knee] - MIN_KNEE_RAD
@@ -249,28 +224,8 @@ def _pattern(
     return q
 
 
-def _shifted_pressure(
-    placement: FootPlacement,
-    reference: Array,
-    ahead: Array,
-    pose: PlatformPose,
-    height: float,
-    time: Array,
-) -> FootPlacement:
-    """Shift the pressure along the feet so that the pelvis is above them as in the pattern.
-
-    ``ahead`` is the centre of mass from the pelvis, (T, 2) [m].
-    """
-    extent = placement.extent(time)
-    steady = extent > STEADY_SHARE * extent[-1]
-    pressure = in_lab(placement.total_pressure(time), pose)[:, :2]
-    pelvis = balanced(pressure, height) - ahead
-    shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
-    return replace(placement, pressure_shift=shift)
-
-
 def left_wrench(
-    total: Array, placement: FootPlacement, pose: PlatformPose, time: Array, height: float
+    total: Array, placement: gait.FootPlacement, pose: PlatformPose, time: Array, height: float
 ) -> Array:
     """Give the wrench on the left foot; the right one carries the rest.
 
@@ -300,40 +255,32 @@ def left_wrench(
     pressure, so that the leading foot brakes and the trailing foot pushes; the free moment is
     shared in proportion to the weight.
     """
-    to_platform = np.swapaxes(pose.rotation, 1, 2)
-    origin = (to_platform @ pose.position[..., None])[..., 0]
-    on_platform = transform_wrench(total, to_platform, -origin)
-    share = placement.left_share(time)
-    pressure = pressure_on_platform(total, pose)
-    intended = {side: placement.pressure(side, time) for side in SIDES}
-    error = pressure - (
-        share[:, None] * intended["left"] + (1 - share)[:, None] * intended["right"]
-    )
-
-    vertical = on_platform[:, 2:3]
-    left = np.zeros_like(on_platform)
-    left_pressure = intended["left"] + error
-    left[:, 2] = share * on_platform[:, 2]
-    inclined = vertical * (pressure - left_pressure) / height
-    left[:, :2] = share[:, None] * (on_platform[:, :2] + inclined)
-    right_pressure = intended["right"] + error
-    inclined = vertical * (pressure - right_pressure) / height
-    right_shear = (1 - share)[:, None] * (on_platform[:, :2] + inclined)
-    free_moment = (
-        on_platform[:, 5]
-        - _moment_of_shear(left_pressure, left[:, :2])
-        - _moment_of_shear(right_pressure, right_shear)
-    )
-    left[:, 3] = left_pressure[:, 1] * left[:, 2]
-    left[:, 4] = -left_pressure[:, 0] * left[:, 2]
-    left[:, 5] = _moment_of_shear(left_pressure, left[:, :2]) + share * free_moment
+    on_platform, share = _on_platform(total, pose), placement.left_share(time)
+    shear, vertical = on_platform[:, :2], on_platform[:, 2:3]
+    pressure = balance.pressure_on_platform(total, pose)
+    error = pressure - placement.total_pressure(time)
+    # each foot's shear, inclined from its own pressure towards the centre of mass; its moment
+    shears, places, moments = [], [], []
+    for side, part in (("left", share), ("right", 1 - share)):
+        place = placement.pressure(side, time) + error
+        inclined = vertical * (pressure - place) / height
+        force = part[:, None] * (shear + inclined)
+        moments.append(place[:, 0] * force[:, 1] - place[:, 1] * force[:, 0])
+        shears.append(force)
+        places.append(place)
+    free_moment = on_platform[:, 5] - moments[0] - moments[1]
+    weight, (x, y) = share * on_platform[:, 2], places[0].T
+    moment = moments[0] + share * free_moment
+    left = np.column_stack([shears[0], weight, y * weight, -x * weight, moment])
     left[share == 0] = 0.0
     return np.asarray(transform_wrench(left, pose.rotation, pose.position))
 
 
-def _moment_of_shear(place: Array, shear: Array) -> Array:
-    """Give the vertical moment of horizontal forces at places of the surface, (T,) [N·m]."""
-    return np.asarray(place[:, 0] * shear[:, 1] - place[:, 1] * shear[:, 0])
+def _on_platform(wrench: Array, pose: PlatformPose) -> Array:
+    """Bring wrenches about the lab origin to the platform's frame about its origin, (T, 6)."""
+    to_platform = np.swapaxes(pose.rotation, 1, 2)
+    origin = (to_platform @ pose.position[..., None])[..., 0]
+    return np.asarray(transform_wrench(wrench, to_platform, -origin))
 
 
 CONTACT_N: Final = 20.0
@@ -396,15 +343,13 @@ def foot_events(walk: Walk, duration_s: float) -> tuple[Event, ...]:
     return tuple(sorted(events, key=lambda event: event.time))
 
 
-def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[Array]:
+def plate_wrenches(walk: Walk, time: Array) -> list[Array]:
     """Give the wrench of the person on each plate.
 
     Parameters
     ----------
     walk
         The walk.
-    feet
-        Side -> wrench on the foot in lab axes about the lab origin, (N, 6) [N, N·m].
     time
         When, (N,) [s].
 
@@ -416,12 +361,36 @@ def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[A
         middle.
     """
     pose = walk.platform.pose(time)
-    to_platform = np.swapaxes(pose.rotation, 1, 2)
-    origin = -(to_platform @ pose.position[..., None])[..., 0]
     plates = [np.zeros((len(time), 6)), np.zeros((len(time), 6))]
-    for side, wrench in feet.items():
-        on_platform = transform_wrench(wrench, to_platform, origin)
+    for side, wrench in foot_wrenches(walk, time).items():
+        on_platform = _on_platform(wrench, pose)
         on_left = walk.placement.lateral(side, time) > 0
         plates[0] += np.where(on_left[:, None], on_platform, 0.0)
         plates[1] += np.where(on_left[:, None], 0.0, on_platform)
     return plates
+
+
+def leg_moments(walk: Walk, time: Array) -> dict[str, Array]:
+    """Give the true internal moments of the legs' coordinates.
+
+    Parameters
+    ----------
+    walk
+        How the person moved.
+    time
+        When, (T,) [s].
+
+    Returns
+    -------
+    dict of str to Array
+        Coordinate, such as "RHipFlexion" -> moment about its axis, positive in the direction in
+        which it grows, (T,) [N·m].
+    """
+    rate_hz = FORCES_PER_FRAME * balance.RATE_HZ
+    oscillators = [body.Oscillator(mass, rate_hz) for mass in walk.subject.wobbling]
+    parts = [
+        body.moments_of(walk.subject.skeleton, state, foot_wrenches(walk, at), oscillators)
+        for at, state in _blocks(walk.motion)
+    ]
+    moments = fit_trajectory(np.concatenate(parts, axis=1).T, rate_hz).at(time)
+    return dict(zip(body.LEG_COORDINATES, moments.T, strict=True))

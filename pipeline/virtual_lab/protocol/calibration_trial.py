@@ -1,37 +1,140 @@
 """Trials with an empty plate: the treadmill follows a signal, or people are beside the plate.
 
+A person who walks, runs or steps beside the empty plate is a simple load pattern, without a body.
 `recordings` are those of experiment 2.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 from compensation.protocol import (
+    BELT_VARIANCE,
+    PLATFORM_BELT_MPS,
     RUNNING_MPS,
     belt_signals,
     pitch_and_sway_signals,
     validation_signals,
 )
 from compensation.signals import Signal, resample_signal
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    ANALOG_HZ,
     BELT_CHANNELS,
+    FRAME_HZ,
+    SAMPLES_PER_FRAME,
     InstrumentedTreadmill,
     make_treadmill,
     recorded,
     undergo,
 )
-from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME
-from pipeline.virtual_lab.machine.platform import TreadmillMotion, move_platform
-from pipeline.virtual_lab.person import bystander
+from pipeline.virtual_lab.machine.platform import Pair, move_treadmill
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Setting
+
+LoadPattern = Callable[[Array, np.random.Generator], Array]
+"""Gives the load of a person at times (N,) [s], (N, 6) [N, N·m]."""
+MASS_KG: Final = 75.0
+"""Of the person; the mean of the thesis' subjects, rounded."""
+RIGHT_BELT_M: Final = -0.25
+"""Middle of the right belt, sideways."""
+BOARDS_M: Final = 0.6
+"""How far the boards beside the belts are from the middle; assumed."""
+
+WALKING_STEPS_PER_S: Final = 1.85
+WALKING_CONTACT_STEPS: Final = 1.25
+RUNNING_STEPS_PER_S: Final = 2.7
+RUNNING_CONTACT_STEPS: Final = 0.75
+"""Cadence, and contact time per step time, of walking at 1.3 m/s and running at 2.5 m/s: with
+double support and with flight; typical values."""
+STEP_TIME_SD_S: Final = 0.01
+PEAK_SD: Final = 0.05
+"""Standard deviations of the start of a step and, as a share, of its force; assumed."""
+BRAKING_SHARE: Final = 0.18
+LATERAL_SHARE: Final = 0.05
+"""Largest fore-aft force by the vertical force's amplitude, and lateral by vertical force;
+typical of walking."""
+FOOTHOLD_AHEAD_M: Final = 0.3
+STANCE_TRAVEL_M: Final = 0.6
+STEP_WIDTH_M: Final = 0.16
+"""Where the centre of pressure starts ahead of the middle of the plate, how far it travels back
+during a contact, and how far left and right feet are apart; assumed."""
+MARGIN_S: Final = 1.0
+"""There are no steps in the first and the last second of a recording."""
+
+BOARD_BAND_HZ: Final = (0.3, 6.0)
+"""Band of the forces of a person who moves about; assumed."""
+BOARD_FORCE_SHARE: Final = (0.1, 0.1, 0.3)
+"""Standard deviation of the forces (forward, left, up) by body weight; assumed."""
+BOARD_CHANGE_S: Final = 15.0
+"""Period of walking from one side's board to the other's and back; assumed."""
+BOARD_REACH_M: Final = 0.5
+BOARD_ASIDE_SD_M: Final = 0.02
+"""How far along a board the person goes from its middle (three standard deviations), and standard
+deviation of the place across it; assumed."""
+
+
+def walking(time: Array, rng: np.random.Generator) -> Array:
+    """Give the load of a person who walks on the right belt, (N, 6) [N, N·m].
+
+    Action on the platform in neutral, about the lab origin.
+    """
+    return _steps(time, rng, WALKING_STEPS_PER_S, WALKING_CONTACT_STEPS)
+
+
+def running(time: Array, rng: np.random.Generator) -> Array:
+    """Give the load of a person who runs on the right belt, as `walking`."""
+    return _steps(time, rng, RUNNING_STEPS_PER_S, RUNNING_CONTACT_STEPS)
+
+
+def stepping_on_boards(time: Array, rng: np.random.Generator) -> Array:
+    """Give the load of a person who moves about on the boards beside the belts, as `walking`."""
+    rate_hz = 1 / (time[1] - time[0])
+    band = butter(2, BOARD_BAND_HZ, "band", fs=rate_hz, output="sos")
+    drawn = sosfiltfilt(band, rng.normal(size=(len(time), 5)), axis=0)
+    drawn /= drawn.std(axis=0)
+    weight = MASS_KG * GRAVITY_MPS2
+    force = drawn[:, :3] * weight * BOARD_FORCE_SHARE - [0, 0, weight]
+    side = BOARDS_M * np.tanh(3 * np.sin(2 * np.pi * time / BOARD_CHANGE_S))
+    along, aside = BOARD_REACH_M * drawn[:, 3] / 3, BOARD_ASIDE_SD_M * drawn[:, 4]
+    point = np.column_stack([along, side + aside, 0 * time])
+    return np.hstack([force, np.cross(point, force)])
+
+
+def _steps(
+    time: Array, rng: np.random.Generator, steps_per_s: float, contact_steps: float
+) -> Array:
+    """Give half sines of vertical force that carry the weight on average, (N, 6).
+
+    ``contact_steps`` is contact time by step time.
+    """
+    weight = MASS_KG * GRAVITY_MPS2
+    wrench = np.zeros((len(time), 6))
+    starts = np.arange(MARGIN_S, time[-1] - MARGIN_S, 1 / steps_per_s)
+    for n, start in enumerate(starts + rng.normal(0, STEP_TIME_SD_S, len(starts))):
+        contact_s, side = contact_steps / steps_per_s, (-1) ** n
+        rows = slice(*np.searchsorted(time, [start, start + contact_s]))
+        phase = (time[rows] - start) / contact_s
+        amplitude = weight * np.pi / 2 / contact_steps * (1 + PEAK_SD * rng.normal())
+        vertical = amplitude * np.sin(np.pi * phase)
+        forward = -BRAKING_SHARE * vertical * np.cos(np.pi * phase)
+        lateral = LATERAL_SHARE * side * vertical
+        force = -np.column_stack([forward, lateral, vertical])
+        place = [
+            FOOTHOLD_AHEAD_M - STANCE_TRAVEL_M * phase,
+            RIGHT_BELT_M + STEP_WIDTH_M / 2 * side + 0 * phase,
+            0 * phase,
+        ]
+        point = np.column_stack(place)
+        wrench[rows] += np.hstack([force, np.cross(point, force)])
+    return wrench
+
 
 BELT_CHANNEL: Final = "BeltSpeed"
 LABORATORY: Final = 0
@@ -46,7 +149,7 @@ def record_signal_trial(
     treadmill: InstrumentedTreadmill | None = None,
     faults: Faults | None = None,
     load: Array | None = None,
-    on_frame: Array | None = None,
+    on_frame: bool = False,
 ) -> Recording:
     """Let the treadmill follow a signal and record its empty left plate.
 
@@ -67,7 +170,7 @@ def record_signal_trial(
         Action of a person on the right belt, about the lab origin with the platform in neutral,
         (N, 6) [N, N·m] at `sample_times`.
     on_frame
-        Action of people on the frame beside the belts, likewise.
+        Whether the person is on the frame beside the belts instead.
 
     Returns
     -------
@@ -76,14 +179,11 @@ def record_signal_trial(
     """
     treadmill = treadmill or make_treadmill(faults or Faults(), LABORATORY)
     of_motion, of_plates, of_sensors, of_belts = np.random.default_rng(seed).spawn(4)
-    command, time = resample_signal(signal, rate_hz), sample_times(signal, rate_hz)
-    sway, pitch, belt_speed = (
-        x[: len(time)] for x in (command.sway, command.pitch, command.belt_speed)
-    )
-    platform = move_platform(treadmill.machine, sway, pitch, rate_hz)
-    motion = TreadmillMotion(time, platform, belt_speed, np.empty(0))
-    people = None if load is None else (np.zeros_like(load), -load)
-    response = undergo(treadmill, motion, of_motion, people, on_frame)
+    command, count = resample_signal(signal, rate_hz), len(sample_times(signal, rate_hz))
+    sway, pitch, belt_speed = (x[:count] for x in (command.sway, command.pitch, command.belt_speed))
+    motion = move_treadmill(treadmill.machine, sway, pitch, belt_speed, rate_hz)
+    people = None if load is None or on_frame else (np.zeros_like(load), -load)
+    response = undergo(treadmill, motion, of_motion, people, load if on_frame else None)
     streams = of_plates, of_sensors, of_belts
     name = f"{signal.name}.c3d"
     recording = recorded(name, treadmill, motion, response, (BELT_CHANNEL,), streams)
@@ -103,17 +203,17 @@ class Beside(NamedTuple):
     None for the speed of the trials.
     """
 
-    load: bystander.LoadPattern
+    load: LoadPattern
     place: Literal["right", "left", "boards"]
     belts_mps: float | None = None
 
 
 BESIDE: Final = {
-    "walking_right.c3d": Beside(bystander.walking, "right"),
-    "walking_left.c3d": Beside(bystander.walking, "left"),
-    "running_right.c3d": Beside(bystander.running, "right", RUNNING_MPS),
-    "running_left.c3d": Beside(bystander.running, "left", RUNNING_MPS),
-    "boards.c3d": Beside(bystander.stepping_on_boards, "boards", 0.0),
+    "walking_right.c3d": Beside(walking, "right"),
+    "walking_left.c3d": Beside(walking, "left"),
+    "running_right.c3d": Beside(running, "right", RUNNING_MPS),
+    "running_left.c3d": Beside(running, "left", RUNNING_MPS),
+    "boards.c3d": Beside(stepping_on_boards, "boards", 0.0),
 }
 """Recording -> what is recorded."""
 MIRRORED: Final = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
@@ -149,15 +249,11 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
     time = np.arange(frames * SAMPLES_PER_FRAME) / ANALOG_HZ
     level = np.zeros(len(time))
     speed = protocol.speed_mps if planned.belts_mps is None else planned.belts_mps
-    platform = move_platform(treadmill.machine, level, level, ANALOG_HZ)
-    motion = TreadmillMotion(time, platform, level + speed, np.empty(0))
+    motion = move_treadmill(treadmill.machine, level, level, level + speed, ANALOG_HZ)
     load = planned.load(time, of_load)
     nobody = np.zeros_like(load)
-    people: tuple[Array, Array] | None = {
-        "right": (nobody, -load),
-        "left": (-load * MIRRORED, nobody),
-        "boards": None,
-    }[planned.place]
+    sides: dict[str, Pair] = {"right": (nobody, -load), "left": (-load * MIRRORED, nobody)}
+    people = sides.get(planned.place)
     on_frame = load if people is None else None
     response = undergo(treadmill, motion, of_motion, people, on_frame)
     streams = of_plates, of_sensors, of_belts
@@ -167,41 +263,37 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
 TRIALS: Final = 58
 """28 calibration trials of the platform, 24 of the belts, and 6 validation trials, one of which is
 belt pulses with a person on the other belt."""
-PLATFORM_BELT_SPEEDS_MPS: Final = (0.0, 3.0)
-BELT_SPEEDS_MPS: Final = (1.0, 2.0)
-"""Belt speeds of the calibration trials of the platform, and mean speeds of those of the belts: the
-thesis'."""
 TRIAL_STREAM: Final = 7
 """Number of the random numbers of people and noise, which are not those of the signals."""
 
-BYSTANDERS: Final[dict[str, bystander.LoadPattern]] = {
-    "sway": bystander.walking,
-    "pitch": bystander.walking,
-    "running": bystander.running,
-    "boarding": bystander.stepping_on_boards,
+BYSTANDERS: Final[dict[str, LoadPattern]] = {
+    "sway": walking,
+    "pitch": walking,
+    "running": running,
+    "boarding": stepping_on_boards,
 }
 """Validation trial -> what the person on the platform beside the empty plate does."""
-BESIDE_THE_BELTS: Final = (bystander.stepping_on_boards,)
+BESIDE_THE_BELTS: Final = (stepping_on_boards,)
 """Who is on the frame and not on the right belt."""
 
 
-Planned = tuple[str, Signal, bystander.LoadPattern | None]
+Planned = tuple[str, Signal, LoadPattern | None]
 """Sub-folder of a recording, what the treadmill is commanded, and the load of a person, if any."""
 
 
 def planned_trials(seed: int) -> Iterator[Planned]:
     """List the trials of the experiment in the order in which they are recorded."""
-    for n, speed in enumerate(PLATFORM_BELT_SPEEDS_MPS):
+    for n, speed in enumerate(PLATFORM_BELT_MPS):
         for signal in pitch_and_sway_signals(2 * seed + n, speed):
             yield "calibration", signal, None
-    for n, speed in enumerate(BELT_SPEEDS_MPS):
+    for n, speed in enumerate(BELT_VARIANCE):
         for signal in belt_signals(2 * seed + n, speed):
             yield "belt_calibration", signal, None
     *platform, belt, with_person = validation_signals(seed)
     for signal in platform:
         yield "validation", signal, BYSTANDERS[signal.name]
     yield "belt_validation", belt, None
-    yield "belt_person", with_person, bystander.walking
+    yield "belt_person", with_person, walking
 
 
 def recordings(seed: int, *, rate_hz: float = ANALOG_HZ) -> Iterator[tuple[str, Recording]]:
@@ -214,15 +306,9 @@ def recordings(seed: int, *, rate_hz: float = ANALOG_HZ) -> Iterator[tuple[str, 
     treadmill = make_treadmill(Faults(), seed)
     for folder, signal, person in planned_trials(seed):
         load = None if person is None else person(sample_times(signal, rate_hz), rng)
-        beside, noise = person in BESIDE_THE_BELTS, int(rng.integers(2**31))
-        on_belt, on_frame = (None, load) if beside else (load, None)
+        noise, on_frame = int(rng.integers(2**31)), person in BESIDE_THE_BELTS
         recording = record_signal_trial(
-            signal,
-            seed=noise,
-            rate_hz=rate_hz,
-            treadmill=treadmill,
-            load=on_belt,
-            on_frame=on_frame,
+            signal, seed=noise, rate_hz=rate_hz, treadmill=treadmill, load=load, on_frame=on_frame
         )
         yield folder, recording
 

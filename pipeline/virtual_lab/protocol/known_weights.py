@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -19,7 +19,7 @@ from pipeline.config.plate_study import FILE
 from pipeline.io.write import write_text
 from pipeline.virtual_lab.faults import CameraFaults
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
-from pipeline.virtual_lab.machine.instruments import (
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
     ANALOG_HZ,
     FRAME_HZ,
     PLATE_CENTERS_M,
@@ -41,6 +41,8 @@ LIFT_S: Final = 0.4
 """How long the hand lifts it; less than there is between blows."""
 
 BLOWS: Final = 15
+BLOW_RANGES: Final = (1.0, 2.5), (0.2, 0.7), (-25.0, -8.0), (-10.0, 15.0)
+"""Between which `Blows` are drawn after the duration of their contact; assumed."""
 BLOW_INTERVAL_S: Final = 2.0
 BLOW_SPREAD_S: Final = 0.3
 HAMMER_S: Final = 33.0
@@ -48,8 +50,7 @@ HAMMER_S: Final = 33.0
 a blow is from that, and duration of the recording; assumed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Blows:
+class Blows(NamedTuple):
     """Blows with a hammer, each in its own time, 0 where the head first touches.
 
     Attributes
@@ -72,19 +73,6 @@ class Blows:
     restitution: Array
     swing_mps2: Array
     hand_mps2: Array
-
-    @classmethod
-    def draw(
-        cls, count: int, shortest_s: float, longest_s: float, rng: np.random.Generator
-    ) -> "Blows":
-        """Draw blows as a person strikes them; the ranges are assumed."""
-        return cls(
-            rng.uniform(shortest_s, longest_s, count),
-            rng.uniform(1.0, 2.5, count),
-            rng.uniform(0.2, 0.7, count),
-            rng.uniform(-25.0, -8.0, count),
-            rng.uniform(-10.0, 15.0, count),
-        )
 
 
 def strike(blows: Blows) -> tuple[Array, Array, Array]:
@@ -152,11 +140,13 @@ def strike_belt(
     """
     time = np.arange(round(HAMMER_S * ANALOG_HZ)) / ANALOG_HZ
     spread = rng.uniform(-BLOW_SPREAD_S, BLOW_SPREAD_S, BLOWS)
-    since, height, force = strike(Blows.draw(BLOWS, shortest_s, longest_s, rng))
+    ranges = ((shortest_s, longest_s), *BLOW_RANGES)
+    blows = Blows(*(rng.uniform(low, high, BLOWS) for low, high in ranges))
+    since, height, force = strike(blows)
     head, load = np.full(len(time), np.nan), np.zeros(len(time))
     for k, blow in enumerate(BLOW_INTERVAL_S * np.arange(1, BLOWS + 1) + spread):
-        own = np.interp(time - blow, since, height[:, k], left=np.nan, right=np.nan)
-        head = np.where(np.isfinite(own), own, head)
+        struck = np.interp(time - blow, since, height[:, k], left=np.nan, right=np.nan)
+        head = np.where(np.isfinite(struck), struck, head)
         late = time - blow - delay_s
         load += np.interp(late, since, force[:, k], left=0.0, right=0.0)
     held = np.isfinite(head)
@@ -311,12 +301,14 @@ def simulate_plates(
     """
     of_belt = errors if isinstance(errors, Mapping) else dict.fromkeys(belts, errors)
     rng = np.random.default_rng(seed)
-    of_each = {belt: of_belt.get(belt) or PlateErrors() for belt in belts}
+    benches = {
+        belt: _Bench(folder, belt, of_belt.get(belt) or PlateErrors(), rng) for belt in belts
+    }
     lines = ['name = "virtual plates"', 'axes = "left,back,up"']
     lines += [f"center_height_m = {CENTER_HEIGHT_M}", f"full_scale_n = {FULL_SCALE_N}", ""]
-    for belt, wrong in of_each.items():
-        _static(folder / f"static_{belt}.c3d", belt, wrong, rng)
-        _hammer(folder / f"hammer_{belt}.c3d", belt, wrong, rng)
+    for belt, bench in benches.items():
+        bench.static()
+        bench.hammer()
         for part in ("static", "hammer"):
             lines += [f"[[{part}]]", f'file = "{part}_{belt}.c3d"', f'belt = "{belt}"', ""]
     combinations = product(belts, speeds, profiles, positions, weights, supports)
@@ -324,8 +316,7 @@ def simulate_plates(
         name = f"weight_{n + 1:03d}.c3d"
         lateral = (1 if belt == "left" else -1) * (PLATE_WIDTH_M - position)
         place = _path_of_marker(speed, profile, lateral)
-        share = SUPPORTED_VIBRATION if supported else 1.0
-        _weight(folder / name, belt, of_each[belt], rng, place, mass, share)
+        benches[belt].weight(name, place, mass, SUPPORTED_VIBRATION if supported else 1.0)
         lines += ["[[weights]]", f'file = "{name}"', f"mass_kg = {mass}", f"speed_mps = {speed}"]
         lines += [f'profile = "{profile}"', f"position_m = {position}", f'belt = "{belt}"']
         lines += [f"supports = {str(supported).lower()}", ""]
@@ -350,73 +341,70 @@ def _path_of_marker(speed: float, profile: str, lateral: float) -> Array:
     return np.column_stack([x[:count], np.full(count, lateral), np.full(count, MARKER_HEIGHT_M)])
 
 
-def _weight(
-    path: Path,
-    belt: str,
-    errors: PlateErrors,
-    rng: np.random.Generator,
-    place: Array,
-    mass: float,
-    share: float,
-) -> None:
-    """Write a weight that the belt carries along a way of its marker, with a share of vibration."""
-    step = 1 / ANALOG_HZ
-    acceleration = np.gradient(np.gradient(place, step, axis=0), step, axis=0)
-    force = mass * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
-    center = place - [0, 0, MARKER_HEIGHT_M - CENTER_HEIGHT_M]
-    wrench = np.hstack([force, np.cross(center, force)])
-    angle = 2 * np.pi * errors.vibration_hz * _times(place) + rng.uniform(0, MAX_PHASE_RAD)
-    wrench[:, 4] -= wrench[:, 2] * (share * errors.vibration_m * np.sin(angle))
-    seen = _seen(place, rng)
-    _save(path, belt, "WEIGHT", seen, errors.measure(wrench, belt, rng))
+class _Bench(NamedTuple):
+    """A belt with a plate on trial: where its recordings go, its errors, and the noise."""
 
+    folder: Path
+    belt: str
+    errors: PlateErrors
+    rng: np.random.Generator
 
-def _static(path: Path, belt: str, errors: PlateErrors, rng: np.random.Generator) -> None:
-    """Write a weight that stands at each place of the grid and is lifted in between."""
-    samples, middle = round(STATIC_S * ANALOG_HZ), _center(belt)[1]
-    places, loads = [], []
-    last = np.array([STATIC_ALONG_M[0], middle + STATIC_ACROSS_M[0], MARKER_HEIGHT_M])
-    for along, across in product(STATIC_ALONG_M, STATIC_ACROSS_M):
-        here = np.array([along, middle + across, MARKER_HEIGHT_M])
-        share = np.linspace(0, 1, samples)[:, None]
-        lift = np.array([0, 0, LIFT_M]) * np.sin(np.pi * share)
-        places += [last + (here - last) * share + lift, np.broadcast_to(here, (samples, 3))]
-        loads += [np.zeros(samples), np.full(samples, STATIC_MASS_KG * GRAVITY_MPS2)]
-        last = here
-    place, load = np.vstack(places), np.concatenate(loads)
-    force = load[:, None] * [0, 0, 1]
-    wrench = np.hstack([force, np.cross(place * [1, 1, 0], force)])
-    seen = _seen(place, rng)
-    _save(path, belt, "WEIGHT", seen, errors.measure(wrench, belt, rng))
+    def weight(self, name: str, place: Array, mass: float, share: float) -> None:
+        """Write a weight that the belt carries along a way of its marker, with some vibration."""
+        step, errors = 1 / ANALOG_HZ, self.errors
+        acceleration = np.gradient(np.gradient(place, step, axis=0), step, axis=0)
+        force = mass * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
+        center = place - [0, 0, MARKER_HEIGHT_M - CENTER_HEIGHT_M]
+        wrench = np.hstack([force, np.cross(center, force)])
+        angle = 2 * np.pi * errors.vibration_hz * (np.arange(len(place)) / ANALOG_HZ)
+        angle += self.rng.uniform(0, MAX_PHASE_RAD)
+        wrench[:, 4] -= wrench[:, 2] * (share * errors.vibration_m * np.sin(angle))
+        self._save(name, "WEIGHT", self._seen(place), errors.measure(wrench, self.belt, self.rng))
 
+    def static(self) -> None:
+        """Write a weight that stands at each place of the grid and is lifted in between."""
+        samples, middle = round(STATIC_S * ANALOG_HZ), _center(self.belt)[1]
+        places, loads = [], []
+        last = np.array([STATIC_ALONG_M[0], middle + STATIC_ACROSS_M[0], MARKER_HEIGHT_M])
+        for along, across in product(STATIC_ALONG_M, STATIC_ACROSS_M):
+            here = np.array([along, middle + across, MARKER_HEIGHT_M])
+            share = np.linspace(0, 1, samples)[:, None]
+            lift = np.array([0, 0, LIFT_M]) * np.sin(np.pi * share)
+            places += [last + (here - last) * share + lift, np.broadcast_to(here, (samples, 3))]
+            loads += [np.zeros(samples), np.full(samples, STATIC_MASS_KG * GRAVITY_MPS2)]
+            last = here
+        place, load = np.vstack(places), np.concatenate(loads)
+        force = load[:, None] * [0, 0, 1]
+        wrench = np.hstack([force, np.cross(place * [1, 1, 0], force)])
+        seen = self._seen(place)
+        measured = self.errors.measure(wrench, self.belt, self.rng)
+        self._save(f"static_{self.belt}.c3d", "WEIGHT", seen, measured)
 
-def _hammer(path: Path, belt: str, errors: PlateErrors, rng: np.random.Generator) -> None:
-    """Write blows with a hammer that carries a marker."""
-    head, load = strike_belt(*CONTACT_S, errors.delay_s, rng)
-    wrench = load[:, None] * np.eye(6)[2]
-    measured = ForcePlate(noise=errors.noise).measure(wrench, ANALOG_HZ, rng)
-    middle = np.full(len(head), _center(belt)[1])
-    place = np.column_stack([0 * head, middle, head + HAMMER_MARKER_M])
-    _save(path, belt, "HAMMER", _seen(place, rng), shift_wrench(measured, _center(belt)))
+    def hammer(self) -> None:
+        """Write blows with a hammer that carries a marker."""
+        head, load = strike_belt(*CONTACT_S, self.errors.delay_s, self.rng)
+        wrench = load[:, None] * np.eye(6)[2]
+        plate, center = ForcePlate(noise=self.errors.noise), _center(self.belt)
+        measured = shift_wrench(plate.measure(wrench, ANALOG_HZ, self.rng), center)
+        middle = np.full(len(head), center[1])
+        place = np.column_stack([0 * head, middle, head + HAMMER_MARKER_M])
+        self._save(f"hammer_{self.belt}.c3d", "HAMMER", self._seen(place), measured)
 
+    def _seen(self, place: Array) -> Array:
+        """Record a marker whose place at 1000 Hz is given, (T, 1, 3) [m]."""
+        return measure_markers(place[::SAMPLES_PER_FRAME, None], CAMERAS, self.rng, FRAME_HZ)
 
-def _seen(place: Array, rng: np.random.Generator) -> Array:
-    """Record a marker whose place at 1000 Hz is given, (T, 1, 3) [m]."""
-    return measure_markers(place[::SAMPLES_PER_FRAME, None], CAMERAS, rng, FRAME_HZ)
-
-
-def _save(path: Path, belt: str, marker: str, position: Array, wrench_in_plate: Array) -> None:
-    """Write a recording; the other plate measures nothing."""
-    frames, time = np.arange(len(position)) / FRAME_HZ, _times(wrench_in_plate)
-    plates = [
-        recorded_plate(k + 1, time, wrench_in_plate if name == belt else 0 * wrench_in_plate)
-        for name, k in PLATES.items()
-    ]
-    write_c3d(path, Markers(frames, (marker,), position), plates)
-
-
-def _times(samples: Array) -> Array:
-    return np.arange(len(samples)) / ANALOG_HZ
+    def _save(self, name: str, marker: str, position: Array, wrench_in_plate: Array) -> None:
+        """Write a recording; the other plate measures nothing."""
+        frames = np.arange(len(position)) / FRAME_HZ
+        time = np.arange(len(wrench_in_plate)) / ANALOG_HZ
+        plates = [
+            recorded_plate(
+                k + 1, time, wrench_in_plate if belt == self.belt else 0 * wrench_in_plate
+            )
+            for belt, k in PLATES.items()
+        ]
+        write_c3d(self.folder / name, Markers(frames, (marker,), position), plates)
 
 
 def _center(belt: str) -> Array:

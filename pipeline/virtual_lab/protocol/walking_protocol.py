@@ -11,11 +11,7 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
-from compensation.protocol import (
-    ADVISED_PLATFORM_SIGNAL,
-    DURATIONS_S,
-    PLATFORM_KINDS,
-)
+from compensation.protocol import ADVISED_PLATFORM_SIGNAL, DURATIONS_S, PLATFORM_KINDS
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
 from hbm.spelling import did_you_mean, listed, parse_toml, shown
@@ -125,16 +121,12 @@ class Protocol(InputModel):
     beside_s: Annotated[float, Field(ge=0)] = 60.0
 
     @model_validator(mode="after")
-    def _motion_needs_pose(self) -> "Protocol":
+    def _is_consistent(self) -> "Protocol":
         if "sway" in self.conditions and self.pose == "none" and self.sway_window == "motion":
             raise ValueError(
                 'pose = "none" leaves the motion of the platform unknown; set sway_window = '
                 '"cycle" or seconds'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _beside_is_long_enough(self) -> "Protocol":
         if 0 < self.beside_s < MIN_BESIDE_S:
             raise ValueError(
                 f"beside_s is {self.beside_s:g}; expected {MIN_BESIDE_S:g} or more, or 0 for no "

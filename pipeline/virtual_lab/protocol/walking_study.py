@@ -18,14 +18,14 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     PITCH_CHANNEL,
     PLATFORM_MARKERS_M,
     PULSE_CHANNEL,
+    SAMPLES_PER_FRAME,
+    SENSOR_NAMES,
     SWAY_CHANNEL,
     make_treadmill,
 )
-from pipeline.virtual_lab.machine.instruments import SAMPLES_PER_FRAME, SENSOR_NAMES
 from pipeline.virtual_lab.machine.platform import Machine
-from pipeline.virtual_lab.person.joint_moments import leg_moments
 from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.person.walk import foot_events, foot_wrenches
+from pipeline.virtual_lab.person.walk import foot_events, foot_wrenches, leg_moments
 from pipeline.virtual_lab.protocol.calibration_trial import beside_names, run_beside
 from pipeline.virtual_lab.protocol.walking_protocol import (
     PERSONS,
@@ -223,10 +223,9 @@ def folder_setting(folder: Path) -> Setting | None:
             )
         raise ValueError(f"{folder}: is not empty; name a new folder, nothing is overwritten")
     try:
-        setting = read_setting((folder / SIMULATED).read_text(encoding="utf-8-sig"))
+        return read_setting((folder / SIMULATED).read_text(encoding="utf-8-sig"))
     except ValueError as error:
         raise ValueError(f"{folder / SIMULATED}: {error}") from error
-    return setting
 
 
 def require_setting(folder: Path, there: Setting, wanted: Setting) -> None:

@@ -3,7 +3,7 @@
 `run_trial` is one of the walking study, `simulate_trial` one on a stationary treadmill.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -11,37 +11,33 @@ import numpy as np
 
 from compensation.protocol import pitch_and_sway_signals
 from compensation.signals import Signal, resample_signal
-from hbm.coordinates import N_Q
 from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Metadata, Recording
 from pipeline.virtual_lab.faults import CameraFaults
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
-    BELT_CHANNELS,
-    InstrumentedTreadmill,
-    measure_platform,
-    measure_pose,
-    measure_pulses,
-    recorded,
-    undergo,
-)
-from pipeline.virtual_lab.machine.instruments import (
     ANALOG_HZ,
+    BELT_CHANNELS,
     FRAME_HZ,
     PLATE_CENTERS_M,
     SAMPLES_PER_FRAME,
     ForcePlate,
+    InstrumentedTreadmill,
     measure_markers,
+    measure_platform,
+    measure_pose,
+    measure_pulses,
+    recorded,
     recorded_plate,
+    undergo,
 )
 from pipeline.virtual_lab.machine.platform import (
     BeltRamp,
     Machine,
     Pair,
-    Trajectory,
     TreadmillMotion,
-    move_platform,
+    move_treadmill,
     platform_trajectory,
     stationary_platform,
 )
@@ -50,7 +46,7 @@ from pipeline.virtual_lab.person.body import marker_positions, segment_poses
 from pipeline.virtual_lab.person.gait import schedule
 from pipeline.virtual_lab.person.soft_tissue import displace_markers
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
-from pipeline.virtual_lab.person.walk import Walk, foot_wrenches, plate_wrenches, simulate_walk
+from pipeline.virtual_lab.person.walk import Walk, plate_wrenches, simulate_walk
 from pipeline.virtual_lab.protocol.walking_protocol import (
     CONDITIONS,
     PERSONS,
@@ -70,10 +66,8 @@ def person_loads(walk: Walk, time: Array) -> Pair:
     """Give the ground reaction of the left and the right plate on a person, (N, 6) each."""
     loads = np.empty((2, len(time), 6))
     for start in range(0, len(time), CHUNK_SAMPLES):
-        now = time[start : start + CHUNK_SAMPLES]
-        loads[:, start : start + CHUNK_SAMPLES] = plate_wrenches(
-            walk, foot_wrenches(walk, now), now
-        )
+        part = slice(start, start + CHUNK_SAMPLES)
+        loads[:, part] = plate_wrenches(walk, time[part])
     return loads[0], loads[1]
 
 
@@ -114,24 +108,25 @@ def record(
     if response is None:
         people = None if walk is None else person_loads(walk, motion.time)
         response = undergo(treadmill, motion, of_motion, people)
-    markers = measure_platform(treadmill, motion, response, of_rim)
+    markers, person = measure_platform(treadmill, motion, response, of_rim), None
     if walk is not None:
-        markers = _with_person(markers, walk, treadmill.faults.cameras, of_person)
+        body, person = walk.subject.skeleton, stated(walk.subject)
+        seen = measure_person(walk, markers.time, treadmill.faults.cameras, of_person)
+        position = np.concatenate([seen, markers.position], axis=1)
+        markers = Markers(markers.time, (*body.markers, *markers.names), position)
     more = measure_pose(treadmill, motion, of_platform), measure_pulses(motion, of_pulse)
     streams = of_plates, of_sensors, of_belts
-    person = stated(walk.subject) if walk else None
     return recorded(
         name, treadmill, motion, response, BELT_CHANNELS, streams, markers, more, person
     )
 
 
-def _with_person(
-    platform: Markers, walk: Walk, cameras: CameraFaults, rng: np.random.Generator
-) -> Markers:
-    """Add the markers on a person before those on the platform."""
-    frames, body = platform.time, walk.subject.skeleton
+def measure_person(
+    walk: Walk, frames: Array, cameras: CameraFaults, rng: np.random.Generator
+) -> Array:
+    """Give the markers on a person's skin as cameras see them at times (T,) [s], (T, M, 3) [m]."""
     of_skin, of_cameras = rng.spawn(2)
-    q = walk.motion.at(frames).T
+    body, q = walk.subject.skeleton, walk.motion.at(frames).T
     segments = list(dict.fromkeys(body.marker_segment))
     poses = segment_poses(body, q, segments)
     orientation = {s: R for s, (R, _) in zip(segments, poses, strict=True)}
@@ -140,12 +135,7 @@ def _with_person(
     on_skin = displace_markers(
         bones, body.marker_segment, orientation, q, walking, cameras, of_skin, FRAME_HZ
     )
-    person = measure_markers(on_skin, cameras, of_cameras, FRAME_HZ)
-    return Markers(
-        frames,
-        (*body.markers, *platform.names),
-        np.concatenate([person, platform.position], axis=1),
-    )
+    return measure_markers(on_skin, cameras, of_cameras, FRAME_HZ)
 
 
 def stated(subject: VirtualSubject) -> Metadata:
@@ -238,11 +228,12 @@ def run_walk(
 
     time = np.arange(round(duration * ANALOG_HZ)) / ANALOG_HZ
     pitch = pitch_command(protocol, time) if condition == "pitch" else np.zeros(len(time))
-    platform = move_platform(machine, sway_command(onsets, directions, time), pitch, ANALOG_HZ)
+    sway = sway_command(onsets, directions, time)
     belt = BeltRamp(protocol.speed_mps, protocol.standing_s, protocol.starting_s)
-    motion = TreadmillMotion(time, platform, belt.speed(time), onsets)
-    trajectory = platform_trajectory(platform, ANALOG_HZ)
-    return simulate_walk(subject, steps, belt, trajectory, duration, rng), motion
+    motion = move_treadmill(machine, sway, pitch, belt.speed(time), ANALOG_HZ)
+    trajectory = platform_trajectory(motion.platform, ANALOG_HZ)
+    walk = simulate_walk(subject, steps, belt, trajectory, duration, rng)
+    return walk, replace(motion, onsets=onsets)
 
 
 def run_signal(
@@ -264,20 +255,11 @@ def run_signal(
     Recording
         Named as the signal; its markers are those of the platform.
     """
-    command = resample_signal(signal, ANALOG_HZ)
+    command, rest = resample_signal(signal, ANALOG_HZ), (round(ANALOG_HZ), 0)
     count = len(command.sway) // SAMPLES_PER_FRAME * SAMPLES_PER_FRAME
-    rest = round(ANALOG_HZ)
-    sway, pitch, belt_speed = (
-        np.pad(values[:count], (rest, 0), constant_values=first)
-        for values, first in (
-            (command.sway, 0.0),
-            (command.pitch, 0.0),
-            (command.belt_speed, command.belt_speed[0]),
-        )
-    )
-    platform = move_platform(treadmill.machine, sway, pitch, ANALOG_HZ)
-    time = np.arange(len(sway)) / ANALOG_HZ
-    motion = TreadmillMotion(time, platform, belt_speed, np.empty(0))
+    sway, pitch = (np.pad(values[:count], rest) for values in (command.sway, command.pitch))
+    belt_speed = np.pad(command.belt_speed[:count], rest, mode="edge")
+    motion = move_treadmill(treadmill.machine, sway, pitch, belt_speed, ANALOG_HZ)
     return record(treadmill, motion, None, f"{signal.name}.c3d", rng)
 
 
@@ -305,32 +287,6 @@ MOMENT_NOISE_M: Final = 0.3
 cells from its centre."""
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """What really happened in a trial.
-
-    Attributes
-    ----------
-    subject
-        Who walk.
-    motion
-        All coordinates as functions of time, 55 columns [rad, m].
-    time
-        Frame times, (T,) [s].
-    q
-        Coordinates at the frames, (T, 46) [rad, m].
-    left, right
-        Wrenches on the feet at the frames, (T, 6) [N, N·m], lab axes about the lab origin.
-    """
-
-    subject: VirtualSubject
-    motion: Trajectory
-    time: Array
-    q: Array
-    left: Array
-    right: Array
-
-
 def simulate_trial(
     path: str | Path,
     *,
@@ -340,7 +296,7 @@ def simulate_trial(
     seed: int = 0,
     marker_noise_m: float = 0.0005,
     plate_noise_n: float = 0.5,
-) -> Truth:
+) -> Walk:
     """Simulate a person who stands in a T-pose and then walks, and write it as C3D.
 
     Parameters
@@ -361,8 +317,8 @@ def simulate_trial(
 
     Returns
     -------
-    Truth
-        What really happened.
+    Walk
+        What really happened: coordinates and ground forces as functions of time.
     """
     rng = np.random.default_rng(seed)
     subject = make_subject(person or Person())
@@ -371,17 +327,15 @@ def simulate_trial(
     walk = simulate_walk(subject, steps, belt, stationary_platform(), duration_s, rng)
 
     frames = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
-    q = walk.motion.at(frames)
     cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
-    markers = measure_markers(marker_positions(subject.skeleton, q.T), cameras, rng, FRAME_HZ)
+    position = marker_positions(subject.skeleton, walk.motion.at(frames).T)
+    markers = measure_markers(position, cameras, rng, FRAME_HZ)
     time = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
     plate = ForcePlate(noise=plate_noise_n * np.repeat([1.0, MOMENT_NOISE_M], 3))
-    wrenches = plate_wrenches(walk, foot_wrenches(walk, time), time)
-    plates = [
-        recorded_plate(number, time, shift_wrench(plate.measure(wrench, ANALOG_HZ, rng), center))
-        for number, (wrench, center) in enumerate(zip(wrenches, PLATE_CENTERS_M, strict=True), 1)
-    ]
+    plates = []
+    for k, wrench in enumerate(plate_wrenches(walk, time)):
+        measured = plate.measure(wrench, ANALOG_HZ, rng)
+        plates.append(recorded_plate(k + 1, time, shift_wrench(measured, PLATE_CENTERS_M[k])))
     seen = Markers(frames, subject.skeleton.markers, markers)
     write_c3d(path, seen, plates, metadata=stated(subject))
-    feet = foot_wrenches(walk, frames)
-    return Truth(subject, walk.motion, frames, q[:, :N_Q], feet["left"], feet["right"])
+    return walk

@@ -9,8 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.io.recording import Plate, Recording
-from pipeline.virtual_lab.machine.instrumented_treadmill import InstrumentedTreadmill
-from pipeline.virtual_lab.machine.instruments import PLATE_CENTERS_M, Clock, misplaced
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    PLATE_CENTERS_M,
+    Clock,
+    InstrumentedTreadmill,
+    misplaced,
+)
 
 UNIT_WRENCHES: Final = np.eye(6)
 

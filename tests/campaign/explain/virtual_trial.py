@@ -16,14 +16,15 @@ from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    ANALOG_HZ,
     PITCH_CHANNEL,
     PLATFORM_MARKERS_M,
     SWAY_CHANNEL,
+    Clock,
     InstrumentedTreadmill,
     make_treadmill,
     undergo,
 )
-from pipeline.virtual_lab.machine.instruments import ANALOG_HZ, Clock
 from pipeline.virtual_lab.machine.platform import (
     BeltRamp,
     TreadmillMotion,

@@ -27,7 +27,6 @@ from pipeline.calibration_ranking.verdict import (
 )
 from pipeline.cli.app import main
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 
@@ -50,7 +49,9 @@ def trial(signal, seed, *, name=None, load=None, **laboratory):
 
 def validation(seed, **laboratory):
     trials = []
-    for signal, person in zip(validation_signals()[:2], (bystander.walking,) * 2, strict=True):
+    for signal, person in zip(
+        validation_signals()[:2], (calibration_trial.walking,) * 2, strict=True
+    ):
         load = person(sample_times(signal, RATE), np.random.default_rng(seed))
         trials.append(trial(signal, seed, load=load, **laboratory))
     return trials

@@ -12,7 +12,8 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
-from pipeline.plate_accuracy.accuracy import check_plates, trial_errors
+from pipeline.plate_accuracy.accuracy import check_plates
+from pipeline.plate_accuracy.report import trial_errors
 from pipeline.plate_accuracy.response import find_vibration
 from pipeline.plate_accuracy.verdict import judge
 from pipeline.virtual_lab.protocol import known_weights

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.plate_accuracy.accuracy import condition_effects
+from pipeline.plate_accuracy.report import condition_effects
 
 ZONES = ("back", "middle", "front")
 

@@ -16,8 +16,7 @@ from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
-from pipeline.virtual_lab.machine.instruments import SENSOR_NAMES
-from pipeline.virtual_lab.person import bystander
+from pipeline.virtual_lab.machine.instrumented_treadmill import SENSOR_NAMES
 from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import sample_times
 from tests.pipeline.trial.ground.grounds import ground_of
@@ -72,7 +71,7 @@ def left_over(recording, models, calibration=None):
 
 
 def person():
-    return bystander.walking(sample_times(PULSES, RATE), np.random.default_rng(3))
+    return calibration_trial.walking(sample_times(PULSES, RATE), np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import AccelerometerFaults, CameraFaults, Faults, PlateFaults
-from pipeline.virtual_lab.machine.instruments import (
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
     Clock,
     ForcePlate,
     Stream,

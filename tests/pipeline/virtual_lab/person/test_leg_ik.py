@@ -30,5 +30,5 @@ def test_feet_reach_poses_that_the_legs_can_take(faults):
         targets[side] = SoleTarget.of(sole, own, position, np.ones((FRAMES, 4)))
     start = q.copy()
     start[legs] += rng.uniform(-0.1, 0.1, (len(legs), FRAMES))
-    found = solve_legs(subject.skeleton, subject.extra_joints, q, targets, start, 1.0, 15)
+    found = solve_legs(subject, q, targets, start, (1.0, 15))
     np.testing.assert_allclose(found, q, atol=2e-4)

@@ -5,12 +5,9 @@ import pytest
 
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.virtual_lab.person import momentum
 from pipeline.virtual_lab.person.balance import balanced
-from pipeline.virtual_lab.person.body import COLUMN, segment_poses
-from pipeline.virtual_lab.person.feet import rolled
-from pipeline.virtual_lab.person.gait import posture
-from pipeline.virtual_lab.person.momentum import center_of_mass
+from pipeline.virtual_lab.person.body import COLUMN, center_of_mass, ground_wrench, segment_poses
+from pipeline.virtual_lab.person.gait import posture, rolled
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from pipeline.virtual_lab.person.walk import foot_wrenches, left_wrench, plate_wrenches
 from tests.virtual_gait import fit_gait, gait_optimum
@@ -110,7 +107,7 @@ def test_both_feet_together_carry_what_the_equations_of_motion_require(walked, c
     needed = walk.ground.at(time)
     np.testing.assert_allclose(feet["left"] + feet["right"], needed, atol=1e-9)
     np.testing.assert_allclose(
-        sum(plate_wrenches(walk, feet, time))[:, :3],
+        sum(plate_wrenches(walk, time))[:, :3],
         np.einsum("tji,tj->ti", walk.platform.pose(time).rotation, needed[:, :3]),
         atol=1e-9,
     )
@@ -213,7 +210,7 @@ def test_between_its_samples_the_ground_wrench_is_that_of_the_motion(walked):
     walk, _ = walked(0, varied_body=False)
     time = np.arange(12000, 14000) / 1000
     motion = tuple(np.ascontiguousarray(walk.motion.at(time, k).T) for k in range(3))
-    error = walk.ground.at(time) - momentum.ground_wrench(walk.subject.skeleton, motion)
+    error = walk.ground.at(time) - ground_wrench(walk.subject.skeleton, motion)
     assert np.abs(error).max() < 0.05
     feet = foot_wrenches(walk, time)["left"]
     exact = left_wrench(

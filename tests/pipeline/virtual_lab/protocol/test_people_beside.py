@@ -6,8 +6,7 @@ import pytest
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.person.bystander import MASS_KG
-from pipeline.virtual_lab.protocol.calibration_trial import BESIDE, run_beside
+from pipeline.virtual_lab.protocol.calibration_trial import BESIDE, MASS_KG, run_beside
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 
 SHORT = Setting(protocol=Protocol(beside_s=12.0))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.faults import BodyFaults
-from pipeline.virtual_lab.person.subject import Person, make_subject
-from pipeline.virtual_lab.person.variation import PAIRED, table
+from pipeline.virtual_lab.person.subject import PAIRED, Person, make_subject, table
 
 SEXES = ("male", "female")
 SOURCES = ("de_leva", "dumas")

@@ -10,9 +10,15 @@ from hbm.motion import Motion
 from hbm.poses import marker_positions as production_markers
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.body import ALL_COORDINATES, frames, marker_positions
-from pipeline.virtual_lab.person.joint_moments import COORDINATES, moments_of
-from pipeline.virtual_lab.person.momentum import center_of_mass, ground_wrench
+from pipeline.virtual_lab.person.body import (
+    ALL_COORDINATES,
+    LEG_COORDINATES,
+    center_of_mass,
+    frames,
+    ground_wrench,
+    marker_positions,
+    moments_of,
+)
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from tests.validation.true_body import true_body
 
@@ -73,7 +79,7 @@ def test_leg_moments_are_those_of_the_production_s_inverse_dynamics(same):
     wrenches = {f"{side}_foot": wrench for side, wrench in feet.items()}
     expected = inverse_dynamics(true_body(same), motion, wrenches)
     found = moments_of(same.skeleton, state, feet, [])
-    for name, moment in zip(COORDINATES, found, strict=True):
+    for name, moment in zip(LEG_COORDINATES, found, strict=True):
         np.testing.assert_allclose(moment, expected.force(name), atol=1e-8, err_msg=name)
 
 

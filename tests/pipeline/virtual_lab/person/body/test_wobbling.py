@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.virtual_lab.person.body import Frame
-from pipeline.virtual_lab.person.momentum import Oscillator, WobblingMass
+from pipeline.virtual_lab.person.body import Frame, Oscillator, WobblingMass
 
 RATE_HZ = 1000.0
 MASS = WobblingMass("right_thigh", 6.0, np.array([0.0, 0.0, -0.2]), 10.0, 0.3)
