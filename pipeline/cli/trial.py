@@ -364,7 +364,7 @@ def _export_trial(
     request: TrialRequest, out: Path, frame: "Frame | None", console: PlainConsole
 ) -> Path:
     """Write a trial's C3D file again with compensated plates, and say what has checked it."""
-    from pipeline.export.compensated_c3d import Calibrations, write_compensated
+    from pipeline.export.compensated_c3d import write_compensated
 
     if request.calibration is None and request.plate_calibration is None:
         raise ValueError(
@@ -374,8 +374,9 @@ def _export_trial(
     chain = chain_of(request)
     written = write_compensated(
         chain.inputs.recording,
-        Calibrations(chain.inputs.laboratory, request.calibration),
+        chain.inputs.laboratory,
         out / request.trial.name,
+        calibration=request.calibration,
         frame=frame,
         plate_delay_s=chain.settings.plate_delay_s,
     )
