@@ -1,6 +1,6 @@
 """A body as a model of other programs: OpenSim 4, and URDF for Pinocchio, MuJoCo and ROS."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree as ET
@@ -51,88 +51,82 @@ def write_osim(body: Body, path: str | Path) -> None:
       the sliders. Those that no marker shows are free as well.
     """
     document = ET.Element("OpenSimDocument", Version=FORMAT)
-    model = _add(document, "Model", name=MODEL_NAME)
-    _add(model, "gravity", _numbers([0, 0, -GRAVITY_MPS2]))
-    _add(model, "length_units", "meters")
-    _add(model, "force_units", "N")
-    bodies = _add(_add(model, "BodySet", name="bodyset"), "objects")
-    joints = _add(_add(model, "JointSet", name="jointset"), "objects")
-    markers = _add(_add(model, "MarkerSet", name="markerset"), "objects")
+    units = {"length_units": "meters", "force_units": "N"}
+    model = add(document, "Model", MODEL_NAME, gravity=numbers([0, 0, -GRAVITY_MPS2]), **units)
+    bodies, joints, markers = (
+        add(add(model, f"{kind}Set", f"{kind.lower()}set"), "objects")
+        for kind in ("Body", "Joint", "Marker")
+    )
     for name in (*MOVING, *FIXED_TO):
-        _body(bodies, name, body.segments.get(name, NO_INERTIA))
+        inertia = body.segments.get(name, NO_INERTIA)
+        t = inertia.tensor
+        moments = numbers([*np.diag(t), t[0, 1], t[0, 2], t[1, 2]])
+        center = numbers(inertia.center)
+        add(bodies, "Body", name, mass=numbers([inertia.mass]), mass_center=center, inertia=moments)
     for name in MOVING:
-        own = [joint for joint in body.joints if joint.segment == name]
-        _custom_joint(joints, name, own)
+        _custom_joint(joints, name, [joint for joint in body.joints if joint.segment == name])
     for name, carrier in FIXED_TO.items():
         _joint(joints, "WeldJoint", name, f"/bodyset/{carrier}", np.zeros(3))
-    for name, segment, place in zip(
-        body.markers, body.marker_segment, body.marker_position, strict=True
-    ):
-        marker = _add(markers, "Marker", name=name)
-        _add(marker, "socket_parent_frame", f"/bodyset/{segment}")
-        _add(marker, "location", _numbers(place))
-        _add(marker, "fixed", "true")
+    for name, segment, place in _markers(body):
+        frame = f"/bodyset/{segment}"
+        location = numbers(place)
+        add(markers, "Marker", name, socket_parent_frame=frame, location=location, fixed="true")
     write_xml(document, path)
 
 
-def _add(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:
-    element = ET.SubElement(parent, tag, attributes)
-    element.text = text or None
+def add(parent: ET.Element, tag: str, name: str = "", **texts: str) -> ET.Element:
+    """Add an element to one of OpenSim's, with its name and with children that hold texts."""
+    element = ET.SubElement(parent, tag, {"name": name} if name else {})
+    for child, text in texts.items():
+        ET.SubElement(element, child).text = text or None
     return element
 
 
-def _numbers(values: Iterable[float]) -> str:
+def numbers(values: Iterable[float]) -> str:
+    """Write numbers as they are in memory."""
     return " ".join(repr(float(x)) for x in values)
 
 
-def _body(bodies: ET.Element, name: str, inertia: Inertia) -> None:
-    t = inertia.tensor
-    element = _add(bodies, "Body", name=name)
-    _add(element, "mass", _numbers([inertia.mass]))
-    _add(element, "mass_center", _numbers(inertia.center))
-    _add(element, "inertia", _numbers([*np.diag(t), t[0, 1], t[0, 2], t[1, 2]]))
+def _markers(body: Body) -> Iterator[tuple[str, str, Array]]:
+    """Give the name of each marker, its segment and its place on it."""
+    return zip(body.markers, body.marker_segment, body.marker_position, strict=True)
 
 
 def _joint(joints: ET.Element, kind: str, name: str, parent: str, offset: Array) -> ET.Element:
     """Join a body to a place in its parent."""
-    joint = _add(joints, kind, name=f"{name}_joint")
-    _add(joint, "socket_parent_frame", "before")
-    _add(joint, "socket_child_frame", f"/bodyset/{name}")
-    frame = _add(_add(joint, "frames"), "PhysicalOffsetFrame", name="before")
-    _add(frame, "socket_parent", parent)
-    _add(frame, "translation", _numbers(offset))
+    child = f"/bodyset/{name}"
+    frames = {"socket_parent_frame": "before", "socket_child_frame": child}
+    joint = add(joints, kind, f"{name}_joint", **frames)
+    place = {"socket_parent": parent, "translation": numbers(offset)}
+    add(add(joint, "frames"), "PhysicalOffsetFrame", "before", **place)
     return joint
 
 
-def _custom_joint(joints: ET.Element, name: str, own: list[Joint]) -> None:
+def _custom_joint(joints: ET.Element, name: str, axes: list[Joint]) -> None:
     """Join a body to its parent by single-axis joints."""
     parent = f"/bodyset/{PARENT[name]}" if name in PARENT else "/ground"
-    joint = _joint(joints, "CustomJoint", name, parent, own[0].offset)
-    coordinates = _add(joint, "coordinates")
-    for c in own:
-        coordinate = _add(coordinates, "Coordinate", name=c.name)
-        for name, value in (("default_value", "0"), ("range", RANGE[c.translates])):
-            _add(coordinate, name, value)
-        for name in ("clamped", "locked"):
-            _add(coordinate, name, "false")
-    transform = _add(joint, "SpatialTransform")
-    _axes(transform, "rotation", [c for c in own if not c.translates])
-    _axes(transform, "translation", [c for c in own if c.translates])
+    joint = _joint(joints, "CustomJoint", name, parent, axes[0].offset)
+    coordinates = add(joint, "coordinates")
+    for axis in axes:
+        free = {"range": RANGE[axis.translates], "clamped": "false", "locked": "false"}
+        add(coordinates, "Coordinate", axis.name, default_value="0", **free)
+    transform = add(joint, "SpatialTransform")
+    _axes(transform, "rotation", [axis for axis in axes if not axis.translates])
+    _axes(transform, "translation", [axis for axis in axes if axis.translates])
 
 
-def _axes(transform: ET.Element, kind: str, own: list[Joint]) -> None:
-    """Write three axes: the joint's own, then constant ones for those that it lacks."""
-    axes = np.array([joint.axis for joint in own]).reshape(-1, 3)
+def _axes(transform: ET.Element, kind: str, joints: list[Joint]) -> None:
+    """Write three axes: those of joints, then constant ones for those that are lacking."""
+    axes = np.array([joint.axis for joint in joints]).reshape(-1, 3)
     _, _, basis = np.linalg.svd(axes)
-    axes = np.vstack([axes, basis[len(own) :]])
-    for k, axis in enumerate(axes):
-        element = _add(transform, "TransformAxis", name=f"{kind}{k + 1}")
-        _add(element, "coordinates", own[k].name if k < len(own) else "")
-        _add(element, "axis", _numbers(axis))
-        if k < len(own):
-            _add(_add(element, "LinearFunction", name="function"), "coefficients", "1 0")
+    for k, axis in enumerate([*axes, *basis[len(joints) :]]):
+        moves = joints[k].name if k < len(joints) else ""
+        of_axis = {"coordinates": moves, "axis": numbers(axis)}
+        element = add(transform, "TransformAxis", f"{kind}{k + 1}", **of_axis)
+        if moves:
+            add(element, "LinearFunction", "function", coefficients="1 0")
         else:
-            _add(_add(element, "Constant", name="function"), "value", "0")
+            add(element, "Constant", "function", value="0")
 
 
 def write_xml(root: ET.Element, path: str | Path) -> None:
@@ -172,14 +166,12 @@ def write_urdf(body: Body, path: str | Path) -> None:
         _link(robot, _name(i), body.segments.get(_name(i), TOKEN_INERTIA))
         kind = "prismatic" if joint.translates else "revolute"
         element = _urdf_joint(robot, joint.name, kind, _name(joint.parent), _name(i), joint.offset)
-        ET.SubElement(element, "axis", xyz=_numbers(joint.axis))
+        ET.SubElement(element, "axis", xyz=numbers(joint.axis))
         ET.SubElement(element, "limit", LIMITS)
     for name, carrier in FIXED_TO.items():
         _link(robot, name, body.segments[name])
         _urdf_joint(robot, f"{name}_joint", "fixed", carrier, name, np.zeros(3))
-    for name, segment, place in zip(
-        body.markers, body.marker_segment, body.marker_position, strict=True
-    ):
+    for name, segment, place in _markers(body):
         ET.SubElement(robot, "link", name=name)
         _urdf_joint(robot, f"{name}_joint", "fixed", segment, name, place)
     write_xml(robot, path)
@@ -195,10 +187,10 @@ def _name(i: int) -> str:
 
 def _link(robot: ET.Element, name: str, inertia: Inertia) -> None:
     inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
-    ET.SubElement(inertial, "origin", xyz=_numbers(inertia.center))
-    ET.SubElement(inertial, "mass", value=_numbers([inertia.mass]))
+    ET.SubElement(inertial, "origin", xyz=numbers(inertia.center))
+    ET.SubElement(inertial, "mass", value=numbers([inertia.mass]))
     moments = {
-        f"i{'xyz'[j]}{'xyz'[k]}": _numbers([inertia.tensor[j, k]])
+        f"i{'xyz'[j]}{'xyz'[k]}": numbers([inertia.tensor[j, k]])
         for j in range(3)
         for k in range(j, 3)
     }
@@ -211,5 +203,5 @@ def _urdf_joint(
     joint = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
-    ET.SubElement(joint, "origin", xyz=_numbers(place))
+    ET.SubElement(joint, "origin", xyz=numbers(place))
     return joint
