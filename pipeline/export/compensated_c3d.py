@@ -53,9 +53,6 @@ from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
 PROGRAM: Final = "hbm-residuals"
 Frame = Literal["plate", "lab"]
-MAX_REAL: Final = float(np.finfo(np.float32).max)
-MAX_DEC: Final = MAX_REAL / 4
-"""The same bits mean a quarter of the IEEE number in a DEC file."""
 FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the trial."""
 DATA_BLOCK: Final = 8
@@ -312,26 +309,21 @@ def _changed_samples(
     # value = (sample − offset) · scale
     with np.errstate(divide="ignore", invalid="ignore"):
         after = np.where(change == 0, before, before + change / scale)
-    if real:
-        high = MAX_DEC if order == "dec" else MAX_REAL
-        low = -high
-    else:
-        after = np.rint(after)
-        low, high = np.iinfo(stored.dtype).min, np.iinfo(stored.dtype).max
-    for wrong, reason in (
-        ((scale == 0) | ~np.isfinite(scale), "its scale is 0 or no number"),
-        (
-            ~((after >= low) & (after <= high)),
-            f"the compensated sample is outside the range of the file's samples, {low:g} to "
-            f"{high:g}; export the recording with real (floating-point) samples",
-        ),
-    ):
-        for sample, channel in np.argwhere((change != 0) & wrong)[:1].tolist():
-            rate_hz = frame_rate_hz(header)[0] * header.frame.per_channel
-            raise ValueError(
-                f"force plate {plate.number}, channel {header.channels[plate.channels[channel]][0]}"
-                f", at {(start + sample) / rate_hz:.4f} s: {reason}"
-            )
+    unusable = np.broadcast_to((scale == 0) | ~np.isfinite(scale), after.shape)
+    faults = {"its scale is 0 or no number": unusable}
+    if not real:
+        after, limits = np.rint(after), np.iinfo(stored.dtype)
+        reason = (
+            f"the compensated sample is outside the range of the file's samples, {limits.min} to "
+            f"{limits.max}; export the recording with real (floating-point) samples"
+        )
+        faults[reason] = ~((after >= limits.min) & (after <= limits.max))
+    for reason, wrong in faults.items():
+        for sample, number in np.argwhere((change != 0) & wrong)[:1].tolist():
+            channel, _ = header.channels[plate.channels[number]]
+            time_s = (start + sample) / header.frame.per_channel / frame_rate_hz(header)[0]
+            where = f"force plate {plate.number}, channel {channel}, at {time_s:.4f} s"
+            raise ValueError(f"{where}: {reason}")
     if real:
         after = np.frombuffer(float_bytes(after, order), stored.dtype).reshape(stored.shape)
     return np.where(change == 0, stored, after.astype(stored.dtype))

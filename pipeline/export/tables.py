@@ -9,7 +9,6 @@ splines to whole columns, so give them an interval without gaps.
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
-from xml.etree import ElementTree as ET
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import AnkleZero, Motion, clinical_angles
 from hbm.spatial import Array
-from pipeline.export.models import FORMAT, add, write_xml
+from pipeline.export.models import write_template
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.trial.result import TrialResult
 
@@ -166,23 +165,12 @@ def write_external_loads(time: Array, wrenches: Mapping[str, Array], path: str |
     its arrows are drawn at the origin.
     """
     path, columns = Path(path), dict[str, Array]()
-    document = ET.Element("OpenSimDocument", Version=FORMAT)
-    loads = add(document, "ExternalLoads", path.stem)
-    objects = add(loads, "objects")
     for segment, wrench in wrenches.items():
-        in_ground = {"force_expressed_in_body": "ground", "point_expressed_in_body": "ground"}
-        force = add(objects, "ExternalForce", segment, applied_to_body=segment, **in_ground)
-        for quantity, end, values in (
-            ("force", "force_v", wrench[:, :3]),
-            ("point", "force_p", np.zeros((len(time), 3))),
-            ("torque", "torque_", wrench[:, 3:]),
-        ):
-            stem = f"{segment}_{end}"
-            ET.SubElement(force, f"{quantity}_identifier").text = stem
-            columns |= {f"{stem}{axis}": values[:, k] for k, axis in enumerate("xyz")}
-    ET.SubElement(loads, "datafile").text = path.name
+        parts = wrench[:, :3], np.zeros((len(time), 3)), wrench[:, 3:]
+        for end, part in zip(("force_v", "force_p", "torque_"), parts, strict=True):
+            columns |= {f"{segment}_{end}{axis}": part[:, k] for k, axis in enumerate("xyz")}
     _write_table(path, time, columns, in_degrees=False)
-    write_xml(document, path.with_suffix(".xml"))
+    write_template("loads.xml", path.with_suffix(".xml"), name=path.stem, segments=wrenches)
 
 
 def write_trc(markers: Markers, path: str | Path) -> None:
