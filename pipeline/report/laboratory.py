@@ -12,15 +12,12 @@ from pathlib import Path
 from typing import Final, Literal
 from urllib.parse import quote
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
 from compensation import Calibration
 from compensation.inertia.quality import (
-    MAX_GAIN,
     MAX_LEFT,
     MAX_ZERO_CHANGE,
     PERSON_KG,
@@ -33,7 +30,6 @@ from hbm.notes import Note, provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from hbm.spelling import written
 from pipeline.config.study import Study
-from pipeline.figures.style import STYLE, condition_style
 from pipeline.io.input_file import read_text
 from pipeline.io.write import read_csv, write_csv, write_text
 from pipeline.report.blocks import Block, Check, Drawn, Section, Table, drawing, write_page
@@ -53,8 +49,6 @@ from pipeline.trial.result import StoredNote
 
 PAGE: Final = "laboratory.html"
 STATE: Final = "laboratory.json"
-OLD_PAGE: Final = "laboratory_old.html"
-"""Where a page without such a file is kept, as earlier versions wrote it."""
 CHECKS: Final = "laboratory_checks.csv"
 PartName = Literal["calibration", "check", "plates", "ranking"]
 TITLES: Final[Mapping[PartName, str]] = {
@@ -131,8 +125,6 @@ def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) 
                 f"{state}: damaged, or of another version; move it away, and run the commands "
                 "whose parts the page is to show again"
             ) from error
-    elif page.exists():
-        page.replace(folder / OLD_PAGE)
     of = {part.of for part in (*parts, *verdicts)} - {""}
     shown = {name: part for name, part in shown.items() if not of or part.of in {"", *of}}
     shown |= {part.name: part for part in parts}
@@ -409,14 +401,7 @@ def check_part(
         ],
         "answers",
     )
-    tables = [history_table(read_checks(file))]
-    drawn = [
-        Drawn(
-            "Checks over days, worst component of each plate. Cross: not valid; hollow: of an "
-            "earlier calibration.",
-            drawing(history_figure(file)),
-        )
-    ]
+    tables, drawn = [history_table(read_checks(file))], list[Drawn]()
     if empty is not None:
         tables.insert(0, check_table(found, empty))
         drawn += _of_recording(calibration, empty)
@@ -507,60 +492,11 @@ def read_checks(calibration: Path) -> pd.DataFrame:
     return table[table["calibration"] == calibration.name].reset_index(drop=True)
 
 
-def of_checks(checks: pd.DataFrame, what: str) -> dict[str, Array]:
-    """Give "left", "by new fit" or "zero change" of every check: plate -> (N, 6)."""
-    first = f" {WRENCH_COMPONENTS[0]} {what}"
-    plates = [str(name).removesuffix(first) for name in checks if str(name).endswith(first)]
-    return {
-        plate: checks[[f"{plate} {name} {what}" for name in WRENCH_COMPONENTS]].to_numpy(float)
-        for plate in plates
-    }
-
-
 def history_table(checks: pd.DataFrame) -> Table:
-    """Give day, recording and answer, a row per check; sizes are in the figure and the file."""
+    """Give day, recording and answer, a row per check; sizes are in the file."""
     valid, not_valid = [("pass", "valid", "")], [("fail", "not valid", "")]
     ratings = [valid if check else not_valid for check in checks["valid"]]
     rows = [*zip(checks["day"], checks["recording"], ratings, strict=True)]
     return Table(
         "Checks by day", ("Day", "Recording", "Calibration"), rows, legend=f"All numbers: {CHECKS}."
     )
-
-
-def history_figure(calibration: Path) -> Figure:
-    """Draw each check of a calibration's file over days, the worst component of each plate."""
-    checks, digest = read_checks(calibration), file_digest(calibration)
-    days = pd.to_datetime(checks["day"]).to_numpy()
-    remaining, by_new, zero = (
-        of_checks(checks, what) for what in ("left", "by new fit", "zero change")
-    )
-    faces = checks["calibration_sha256"] == digest  # hollow: of an earlier calibration
-    markers = checks["valid"].map({True: "o", False: "X"})
-    shown = {
-        "removed by a new fit / allowed": {
-            plate: np.sqrt(np.maximum(values**2 - by_new[plate] ** 2, 0)) / (MAX_GAIN * MAX_LEFT)
-            for plate, values in remaining.items()
-        },
-        "largest change of zero / limit": {
-            plate: np.abs(values) / MAX_ZERO_CHANGE for plate, values in zero.items()
-        },
-    }
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 3.2), layout="constrained")
-        panels = figure.subplots(1, 2)
-        for panel, (title, sizes) in zip(panels, shown.items(), strict=True):
-            for n, (plate, of_plate) in enumerate(sizes.items()):
-                colour, linestyle = condition_style(n)
-                worst = of_plate.max(axis=1)
-                panel.plot(days, worst, color=colour, ls=linestyle, lw=1, label=plate)
-                for day, size, marker, filled in zip(days, worst, markers, faces, strict=True):
-                    face = colour if filled else "none"
-                    panel.plot(day, size, color=colour, marker=marker, mfc=face, ms=7)
-            panel.axhline(1, color="black", ls=":", lw=0.9)
-            panel.set_ylim(bottom=0)
-            panel.set_title(title, loc="left")
-            labels = np.unique(days)
-            panel.set_xticks(labels, [str(day)[:10] for day in labels], rotation=30, ha="right")
-        if remaining:
-            panels[0].legend(frameon=False)
-    return figure

@@ -18,7 +18,7 @@ from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.blocks import Check, Section, markup, picture, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
-from pipeline.report.figures import example_subject, study_figures
+from pipeline.report.figures import study_figures
 from pipeline.report.joints import compensation_tables, joint_figures
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
@@ -175,8 +175,7 @@ def write_report(
         for name, figure in figures:
             announce(f"drawing {name}")
             save_figure(figure, folder / "figures" / name)
-            suffix = ".png" if name.startswith("raw_") else ".svg"  # every cycle is too many lines
-            shown[name] = picture(folder / "figures" / f"{name}{suffix}")
+            shown[name] = picture(folder / "figures" / f"{name}.svg")
         return shown
 
     main = of_variants[MAIN].trials
@@ -201,7 +200,6 @@ def write_report(
         joints=drawn(joint_figures(results.joint_cycles, design, curves)),
         joint_tables=compensation_tables(results.joints, design),
         pictures=drawn(study_figures(results, tests, design, curves)),
-        example_subject=example_subject(results.cycles),
         laboratory=None if study is None else page_of_study(study, folder),
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
