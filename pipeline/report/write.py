@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pipeline.budgets.explanation import study_covariances
 from pipeline.budgets.study import explanations
-from pipeline.config.comparison import VARIANT, compared_condition, groups, study_design
+from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
@@ -40,7 +40,7 @@ from pipeline.report.trials import (
     quality_table,
     trial_quality,
 )
-from pipeline.report.variants import as_conditions, choices, variant_residuals, variant_results
+from pipeline.report.variants import choices, variant_residuals, variant_results
 from pipeline.report.verdict import question, verdict_values
 from pipeline.report.workbook import write_columns, write_wide_tables
 from pipeline.run.job import read_failures
@@ -125,11 +125,6 @@ def write_report(
         of_variants |= variant_results(folder, study)
     tables = {"residuals": results.residuals, "cycles": results.by_cycle, "joints": results.joints}
     _write_parquet(results.joint_cycles, folder / "joint_cycles.parquet")
-    described = results
-    if study is not None and study_design(study.file).factor == VARIANT:
-        condition = compared_condition(study.file)
-        described = select_trials(results, {n for n in results.trials if n.condition == condition})
-        results = as_conditions(of_variants, condition)
 
     announce("computing statistics")
     headline = results.residuals[results.residuals["headline"].astype(bool)]
@@ -138,8 +133,7 @@ def write_report(
     sensitivity = None
     if len(of_variants) > 1:
         tables["variants"] = variant_residuals(of_variants, design)
-        if design.factor != VARIANT:
-            sensitivity = choices(of_variants, design)
+        sensitivity = choices(of_variants, design)
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
     results = replace(results, residuals=pool_recordings(compared, design.weigh))
     people = _all_subjects(results.subjects, study)
@@ -178,10 +172,9 @@ def write_report(
             shown[name] = picture(folder / "figures" / f"{name}.svg")
         return shown
 
-    main = of_variants[MAIN].trials
-    order = design.in_order(name.condition for name in main)
-    keys = sorted(main, key=lambda n: (n.subject, order.index(n.condition), n.recording))
-    paragraphs = methods(described, tests, design, study)
+    order = design.in_order(name.condition for name in results.trials)
+    keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
+    paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
     values = dict(
@@ -189,7 +182,7 @@ def write_report(
         design=design,
         windows=windows,
         measurement=missing,
-        problems=problems(states, source, results, names, variants=design.factor == VARIANT),
+        problems=problems(states, source, results, names),
         verdict=verdict_values(found, results.residuals, design, stated=stated),
         tables=residual_tables(
             results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
@@ -204,10 +197,10 @@ def write_report(
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
         has_reference=design.reference in results.cycles["condition"].unique(),
-        trials={str(name): main[name] for name in keys},
+        trials={str(name): results.trials[name] for name in keys},
         states=states,
         quality=quality_table(
-            {str(name): quality[name] for name in main},
+            {str(name): quality[name] for name in results.trials},
             {str(name): f"trials/{name.stem}.html" for name in keys} if pages else {},
         ),
         limits=LIMITS,
