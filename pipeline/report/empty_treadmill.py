@@ -433,52 +433,6 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
     return component_figure(WRENCH_COMPONENTS, draw, "/√Hz")
 
 
-def plan_figure(empty: EmptyTreadmill) -> Figure:
-    """Draw plates, markers and accelerometers from above, as the file and the readings say.
-
-    The belts are upright; the front is above where the axes are stated, and else either end.
-    """
-    markers, plates = empty.recording.markers, empty.recording.plates
-    corners = np.array([plate.corners for plate in plates])
-    length, width = np.ptp(corners[0], axis=0)[:2]
-    lengthwise = empty.front_is_known or length >= width
-    along, across = ((0, 1.0), (1, 1.0)) if lengthwise else ((1, 1.0), (0, -1.0))
-
-    def place(points: Array) -> tuple[Array, Array]:
-        return across[1] * points[..., across[0]], along[1] * points[..., along[0]]
-
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 5.5), layout="constrained")
-        panel = figure.subplots()
-        for plate, edge in zip(plates, corners, strict=True):
-            panel.fill(*place(edge), color="#e8ecef", ec="#56616b", lw=1)
-            x, y = map(float, place(plate.center))
-            panel.annotate(f"plate {plate.number}", (x, y), ha="center")
-        for k, name in enumerate(markers.names):
-            seen = markers.position[:, k]
-            seen = seen[np.isfinite(seen).all(axis=1)]
-            if len(seen):
-                x, y = map(float, place(np.median(seen, axis=0)))
-                panel.plot(x, y, "o", color=PALETTE[0], ms=5)
-                panel.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
-        for name, at in empty.places.items():
-            panel.axhline(at.along, color=PALETTE[1], ls="--", lw=1)
-            panel.annotate(
-                f"{name}: {at}",
-                (0.01, at.along),
-                (0, 3),
-                xycoords=panel.get_yaxis_transform(),
-                textcoords="offset points",
-                color=PALETTE[1],
-                fontsize=8,
-            )
-        panel.set_aspect("equal", adjustable="datalim")
-        panel.invert_xaxis()
-        panel.set_xlabel("across the belts (m)")
-        panel.set_ylabel(f"along the belts{', to the front' * empty.front_is_known} (m)")
-    return figure
-
-
 def range_figure(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> Figure:
     """Draw the range of each accelerometer channel in the calibration, and in other recordings."""
     model = next(iter(calibration.plates.values()))

@@ -38,7 +38,6 @@ from pipeline.report.empty_treadmill import (
     SWAY,
     EmptyTreadmill,
     Sources,
-    plan_figure,
     range_figure,
     spectrum_figure,
     time_figure,
@@ -352,14 +351,19 @@ def frequency_table(empty: EmptyTreadmill) -> Table:
     base = ", ".join(f"{hz:.1f} Hz" for hz in empty.base_hz)
     rows.append(("Base", base or "no peak found"))
     rows += [(f"Accelerometer {name}", str(place)) for name, place in empty.places.items()]
-    front = "to the front" if empty.front_is_known else "upward in the plan (front: --axes)"
-    legend = f"Along the belts: positive {front}." if empty.places else ""
+    legend = "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
+    if empty.places:
+        axis = "to the front" if empty.front_is_known else "as the file's axis (front: --axes)"
+        legend = (
+            "Accelerometers: by their readings; sway and pitch do not show the distance across. "
+            f"Along the belts: positive {axis}."
+        )
     title = f"Recording {empty.recording.source.name}"
     return Table(title, ("Item", "Value"), rows, "answers", legend)
 
 
 def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn]:
-    """Draw plates over time, spectra and plan of a recording."""
+    """Draw plates over time and spectra of a recording."""
     drawn, file = [], empty.recording.source.name
     for name, before in empty.before.items():
         figure = time_figure(before, before - empty.after[name], empty.rate_hz)
@@ -370,15 +374,7 @@ def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn
         figure = spectrum_figure(spectrum, empty, None if setup is None else setup.cutoff_hz)
         caption = f"Spectra of {name} in {file}, unfiltered; shaded: below the filter of trials."
         drawn.append(Drawn(caption, drawing(figure, ".png")))
-    places = (
-        "Accelerometers: distance along the belts (dashed) and height by their readings; sway and "
-        "pitch do not show the distance across. "
-        + ("The front is above." if empty.front_is_known else "The front is not known (--axes).")
-        if empty.places
-        else "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
-    )
-    text = f"Plan from above: plates and markers as {file} states. {places}"
-    return [*drawn, Drawn(text, drawing(plan_figure(empty)))]
+    return drawn
 
 
 def check_part(
