@@ -123,7 +123,7 @@ def fit(
         raise ValueError(text if known else f"{recording.name}: {text}") from error
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     platform = Platform(markers=markers) if markers else None
-    measured = measure_empty(empty, laboratory, fitted_too, platform)
+    measured = measure_empty(empty, laboratory, platform)
     ranges = trial_ranges(read_study(study), treadmill) if study is not None else {}
     provenance = {
         **calibration.provenance,
@@ -289,7 +289,7 @@ def check(
 ) -> int:
     """Exit code 1 if it is not valid any more.
 
-    Each check is a row of laboratory_checks.csv, and a point in laboratory.html, beside the
+    Each check is a row of laboratory_checks.csv and of laboratory.html, beside the
     calibration.
     """
     from pipeline.config.plate_correction import read_plate_correction

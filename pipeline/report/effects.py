@@ -94,8 +94,8 @@ def _by_effect(tests: pd.DataFrame, test: str) -> dict[str, float]:
 
 def _lines(tests: pd.DataFrame) -> Iterator[str]:
     """Say which effects are shown and which are not, or why nothing was tested."""
-    names = tests["test"].drop_duplicates()
-    names = [name for name in names if name.partition(" with ")[0] in (RM_ANOVA, MIXED_ANOVA)]
+    of_variance = RM_ANOVA, MIXED_ANOVA
+    names = [name for name in tests["test"].unique() if name.partition(" with ")[0] in of_variance]
     effects = _by_effect(tests, names[0]) if names else {}
     if not effects:
         notes = tests.loc[tests["test"].isin((*names, "all")), "note"]

@@ -37,8 +37,6 @@ SEGMENT_S: Final = 8.0
 """Of a spectrum: lines 0.125 Hz wide."""
 AROUND_HZ: Final = 3.0
 """Width of the band whose median is the background of a line."""
-LINE_HZ: Final = 0.4
-"""Either side of a line: belts keep their speed to some per cent."""
 LINE_FACTOR: Final = 10.0
 """Of the background, above which a line is one of the rollers."""
 ROLLER_M: Final = (0.03, 0.15)
@@ -68,19 +66,6 @@ class Spectrum:
 
 
 @dataclass(frozen=True, slots=True)
-class Sources:
-    """RMS below 6 Hz of what remains on a plate by source, (6,) [N, N·m]; None where unknown.
-
-    Other: all of it less base and rollers, in squares. People: in recordings of people, beside it.
-    """
-
-    base: Array | None = None
-    rollers: Array | None = None
-    other: Array | None = None
-    people: Array | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Place:
     """Where an accelerometer is on the platform by its readings: along the belts and up [m]."""
 
@@ -106,20 +91,16 @@ class EmptyTreadmill:
         Plate -> wrench through the calibration's low-pass, in its own axes, (N, 6) [N, N·m].
     spectra
         Plate -> spectrum without any filter.
-    low, high
-        Range of the accelerometers' channels, (k,) [m/s²].
     belts_mps
         Speed of the belts [m/s]; None where unknown.
     rollers_hz
         Frequency of the rollers [Hz]; None where no line shows it.
     base_hz
         Frequencies of the base [Hz].
-    sources
-        Plate -> remaining RMS by source.
     places
         Accelerometer -> its place; empty where the pose of the platform is unknown.
-    sway_m, pitch_deg
-        Largest of the platform; None where its pose is unknown.
+    motion
+        Largest sway and pitch, for the provenance of a calibration; empty where unknown.
     """
 
     recording: Recording
@@ -127,36 +108,24 @@ class EmptyTreadmill:
     before: Mapping[str, Array]
     after: Mapping[str, Array]
     spectra: Mapping[str, Spectrum]
-    low: Array
-    high: Array
     belts_mps: float | None
     rollers_hz: float | None
     base_hz: tuple[float, ...]
-    sources: Mapping[str, Sources]
     places: Mapping[str, Place]
-    sway_m: float | None
-    pitch_deg: float | None
+    motion: Mapping[str, str]
 
     @property
     def front_is_known(self) -> bool:
         """Whether the axes were stated; an empty treadmill does not show which end is its front."""
         return bool(self.recording.axes)
 
-    @property
-    def motion(self) -> dict[str, str]:
-        """Largest sway and pitch, for the provenance of a calibration; empty where unknown."""
-        if self.sway_m is None or self.pitch_deg is None:
-            return {}
-        return {SWAY: f"{self.sway_m:.4f}", PITCH: f"{self.pitch_deg:.2f}"}
-
 
 def measure_empty(
     recording: Recording,
     laboratory: Laboratory,
-    beside: Sequence[Recording] = (),
     platform: Platform | None = None,
 ) -> EmptyTreadmill:
-    """Compensate a recording of the empty treadmill, and find what remains by source.
+    """Compensate a recording of the empty treadmill, and find what shakes it.
 
     Parameters
     ----------
@@ -164,17 +133,13 @@ def measure_empty(
         As it was read.
     laboratory
         With its calibration.
-    beside
-        Recordings of people beside an empty plate.
     platform
         How the platform's pose is known; else by channels named sway and pitch.
 
     Returns
     -------
     EmptyTreadmill
-        Base: expected of the platform's motion in this recording, by the calibration's
-        `ModelError`; people: of the largest motion in those of people. Rollers: power of the line
-        at their frequency and its harmonics, less the background.
+        What is measured, what remains, and where the accelerometers are.
 
     Raises
     ------
@@ -199,47 +164,26 @@ def measure_empty(
         spectra[name] = _spectrum(wrench[is_known], (wrench - artefact)[is_known], rate_hz)
     belts_mps = mean_belt_speed(fastest_belt(recording, treadmill))
     rollers_hz = _rollers(list(spectra.values()), belts_mps)
-    moving = _of_motion(calibration, samples, rate_hz)
-    people: dict[str, Array] = {}
-    for other in beside:
-        corrected = with_corrected_plates(other, laboratory.plates)
-        of_people = plate_samples(corrected, treadmill, calibration.sensors, laboratory.plates, ())
-        for name, rms in _of_motion(calibration, of_people, rate_hz).items():
-            people[name] = np.maximum(rms, people.get(name, 0.0))
-    sources = {}
-    for name, remaining in after.items():
-        slow = low_pass(remaining, rate_hz, SLOW_HZ, "zero_phase")
-        rollers = None if rollers_hz is None else _line_rms(slow, rate_hz, rollers_hz)
-        rest = slow.var(axis=0) - sum(
-            part**2 for part in (moving.get(name), rollers) if part is not None
-        )
-        other = np.sqrt(np.maximum(rest, 0.0))
-        sources[name] = Sources(moving.get(name), rollers, other, people.get(name))
-    setup = setup_of(recording, treadmill)
-    clock, readings = accelerations(recording, treadmill)
-    felt = setup.low_pass(readings, clock)
-    pose, places = empty_pose(recording, platform), dict[str, Place]()
+    pose, places, motion = empty_pose(recording, platform), dict[str, Place](), dict[str, str]()
     if pose is not None:
         is_known = np.isfinite(pose.position).all(axis=1)
         pose = PlatformPose(pose.rotation[is_known], pose.position[is_known])
         times = recording.markers.time[is_known]
-        rate = recording.markers.rate_hz
-        places = _places(times, rate, pose, clock, readings, setup.sensors)
+        rate, sensors = recording.markers.rate_hz, setup_of(recording, treadmill).sensors
+        places = _places(times, rate, pose, *accelerations(recording, treadmill), sensors)
+        sway_m = np.abs(pose.position @ _axis(pose)).max()
+        motion = {SWAY: f"{sway_m:.4f}", PITCH: f"{np.degrees(turned_rad(pose).max()):.2f}"}
     return EmptyTreadmill(
         recording,
         rate_hz,
         before,
         after,
         spectra,
-        np.nanmin(felt, axis=0),
-        np.nanmax(felt, axis=0),
         belts_mps,
         rollers_hz,
         _base(list(spectra.values())),
-        sources,
         places,
-        None if pose is None else float(np.abs(pose.position @ _axis(pose)).max()),
-        None if pose is None else float(np.degrees(turned_rad(pose).max())),
+        motion,
     )
 
 
@@ -260,21 +204,6 @@ def trial_ranges(study: Study, treadmill: Treadmill) -> dict[str, tuple[Array, A
         known = ranges.get(name.condition, (low, high))
         ranges[name.condition] = np.minimum(known[0], low), np.maximum(known[1], high)
     return ranges
-
-
-def _of_motion(
-    calibration: Calibration, samples: Mapping[str, tuple[Array, Array]], rate_hz: float
-) -> dict[str, Array]:
-    """Give the RMS below 6 Hz that a recording's motion lets expect, plate -> (6,)."""
-    found = {}
-    for name, (felt, _) in samples.items():
-        model = calibration.in_use.get(name)
-        if model is None or model.model_error is None or not len(model.model_error.directions):
-            continue
-        error, k = model.model_error, len(model.acceleration_mean)
-        variance = error.variance(felt[:, :k], rate_hz, slow=True, belts_mps=0.0).mean(axis=0)
-        found[name] = np.sqrt(np.maximum(variance - error.floor[1], 0.0))
-    return found
 
 
 def _density(signal: Array, rate_hz: float) -> tuple[Array, Array]:
@@ -309,15 +238,6 @@ def _rollers(spectra: Sequence[Spectrum], belts_mps: float | None) -> float | No
     )
     peak = int(np.argmax(np.where(inside, excess, 0.0)))
     return float(frequency[peak]) if excess[peak] > LINE_FACTOR else None
-
-
-def _line_rms(slow: Array, rate_hz: float, line_hz: float) -> Array:
-    """Give the RMS of a line and its harmonics, less the background, (6,)."""
-    frequency, power = _density(slow, rate_hz)
-    excess = np.maximum(power - _background(power, frequency), 0.0)
-    ratio = frequency / line_hz
-    near = (np.abs(ratio - np.round(ratio)) * line_hz < LINE_HZ) & (ratio > 0.5)
-    return np.asarray(np.sqrt(excess[near].sum(axis=0) * (frequency[1] - frequency[0])))
 
 
 def _base(spectra: Sequence[Spectrum]) -> tuple[float, ...]:

@@ -37,7 +37,6 @@ from pipeline.report.empty_treadmill import (
     PITCH,
     SWAY,
     EmptyTreadmill,
-    Sources,
     range_figure,
     spectrum_figure,
     time_figure,
@@ -189,7 +188,7 @@ def calibration_part(
     notes
         What was found in the fit.
     """
-    tables = [component_table(calibration, empty.sources), frequency_table(empty)]
+    tables = [component_table(calibration), frequency_table(empty)]
     tables.append(Table("Provenance", ("Item", "Finding"), provenance(notes), "folded"))
     text = "Range of the calibration" + (" and of the trials of the study." if others else ".")
     ranges = Drawn(text, drawing(range_figure(calibration, others)))
@@ -287,38 +286,29 @@ def _validity(checks: pd.DataFrame) -> str:
     )
 
 
-def component_table(calibration: Calibration, sources: Mapping[str, Sources]) -> Table:
-    """Give a row per plate and component: before, after, limit, share explained, sources."""
+def component_table(calibration: Calibration) -> Table:
+    """Give a row per plate and component: before, after, limit, share explained."""
     rows: list[Sequence[str | Sequence[Check]]] = []
     for plate, of_plate in calibration.verdict.items():
-        of = sources.get(plate, Sources())
         details = ["" if row.verdict == "good" else row.verdict for row in of_plate]
         rows += zip(
             *([plate] * len(UNITS), WRENCH_COMPONENTS),
-            *(
-                with_units([row.excited for row in of_plate]),
-                with_units([r.after for r in of_plate]),
-            ),
+            with_units([row.excited for row in of_plate]),
+            with_units([row.after for row in of_plate]),
             rated([row.left for row in of_plate], [not row.passed for row in of_plate], details),
             with_units([row.limit for row in of_plate]),
             [f"{100 * row.r_squared:.2f} %" for row in of_plate],
-            *(with_units(part) for part in (of.base, of.rollers, of.other, of.people)),
             strict=True,
         )
     return Table(
         "Empty plates before and after compensation, RMS",
-        (
-            *("Plate", "Component", "Before", "After", "Below 6 Hz", "Limit", "Explained"),
-            *("Base", "Rollers", "Other", "People"),
-        ),
+        ("Plate", "Component", "Before", "After", "Below 6 Hz", "Limit", "Explained"),
         rows,
         "numbers",
         "Below 6 Hz: what remains at the frequencies of residuals, in all recordings of the fit; "
         "limit: raises residuals of a walking adult "
         f"of {PERSON_KG:g} kg by 5 %. Explained: R², low without harm where a component hardly "
-        "moved. By source, of the empty recording: base, expected of the platform's motion; "
-        "rollers, the line at their frequency; other, the rest in squares. People: expected of "
-        "the platform's motion in recordings of people. –: not known.",
+        "moved. –: not known.",
     )
 
 
@@ -400,11 +390,7 @@ def check_part(
     tables, drawn = [history_table(read_checks(file))], list[Drawn]()
     if empty is not None:
         tables.insert(0, check_table(found, empty))
-        drawn += _of_recording(calibration, empty)
-        seen = {empty.recording.source.name: (empty.low, empty.high)}
-        drawn.append(
-            Drawn("Range of calibration and check.", drawing(range_figure(calibration, seen)))
-        )
+        drawn = _of_recording(calibration, empty)
     return Part("check", [verdict], tables, drawn, file_digest(file), warnings_of(found.notes))
 
 

@@ -270,8 +270,8 @@ def measured(recording, channels=None):
     return measure_empty(recording, Laboratory(treadmill, calibration))
 
 
-def test_unbalanced_rollers_are_found_at_their_frequency_and_in_their_component():
-    """A roller of 14 cm at 3 m/s turns at 3.4 Hz; 2 N·m of amplitude are 1.41 N·m RMS."""
+def test_unbalanced_rollers_are_found_at_their_frequency():
+    """A roller of 14 cm at 3 m/s turns at 3.4 Hz."""
     recording = empty(1)
     clock, line_hz = recording.plates[0].time, 3.0 / (2 * np.pi * 0.14)
     shaken = np.zeros((len(clock), 6))
@@ -289,29 +289,6 @@ def test_unbalanced_rollers_are_found_at_their_frequency_and_in_their_component(
     assert measured(recording).rollers_hz is None  # no belts, no rollers
     found = measured(replace(recording, plates=plates, analog=speed))
     assert found.rollers_hz == pytest.approx(line_hz, abs=0.07)
-    for sources in found.sources.values():
-        assert sources.rollers[3] == pytest.approx(np.sqrt(2), rel=0.15)
-        assert np.delete(sources.rollers, 3).max() < 0.1
-
-
-def test_what_people_add_is_expected_of_the_motion_in_their_recordings():
-    """A platform that bends: the same motion lets expect as much, half of it half."""
-    motion = lab.shaken(20.0, 1)
-    recording, treadmill = empty(1), Treadmill(accelerometers=CHANNELS)
-    bends = 300 * recording.analog.channel("Acc1.Y") ** 2  # in no linear model of readings
-    plates = tuple(
-        replace(p, wrench_in_plate=p.wrench_in_plate + np.outer(bends, np.eye(6)[0]))
-        for p in recording.plates
-    )
-    bent = replace(recording, plates=plates)
-    half = lab.PlatformMotion(motion.time, motion.sway / 2, motion.pitch / 2)
-    calm = lab.on_platform(lab.without_people(20.0), half, seed=9)
-    laboratory = Laboratory(treadmill, fit_calibration(bent, treadmill))
-    alike, less = (measure_empty(bent, laboratory, [other]) for other in (recording, calm))
-    for plate, sources in alike.sources.items():
-        np.testing.assert_allclose(sources.people, sources.base)
-        assert less.sources[plate].people[0] == pytest.approx(sources.base[0] / 2, rel=0.1)
-    assert measure_empty(bent, laboratory).sources["plate 1"].people is None
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -370,7 +347,7 @@ def test_the_page_raises_no_error_requests_nothing_and_draws_every_figure(browse
     other = [url for url in browser.requests if not url.startswith("data:")]
     assert len(other) == 1
     sizes = browser.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth])")
-    assert len(sizes) == 5 + 5  # two plates over time, their spectra, range; twice
+    assert len(sizes) == 5 + 4  # two plates over time and their spectra, twice; range
     assert all(complete and width > 500 for complete, width in sizes)
 
 
