@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import combinations, product
 from math import inf, nan
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -41,8 +41,7 @@ DIFFERENCE: Final = (1.0, -1.0)
 """Weights of the means of two cells in their difference."""
 
 
-@dataclass(frozen=True, slots=True)
-class FTest:
+class FTest(NamedTuple):
     """An F test of fixed effects.
 
     Attributes
@@ -207,11 +206,6 @@ class CellComparison:
     def difference(self) -> float:
         """The first mean minus the second."""
         return float(self.means[0] - self.means[1])
-
-    @property
-    def error(self) -> float:
-        """Standard error of the difference, without the correction for few subjects."""
-        return _deviation(self.covariance if self.model is None else self.model.covariance)
 
     @property
     def t(self) -> float:
@@ -505,16 +499,10 @@ def recording_values(recordings: pd.DataFrame, axis: str, design: Design) -> pd.
         & recordings["condition"].isin(design.conditions)
         & recordings["compensated"].isin(design.variants)
     ]
-    cells = [design.cell(*key) for key in zip(rows["condition"], rows["compensated"], strict=True)]
-    return pd.DataFrame(
-        {
-            "subject": rows["subject"].to_numpy(),
-            "recording": (rows["condition"] + " " + rows["recording"].astype(str)).to_numpy(),
-            "condition": rows["condition"].to_numpy(),
-            "compensated": rows["compensated"].to_numpy(),
-            "cell": cells,
-            "value": rows["rms"].to_numpy(float),
-        }
+    return rows.assign(
+        recording=rows["condition"] + " " + rows["recording"].astype(str),
+        cell=design.cells_of(rows),
+        value=rows["rms"].astype(float),
     )
 
 
