@@ -4,23 +4,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import find_peaks, peak_prominences, welch
 
-from compensation import Calibration, PlatformPose, estimate_delay, specific_force
+from compensation import PlatformPose, estimate_delay, specific_force
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
 from hbm.spelling import written
-from pipeline.config.schema import Platform, Treadmill
-from pipeline.config.study import Study
-from pipeline.figures.residuals import component_figure, legend_below
-from pipeline.figures.style import COLOURS, PALETTE, STYLE
+from pipeline.config.schema import Platform
+from pipeline.figures.residuals import component_figure
+from pipeline.figures.style import COLOURS, PALETTE
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations, fastest_belt, mean_belt_speed
 from pipeline.trial.ground.calibration_recording import plate_samples, setup_of
@@ -28,7 +26,6 @@ from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import empty_pose, turned_rad
 from pipeline.trial.ground.wrenches import plate_artefacts
-from pipeline.trial.study_files import read_study_file
 
 SWAY: Final = "sway_m"
 PITCH: Final = "pitch_deg"
@@ -187,25 +184,6 @@ def measure_empty(
     )
 
 
-def trial_ranges(study: Study, treadmill: Treadmill) -> dict[str, tuple[Array, Array]]:
-    """Give lowest and highest acceleration of each channel, (k,) [m/s²] each, by condition.
-
-    Of the trials of a study, through the low-pass of the treadmill's calibration.
-    """
-    ranges: dict[str, tuple[Array, Array]] = {}
-    for name in study.trials:
-        trial = study.trial(name)
-        if trial.file is None or trial.exclude is not None:
-            continue
-        recording = read_study_file(study, trial.file, trial)
-        clock, readings = accelerations(recording, treadmill)
-        felt = setup_of(recording, treadmill).low_pass(readings, clock)
-        low, high = np.nanmin(felt, axis=0), np.nanmax(felt, axis=0)
-        known = ranges.get(name.condition, (low, high))
-        ranges[name.condition] = np.minimum(known[0], low), np.maximum(known[1], high)
-    return ranges
-
-
 def _density(signal: Array, rate_hz: float) -> tuple[Array, Array]:
     length = min(round(SEGMENT_S * rate_hz), len(signal))
     frequency, power = welch(signal, rate_hz, nperseg=length, axis=0)
@@ -351,24 +329,3 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
         panel.set_xlabel("frequency (Hz)")
 
     return component_figure(WRENCH_COMPONENTS, draw, "/√Hz")
-
-
-def range_figure(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> Figure:
-    """Draw the range of each accelerometer channel in the calibration, and in other recordings."""
-    model = next(iter(calibration.plates.values()))
-    names = [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 1 + 0.36 * len(names)), layout="constrained")
-        panel = figure.subplots()
-        at, mean = np.arange(len(names)), model.acceleration_mean
-        low, high = model.acceleration_low - mean, model.acceleration_high - mean
-        panel.barh(at, high - low, left=low, height=0.7, color="#d9dee3", label="calibration")
-        for n, (label, (least, most)) in enumerate(others.items()):
-            place = at + (n - (len(others) - 1) / 2) * 0.6 / max(len(others), 1)
-            ends, colour = (least - mean, most - mean), PALETTE[n % len(PALETTE)]
-            panel.hlines(place, *ends, color=colour, lw=2.5, label=label)
-        panel.set_yticks(at, names)
-        panel.invert_yaxis()
-        panel.set_xlabel("acceleration about the calibration's mean (m/s²)")
-        legend_below(figure, panel)
-    return figure

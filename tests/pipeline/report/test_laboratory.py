@@ -90,17 +90,17 @@ def saved(recording, path, day):
     return path
 
 
-def fit(folder, seed, *options):
+def fit(folder, seed):
     path = lab.save(empty(seed), folder / "empty.c3d")
     out = str(folder / "lab.json")
-    assert main(["calibration", "fit", str(path), "-o", out, *options]) == 0
+    assert main(["calibration", "fit", str(path), "-o", out]) == 0
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory, moving_study):
-    """Folder of a calibration whose range is compared with that of a study's trials."""
+def fitted(tmp_path_factory):
+    """Folder of a calibration."""
     folder = tmp_path_factory.mktemp("fitted")
-    fit(folder, 1, "--study", str(moving_study))
+    fit(folder, 1)
     return folder
 
 
@@ -157,12 +157,6 @@ def test_the_page_says_up_to_which_sway_and_pitch_the_calibration_is_fit(fitted)
     sway, pitch = re.match(r"sway (\d+) mm, pitch ([\d.]+)°", up_to).groups()
     assert float(sway) == pytest.approx(1000 * np.abs(motion.sway).max(), abs=1)
     assert float(pitch) == pytest.approx(np.degrees(np.abs(motion.pitch).max()), abs=0.2)
-
-
-def test_trials_beyond_the_range_of_the_calibration_are_named_also_after_a_check(fitted, checked):
-    """Sways of 5 cm in 0.3 s are faster than the calibration's; walking at rest is not."""
-    for folder in (fitted, checked):
-        assert Rows(page_of(folder)).answer("Study") == "▲ beyond its range: sway"
 
 
 def test_two_checks_on_different_days_are_two_rows(checked):
@@ -347,7 +341,7 @@ def test_the_page_raises_no_error_requests_nothing_and_draws_every_figure(browse
     other = [url for url in browser.requests if not url.startswith("data:")]
     assert len(other) == 1
     sizes = browser.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth])")
-    assert len(sizes) == 5 + 4  # two plates over time and their spectra, twice; range
+    assert len(sizes) == 4 + 4  # two plates over time and their spectra, twice
     assert all(complete and width > 500 for complete, width in sizes)
 
 
