@@ -21,6 +21,7 @@ from scipy import optimize, stats
 
 from hbm.spatial import Array
 from pipeline.statistics.design import COMPENSATION, CONFIDENCE, MIN_SUBJECTS, Design
+from pipeline.statistics.measurement import deviation
 from pipeline.statistics.rm_glm import effect_coded
 
 MAX_RATIO: Final = 1e6
@@ -163,7 +164,7 @@ class CellComparison:
     def bounds(self, weights: Weights, alpha: float) -> tuple[float, float]:
         """Give the confidence interval of a weighted sum, with alpha beyond either end."""
         value = float(self.means @ weights)
-        half = float(stats.t.isf(alpha, self.df(weights))) * _deviation(self.covariance, weights)
+        half = float(stats.t.isf(alpha, self.df(weights))) * deviation(self.covariance, weights)
         return value - half, value + half
 
     def interval(self, alpha: float = 1 - CONFIDENCE) -> tuple[float, float]:
@@ -200,7 +201,7 @@ class CellComparison:
 
     def spread(self, weights: Weights, repeats: float | None = None) -> float:
         """Give the SD of weighted sums between subjects, with as many recordings, or a number."""
-        return _deviation(self.between + self.within / (repeats or self.repeats), weights)
+        return deviation(self.between + self.within / (repeats or self.repeats), weights)
 
     @property
     def difference(self) -> float:
@@ -210,18 +211,13 @@ class CellComparison:
     @property
     def t(self) -> float:
         """The difference by its error, corrected for few subjects; NaN without an error."""
-        error = _deviation(self.covariance)
+        error = deviation(self.covariance, DIFFERENCE)
         return self.difference / error if error > 0 else nan
 
     @property
     def p(self) -> float:
         """The probability of a larger |t| if there is no difference."""
         return float(2 * stats.t.sf(abs(self.t), self.df()))
-
-
-def _deviation(covariance: Array, weights: Weights = DIFFERENCE) -> float:
-    """Give the standard deviation of a weighted sum of two values."""
-    return float(np.sqrt(np.array(weights) @ covariance @ weights))
 
 
 def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> MixedModel:
