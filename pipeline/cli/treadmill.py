@@ -62,18 +62,14 @@ def fit(
         list[Path] | None,
         Option("--check", help="As --beside, only to compare models by; repeatable."),
     ] = None,
-    study: Annotated[
-        Path | None, Option(help="Study whose trials' range is compared with the calibration's.")
-    ] = None,
 ) -> None:
     """Write laboratory.html beside it too: fit for which trials, and what it leaves."""
     from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
     from pipeline.config.plate_correction import read_plate_correction
-    from pipeline.config.study import read_study
     from pipeline.io.write import write_text
-    from pipeline.report.empty_treadmill import measure_empty, trial_ranges
-    from pipeline.report.laboratory import BEYOND, beyond_range, calibration_part
+    from pipeline.report.empty_treadmill import measure_empty
+    from pipeline.report.laboratory import calibration_part
     from pipeline.run.job import file_digest
     from pipeline.trial.ground import accelerometers
     from pipeline.trial.ground import calibrations as of_empty
@@ -122,11 +118,9 @@ def fit(
         raise ValueError(text if known else f"{recording.name}: {text}") from error
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     platform = Platform(markers=markers) if markers else None
-    measured = measure_empty(empty, laboratory, fitted_too, platform)
-    ranges = trial_ranges(read_study(study), treadmill) if study is not None else {}
+    measured = measure_empty(empty, laboratory, platform)
     provenance = {
         **calibration.provenance,
-        **({BEYOND: beyond_range(calibration, ranges)} if ranges else {}),
         **measured.motion,
         "sha256": file_digest(recording),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -145,7 +139,7 @@ def fit(
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *uncertainty_limits(belts_mps, calibration),
     ]
-    say_parts(console, out.parent, calibration_part(calibration, out, measured, ranges, notes))
+    say_parts(console, out.parent, calibration_part(calibration, out, measured, notes))
     console.say_notes(notes)
     console.say(f"written to {out}")
     rows = [(name, row) for name in calibration.in_use for row in calibration.verdict[name]]
@@ -288,7 +282,7 @@ def check(
 ) -> int:
     """Exit code 1 if it is not valid any more.
 
-    Each check is a row of laboratory_checks.csv, and a point in laboratory.html, beside the
+    Each check is a row of laboratory_checks.csv and of laboratory.html, beside the
     calibration.
     """
     from pipeline.config.plate_correction import read_plate_correction

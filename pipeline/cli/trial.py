@@ -135,7 +135,7 @@ def explain(
 
 def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.budgets.explanation import BANDS, SUFFIX, explain, write_bands, write_explanation
-    from pipeline.figures.explained import bands_figure, budget_figure
+    from pipeline.figures.explained import bands_figure
     from pipeline.figures.style import save_figure
     from pipeline.report.trial_page import write_trial_page
 
@@ -151,7 +151,6 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     explanation = explain(recording, chain.inputs.laboratory, result)
     name, bands = request.trial.stem, explanation.budget.bands
     write_explanation(explanation, out / f"{name}{SUFFIX}")
-    save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
     assert bands is not None  # it was not read from a file
     write_bands(bands, out / f"{name}{BANDS}")
     save_figure(bands_figure(bands, request.trial.name), out / f"{name}_bands")
@@ -164,7 +163,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     print_explanation(explanation, console)
     console.say(
         f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "
-        f"over time), {name}_explained and {name}_bands as .png and .svg"
+        f"over time), {name}_bands.png and .svg"
     )
     numbers = json.loads((out / f"{name}{SUFFIX}").read_text(encoding="utf-8"))
     OUTPUT.result.update(
@@ -368,7 +367,7 @@ def _export_trial(
     request: TrialRequest, out: Path, frame: "Frame | None", console: PlainConsole
 ) -> Path:
     """Write a trial's C3D file again with compensated plates, and say what has checked it."""
-    from pipeline.export.compensated_c3d import Calibrations, write_compensated
+    from pipeline.export.compensated_c3d import write_compensated
 
     if request.calibration is None and request.plate_calibration is None:
         raise ValueError(
@@ -378,8 +377,9 @@ def _export_trial(
     chain = chain_of(request)
     written = write_compensated(
         chain.inputs.recording,
-        Calibrations(chain.inputs.laboratory, request.calibration),
+        chain.inputs.laboratory,
         out / request.trial.name,
+        calibration=request.calibration,
         frame=frame,
         plate_delay_s=chain.settings.plate_delay_s,
     )

@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hbm.spelling import did_you_mean, listed, short
-from pipeline.config.schema import COVARIATES, MAIN, Comparison, StudyFile, SubjectFile
+from pipeline.config.schema import COVARIATES, Comparison, StudyFile, SubjectFile
 from pipeline.statistics.design import Design, design_of, unstated_design
 
-VARIANT = "variant"
-"""Factor whose levels are ways of processing."""
 PAIR = " - "
 """Between the two cells of a planned pair."""
 
@@ -42,22 +40,11 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
     ]
     if stated is None:
         return faults
-    where, known = "study.toml: comparison", _levels(file, stated)
-    if stated.factor == VARIANT and not file.variants:
-        faults.append(f"{where}.factor: there are no [variants.NAME] to compare")
-    if stated.condition is not None and stated.factor != VARIANT:
-        faults.append(f'{where}.condition: has no effect unless factor = "variant"')
-    elif stated.condition not in (None, *file.conditions):
-        hint = did_you_mean(str(stated.condition), file.conditions)
-        hint = hint or f"; there are {listed(file.conditions)}"
-        faults.append(f"{where}.condition: no condition {short(str(stated.condition))!r}{hint}")
-    elif stated.factor == VARIANT and stated.condition is None and len(file.conditions) > 1:
-        faults.append(f"{where}.condition: is missing; give one of {listed(file.conditions)}")
+    where, known = "study.toml: comparison", [*file.conditions]
     for level in stated.levels or ():
         if level not in known:
             hint = did_you_mean(level, known) or f"; there are {listed(known)}"
-            noun = "variant" if stated.factor == VARIANT else "condition"
-            faults.append(f"{where}.levels: no {noun} {short(level)!r}{hint}")
+            faults.append(f"{where}.levels: no condition {short(level)!r}{hint}")
     levels = stated.levels or _unstated(file).conditions
     if stated.reference is not None and stated.reference not in levels:
         hint = did_you_mean(stated.reference, levels) or f"; there are {listed(levels)}"
@@ -113,22 +100,8 @@ def groups(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> dict[str, st
     return {} if key is None else {name: _group(p, key) for name, p in subjects.items()}
 
 
-def _levels(file: StudyFile, stated: Comparison | None) -> list[str]:
-    """Give what may be compared: conditions, or variants with the study's own way first."""
-    if stated is not None and stated.factor == VARIANT:
-        return [MAIN, *file.variants]
-    return [*file.conditions]
-
-
-def compared_condition(file: StudyFile) -> str:
-    """Give the condition in which variants are compared."""
-    stated = file.comparison.condition if file.comparison is not None else None
-    return stated or next(iter(file.conditions))
-
-
 def _unstated(file: StudyFile) -> Design:
-    levels = _levels(file, file.comparison)
-    return unstated_design(levels, compensated=file.treadmill.calibrated)
+    return unstated_design([*file.conditions], compensated=file.treadmill.calibrated)
 
 
 def _bare(file: StudyFile, stated: Comparison, levels: Sequence[str]) -> Design:

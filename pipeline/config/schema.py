@@ -438,10 +438,7 @@ class Comparison(InputModel):
     """
 
     factor: Name = "condition"
-    """What the conditions are levels of, as tables name it; "variant" compares the study's own way
-    of processing, main, with its variants."""
-    condition: Name | None = Field(default=None, examples=["baseline"])
-    """Condition in which variants are compared; default: the only one."""
+    """What the conditions are levels of, as tables name it."""
     levels: Annotated[Labels, Field(min_length=2)] | None = Field(
         None, examples=[["baseline", "sway", "pitch"]]
     )

@@ -1,7 +1,7 @@
 """A recording as a BIDS data set (Motion-BIDS): what other laboratories and repositories read."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -26,8 +26,9 @@ from pipeline.trial.study_files import read_study_file, read_study_laboratory
 MAX_AGE_YEARS: Final = 89
 """BIDS asks for it in place of higher ages, so that old people are not recognised."""
 TEMPLATES: Final = files("pipeline.export") / "bids_files"
-System = tuple[Array, pd.DataFrame, Array]
-"""Times (N,) [s], one row per channel, samples (N, channels)."""
+System = tuple[float, pd.DataFrame, Array]
+"""Rate [Hz], one row per channel, samples (N, channels)."""
+CHANNEL_COLUMNS: Final = ("name", "component", "type", "tracked_point", "units", "reference_frame")
 
 
 def write_bids(
@@ -74,23 +75,20 @@ def write_bids(
     for name, label in labels.items():
         if label != bare_label(label) or not label:
             raise ValueError(f"{name} {label!r}: BIDS allows letters and digits only")
-    systems = _systems(recording)
     with naming(recording.source):
-        rates = {
-            name: even_rate_hz(time, f"BIDS ({name})") for name, (time, _, _) in systems.items()
-        }
+        systems = _systems(recording)
     folder = Path(folder)
     entities = [f"{name}-{label}" for name, label in labels.items()]
     start = folder.joinpath(*entities[:-1], "motion", "_".join(entities))
     run = f"_run-{number}" if number else ""
     written = _data_set(folder, f"sub-{subject}", _person(recording, result, group))
-    for name, (_, channels, values) in systems.items():
+    for name, (rate_hz, channels, values) in systems.items():
         stem = f"{start}_tracksys-{name}{run}"
         numbers = {
             "TaskName": task,
             "TrackingSystemName": name,
-            "SamplingFrequency": rates[name],
-            "RecordingDuration": len(values) / rates[name],
+            "SamplingFrequency": rate_hz,
+            "RecordingDuration": len(values) / rate_hz,
             "MotionChannelCount": len(channels),
             f"{channels['type'].iloc[0]}ChannelCount": len(channels),
         }
@@ -144,14 +142,14 @@ def bare_label(name: str) -> str:
 
 
 def _systems(recording: Recording) -> dict[str, System]:
-    """Give time, channels and samples of each tracking system."""
+    """Give rate, channels and samples of each tracking system."""
     markers, plates, analog = recording.markers, recording.plates, recording.analog
     points = [(f"{name}_{a}", a, "POS", name, "m", "lab") for name in markers.names for a in "xyz"]
     position = markers.position.reshape(len(markers.time), -1)
-    found = {"optical": (markers.time, _channels(points), position)}
+    found = {"optical": (markers.time, points, position)}
     if plates:
         if any(not np.array_equal(plate.time, plates[0].time) for plate in plates):
-            raise ValueError(f"{recording.source.name}: the plates have different clocks")
+            raise ValueError("the plates have different clocks")
         of_plates = [
             (f"plate{plate.number}_{what}_{a}", a, "MISC", f"plate{plate.number}", unit, "lab")
             for plate in plates
@@ -159,25 +157,23 @@ def _systems(recording: Recording) -> dict[str, System]:
             for a in "xyz"
         ]
         wrenches = np.hstack([plate.wrench for plate in plates])
-        found["plates"] = (plates[0].time, _channels(of_plates), wrenches)
+        found["plates"] = (plates[0].time, of_plates, wrenches)
     if analog is not None:
         named = zip(analog.names, analog.units, strict=True)
         others = [(name, "n/a", "MISC", "n/a", unit or "n/a", "n/a") for name, unit in named]
-        found["analog"] = (analog.time, _channels(others), analog.values)
-    return found
-
-
-def _channels(rows: Sequence[tuple[str, ...]]) -> pd.DataFrame:
-    columns = ["name", "component", "type", "tracked_point", "units", "reference_frame"]
-    return pd.DataFrame(rows, columns=columns)
+        found["analog"] = (analog.time, others, analog.values)
+    systems = {}
+    for name, (time, rows, values) in found.items():
+        channels = pd.DataFrame(rows, columns=CHANNEL_COLUMNS)
+        systems[name] = even_rate_hz(time, f"BIDS ({name})"), channels, values
+    return systems
 
 
 def _person(recording: Recording, result: TrialResult | None, group: str | None) -> dict[str, Any]:
     """Give what is known of the subject by the columns of participants.tsv; None for the rest."""
-    subject = result.subject if result else Subject()
-    height_m, mass_kg = recording.metadata.height_m, recording.metadata.mass_kg
-    if result is not None:
-        height_m, mass_kg = result.body.height_m, result.body.mass
+    subject, of_file = result.subject if result else Subject(), recording.metadata
+    height_m = result.body.height_m if result else of_file.height_m
+    mass_kg = result.body.mass if result else of_file.mass_kg
     return {
         "age": subject.age_years and min(subject.age_years, MAX_AGE_YEARS),
         "sex": None if subject.sex == "unspecified" else subject.sex,
@@ -192,8 +188,8 @@ def _data_set(folder: Path, subject: str, person: Mapping[str, Any]) -> list[Pat
     needed = [folder / name for name in ("dataset_description.json", "participants.json")]
     written = [_json(path) for path in needed if not path.exists()]
     if not [*folder.glob("README*")]:
-        write_text((TEMPLATES / "README.md").read_text(encoding="utf-8"), folder / "README.md")
         written.append(folder / "README.md")
+        write_text((TEMPLATES / "README.md").read_text(encoding="utf-8"), written[-1])
     people = folder / "participants.tsv"
     known = pd.DataFrame({"participant_id": []}, dtype=str)
     if people.exists():

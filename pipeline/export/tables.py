@@ -8,18 +8,17 @@ splines to whole columns, so give them an interval without gaps.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
-from xml.etree import ElementTree as ET
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
-from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, LAST_Q, TREE
+from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, TREE
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import AnkleZero, Motion, clinical_angles
 from hbm.spatial import Array
-from pipeline.export.models import write_xml
+from pipeline.export.models import write_template
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.trial.result import TrialResult
 
@@ -51,9 +50,9 @@ def write_tables(
         Coordinates and external loads (.mot), generalized forces (.sto), measured markers (.trc),
         clinical angles (.csv), and the description of the loads (.xml).
     """
-    suffixes = "_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc"
+    suffixes = "_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc", "_loads.xml"
     written = [folder / f"{name}{suffix}" for suffix in suffixes]
-    angles, coordinates, forces, loads, markers = written
+    angles, coordinates, forces, loads, markers, _ = written
     variant, dynamics = list(result.variants.items())[-1]
     pelvis = np.array([name.startswith("Pelvis") for name in COORDINATES])
     dynamics = dynamics.without_forces(np.outer(~result.counts, pelvis))
@@ -62,7 +61,7 @@ def write_tables(
     write_forces(dynamics, forces)
     write_external_loads(result.motion.time, result.ground[variant], loads)
     write_trc(result.markers, markers)
-    return [*written, loads.with_suffix(".xml")]
+    return written
 
 
 def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.DataFrame:
@@ -87,15 +86,21 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
     ValueError
         If the ankle's zero is unknown.
     """
-    columns: dict[str, object] = {"time_s": motion.time}
     seen = motion.observed.any(axis=0)
     angles = clinical_angles(np.where(seen, motion.q, np.nan), ankle_zero=ankle_zero)
+    columns = {"time_s": motion.time}
     for name, value in zip(HBM_ORDER, angles.T, strict=True):
-        if TREE[INDEX[name]].translates:
-            columns[f"{name}_m"] = value
-        else:
-            columns[f"{name}_deg"] = np.degrees(value)
+        columns[f"{name}_{'m' if _translates(name) else 'deg'}"] = _in_degrees(name, value)
     return pd.DataFrame(columns)
+
+
+def _translates(name: str) -> bool:
+    return TREE[INDEX[name]].translates
+
+
+def _in_degrees(name: str, value: Array) -> Array:
+    """Give a coordinate in degrees if it is a rotation, else in metres."""
+    return value if _translates(name) else np.degrees(value)
 
 
 def write_coordinates(motion: Motion, path: str | Path) -> None:
@@ -113,10 +118,7 @@ def write_coordinates(motion: Motion, path: str | Path) -> None:
     Columns in the Human Body Model's order, rotations in degrees, translations in metres. They are
     the model's coordinates; `hbm.motion` gives the shoulder angles of the original's export.
     """
-    columns = {}
-    for name in HBM_ORDER:
-        value = motion.coordinate(name)
-        columns[name] = value if TREE[INDEX[name]].translates else np.degrees(value)
+    columns = {name: _in_degrees(name, motion.coordinate(name)) for name in HBM_ORDER}
     _write_table(path, motion.time, columns, in_degrees=True)
 
 
@@ -137,7 +139,7 @@ def write_forces(dynamics: Dynamics, path: str | Path) -> None:
     lab axes, moments about the axes of yaw, pitch and roll through the pelvis origin (mid-hip).
     """
     columns = {
-        f"{name}_{'force' if TREE[INDEX[name]].translates else 'moment'}": dynamics.force(name)
+        f"{name}_{'force' if _translates(name) else 'moment'}": dynamics.force(name)
         for name in HBM_ORDER
     }
     _write_table(path, dynamics.time, columns, in_degrees=False)
@@ -156,57 +158,19 @@ def write_external_loads(time: Array, wrenches: Mapping[str, Array], path: str |
         Where to write the table, for example ``trial_grf.mot``. The description goes to the same
         name with the ending ``.xml`` and names the table without its folder.
 
-    Raises
-    ------
-    ValueError
-        If a segment is unknown, a wrench's shape is wrong, or ``path`` ends in ``.xml``.
-
     Notes
     -----
     The point of application is always the lab origin and the torque the moment about it, so that
     no point goes to infinity while a plate is unloaded. To OpenSim's dynamics this is the same;
     its arrows are drawn at the origin.
     """
-    path = Path(path)
-    if path.suffix == ".xml":
-        raise ValueError(f"{path.name}: name the table (.mot); the .xml is written next to it")
-    columns: dict[str, Array] = {}
+    path, columns = Path(path), dict[str, Array]()
     for segment, wrench in wrenches.items():
-        if segment not in LAST_Q:
-            raise ValueError(f"no segment {segment!r}; there are: {', '.join(LAST_Q)}")
-        if np.shape(wrench) != (len(time), 6):
-            raise ValueError(
-                f"wrench on {segment} must have shape ({len(time)}, 6), got {np.shape(wrench)}"
-            )
         parts = wrench[:, :3], np.zeros((len(time), 3)), wrench[:, 3:]
-        for stem, part in zip(_stems(segment).values(), parts, strict=True):
-            columns |= {f"{stem}{axis}": part[:, k] for k, axis in enumerate("xyz")}
+        for end, part in zip(("force_v", "force_p", "torque_"), parts, strict=True):
+            columns |= {f"{segment}_{end}{axis}": part[:, k] for k, axis in enumerate("xyz")}
     _write_table(path, time, columns, in_degrees=False)
-    _write_description(path, list(wrenches))
-
-
-def _stems(segment: str) -> dict[str, str]:
-    """Name the columns of one load: OpenSim's property -> what its three columns begin with."""
-    return {
-        "force_identifier": f"{segment}_force_v",
-        "point_identifier": f"{segment}_force_p",
-        "torque_identifier": f"{segment}_torque_",
-    }
-
-
-def _write_description(table: Path, segments: list[str]) -> None:
-    document = ET.Element("OpenSimDocument", Version="40000")
-    loads = ET.SubElement(document, "ExternalLoads", name=table.stem)
-    objects = ET.SubElement(loads, "objects")
-    for segment in segments:
-        force = ET.SubElement(objects, "ExternalForce", name=segment)
-        ET.SubElement(force, "applied_to_body").text = segment
-        ET.SubElement(force, "force_expressed_in_body").text = "ground"
-        ET.SubElement(force, "point_expressed_in_body").text = "ground"
-        for tag, stem in _stems(segment).items():
-            ET.SubElement(force, tag).text = stem
-    ET.SubElement(loads, "datafile").text = table.name
-    write_xml(document, table.with_suffix(".xml"))
+    write_template("loads.xml", path.with_suffix(".xml"), name=path.stem, segments=wrenches)
 
 
 def write_trc(markers: Markers, path: str | Path) -> None:
@@ -224,32 +188,30 @@ def write_trc(markers: Markers, path: str | Path) -> None:
     ValueError
         If there are fewer than two samples or they are not evenly spaced.
     """
-    frames, names = len(markers.time), markers.names
-    rate = even_rate_hz(markers.time, "TRC")
+    frames, count = len(markers.time), len(markers.names)
+    rate = f"{even_rate_hz(markers.time, 'TRC'):.10g}"
     header = {
-        "DataRate": f"{rate:.10g}",
-        "CameraRate": f"{rate:.10g}",
+        "DataRate": rate,
+        "CameraRate": rate,
         "NumFrames": frames,
-        "NumMarkers": len(names),
+        "NumMarkers": count,
         "Units": "m",
-        "OrigDataRate": f"{rate:.10g}",
+        "OrigDataRate": rate,
         "OrigDataStartFrame": 1,
         "OrigNumFrames": frames,
     }
-    axes = [f"{axis}{k + 1}" for k in range(len(names)) for axis in "XYZ"]
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
         "\t".join(header),
-        "\t".join(str(value) for value in header.values()),
-        "\t".join(["Frame#", "Time", "\t\t\t".join(names)]),
-        "\t".join(["", "", *axes]),
-        "",
+        "\t".join(map(str, header.values())),
+        "\t".join(["Frame#", "Time", "\t\t\t".join(markers.names)]),
+        "\t".join(["", "", *(f"{axis}{k + 1}" for k in range(count) for axis in "XYZ")]),
     ]
-    rows = markers.position.reshape(frames, -1)
-    for k, (time, row) in enumerate(zip(markers.time, rows, strict=True), start=1):
-        fields = ["" if np.isnan(x) else repr(float(x)) for x in row]
-        lines.append("\t".join([str(k), repr(float(time)), *fields]))
-    write_text("\n".join(lines) + "\n", Path(path))
+    table = pd.DataFrame(markers.position.reshape(frames, -1))
+    table.insert(0, "time", markers.time)
+    table.index += 1
+    rows = table.to_csv(sep="\t", header=False, lineterminator="\n")
+    write_text("\n".join(lines) + f"\n\n{rows}", Path(path))
 
 
 def even_rate_hz(time: Array, format_name: str) -> float:
@@ -275,13 +237,6 @@ def _write_table(
         "\t".join(["time", *columns]),
     ]
     values = np.column_stack([time, *columns.values()])
+    form: Any = {"header": "\n".join(header), "comments": "", "encoding": "utf-8"}
     with whole_file(path) as temporary:
-        np.savetxt(
-            temporary,
-            values,
-            "%.17g",
-            "\t",
-            header="\n".join(header),
-            comments="",
-            encoding="utf-8",
-        )
+        np.savetxt(temporary, values, "%.17g", "\t", **form)

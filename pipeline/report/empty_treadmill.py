@@ -4,23 +4,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import find_peaks, peak_prominences, welch
 
-from compensation import Calibration, PlatformPose, estimate_delay, specific_force
+from compensation import PlatformPose, estimate_delay, specific_force
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
 from hbm.spelling import written
-from pipeline.config.schema import Platform, Treadmill
-from pipeline.config.study import Study
-from pipeline.figures.residuals import component_figure, legend_below
-from pipeline.figures.style import COLOURS, PALETTE, STYLE
+from pipeline.config.schema import Platform
+from pipeline.figures.residuals import component_figure
+from pipeline.figures.style import COLOURS, PALETTE
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import (
     accelerations,
@@ -32,7 +30,6 @@ from pipeline.trial.ground.calibrations import plate_samples
 from pipeline.trial.ground.laboratory import Laboratory, bind, with_corrected_plates
 from pipeline.trial.ground.platform import empty_pose, turned_rad
 from pipeline.trial.ground.wrenches import plate_artefacts
-from pipeline.trial.study_files import read_study_file
 
 SWAY: Final = "sway_m"
 PITCH: Final = "pitch_deg"
@@ -41,8 +38,6 @@ SEGMENT_S: Final = 8.0
 """Of a spectrum: lines 0.125 Hz wide."""
 AROUND_HZ: Final = 3.0
 """Width of the band whose median is the background of a line."""
-LINE_HZ: Final = 0.4
-"""Either side of a line: belts keep their speed to some per cent."""
 LINE_FACTOR: Final = 10.0
 """Of the background, above which a line is one of the rollers."""
 ROLLER_M: Final = (0.03, 0.15)
@@ -72,19 +67,6 @@ class Spectrum:
 
 
 @dataclass(frozen=True, slots=True)
-class Sources:
-    """RMS below 6 Hz of what remains on a plate by source, (6,) [N, N·m]; None where unknown.
-
-    Other: all of it less base and rollers, in squares. People: in recordings of people, beside it.
-    """
-
-    base: Array | None = None
-    rollers: Array | None = None
-    other: Array | None = None
-    people: Array | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Place:
     """Where an accelerometer is on the platform by its readings: along the belts and up [m]."""
 
@@ -110,20 +92,16 @@ class EmptyTreadmill:
         Plate -> wrench through the calibration's low-pass, in its own axes, (N, 6) [N, N·m].
     spectra
         Plate -> spectrum without any filter.
-    low, high
-        Range of the accelerometers' channels, (k,) [m/s²].
     belts_mps
         Speed of the belts [m/s]; None where unknown.
     rollers_hz
         Frequency of the rollers [Hz]; None where no line shows it.
     base_hz
         Frequencies of the base [Hz].
-    sources
-        Plate -> remaining RMS by source.
     places
         Accelerometer -> its place; empty where the pose of the platform is unknown.
-    sway_m, pitch_deg
-        Largest of the platform; None where its pose is unknown.
+    motion
+        Largest sway and pitch, for the provenance of a calibration; empty where unknown.
     """
 
     recording: Recording
@@ -131,36 +109,24 @@ class EmptyTreadmill:
     before: Mapping[str, Array]
     after: Mapping[str, Array]
     spectra: Mapping[str, Spectrum]
-    low: Array
-    high: Array
     belts_mps: float | None
     rollers_hz: float | None
     base_hz: tuple[float, ...]
-    sources: Mapping[str, Sources]
     places: Mapping[str, Place]
-    sway_m: float | None
-    pitch_deg: float | None
+    motion: Mapping[str, str]
 
     @property
     def front_is_known(self) -> bool:
         """Whether the axes were stated; an empty treadmill does not show which end is its front."""
         return bool(self.recording.axes)
 
-    @property
-    def motion(self) -> dict[str, str]:
-        """Largest sway and pitch, for the provenance of a calibration; empty where unknown."""
-        if self.sway_m is None or self.pitch_deg is None:
-            return {}
-        return {SWAY: f"{self.sway_m:.4f}", PITCH: f"{self.pitch_deg:.2f}"}
-
 
 def measure_empty(
     recording: Recording,
     laboratory: Laboratory,
-    beside: Sequence[Recording] = (),
     platform: Platform | None = None,
 ) -> EmptyTreadmill:
-    """Compensate a recording of the empty treadmill, and find what remains by source.
+    """Compensate a recording of the empty treadmill, and find what shakes it.
 
     Parameters
     ----------
@@ -168,17 +134,13 @@ def measure_empty(
         As it was read.
     laboratory
         With its calibration.
-    beside
-        Recordings of people beside an empty plate.
     platform
         How the platform's pose is known; else by channels named sway and pitch.
 
     Returns
     -------
     EmptyTreadmill
-        Base: expected of the platform's motion in this recording, by the calibration's
-        `ModelError`; people: of the largest motion in those of people. Rollers: power of the line
-        at their frequency and its harmonics, less the background.
+        What is measured, what remains, and where the accelerometers are.
 
     Raises
     ------
@@ -203,82 +165,27 @@ def measure_empty(
         spectra[name] = _spectrum(wrench[is_known], (wrench - artefact)[is_known], rate_hz)
     belts_mps = mean_belt_speed(fastest_belt(recording, treadmill))
     rollers_hz = _rollers(list(spectra.values()), belts_mps)
-    moving = _of_motion(calibration, samples, rate_hz)
-    people: dict[str, Array] = {}
-    for other in beside:
-        corrected = with_corrected_plates(other, laboratory.plates)
-        of_people = plate_samples(corrected, treadmill, calibration.sensors, laboratory.plates, ())
-        for name, rms in _of_motion(calibration, of_people, rate_hz).items():
-            people[name] = np.maximum(rms, people.get(name, 0.0))
-    sources = {}
-    for name, remaining in after.items():
-        slow = low_pass(remaining, rate_hz, SLOW_HZ, "zero_phase")
-        rollers = None if rollers_hz is None else _line_rms(slow, rate_hz, rollers_hz)
-        rest = slow.var(axis=0) - sum(
-            part**2 for part in (moving.get(name), rollers) if part is not None
-        )
-        other = np.sqrt(np.maximum(rest, 0.0))
-        sources[name] = Sources(moving.get(name), rollers, other, people.get(name))
-    setup = setup_of(recording, treadmill)
-    clock, readings = accelerations(recording, treadmill)
-    felt = setup.low_pass(readings, clock)
-    pose, places = empty_pose(recording, platform), dict[str, Place]()
+    pose, places, motion = empty_pose(recording, platform), dict[str, Place](), dict[str, str]()
     if pose is not None:
         is_known = np.isfinite(pose.position).all(axis=1)
         pose = PlatformPose(pose.rotation[is_known], pose.position[is_known])
         times = recording.markers.time[is_known]
-        rate = recording.markers.rate_hz
-        places = _places(times, rate, pose, clock, readings, setup.sensors)
+        rate, sensors = recording.markers.rate_hz, setup_of(recording, treadmill).sensors
+        places = _places(times, rate, pose, *accelerations(recording, treadmill), sensors)
+        sway_m = np.abs(pose.position @ _axis(pose)).max()
+        motion = {SWAY: f"{sway_m:.4f}", PITCH: f"{np.degrees(turned_rad(pose).max()):.2f}"}
     return EmptyTreadmill(
         recording,
         rate_hz,
         before,
         after,
         spectra,
-        np.nanmin(felt, axis=0),
-        np.nanmax(felt, axis=0),
         belts_mps,
         rollers_hz,
         _base(list(spectra.values())),
-        sources,
         places,
-        None if pose is None else float(np.abs(pose.position @ _axis(pose)).max()),
-        None if pose is None else float(np.degrees(turned_rad(pose).max())),
+        motion,
     )
-
-
-def trial_ranges(study: Study, treadmill: Treadmill) -> dict[str, tuple[Array, Array]]:
-    """Give lowest and highest acceleration of each channel, (k,) [m/s²] each, by condition.
-
-    Of the trials of a study, through the low-pass of the treadmill's calibration.
-    """
-    ranges: dict[str, tuple[Array, Array]] = {}
-    for name in study.trials:
-        trial = study.trial(name)
-        if trial.file is None or trial.exclude is not None:
-            continue
-        recording = read_study_file(study, trial.file, trial)
-        clock, readings = accelerations(recording, treadmill)
-        felt = setup_of(recording, treadmill).low_pass(readings, clock)
-        low, high = np.nanmin(felt, axis=0), np.nanmax(felt, axis=0)
-        known = ranges.get(name.condition, (low, high))
-        ranges[name.condition] = np.minimum(known[0], low), np.maximum(known[1], high)
-    return ranges
-
-
-def _of_motion(
-    calibration: Calibration, samples: Mapping[str, tuple[Array, Array]], rate_hz: float
-) -> dict[str, Array]:
-    """Give the RMS below 6 Hz that a recording's motion lets expect, plate -> (6,)."""
-    found = {}
-    for name, (felt, _) in samples.items():
-        model = calibration.in_use.get(name)
-        if model is None or model.model_error is None or not len(model.model_error.directions):
-            continue
-        error, k = model.model_error, len(model.acceleration_mean)
-        variance = error.variance(felt[:, :k], rate_hz, slow=True, belts_mps=0.0).mean(axis=0)
-        found[name] = np.sqrt(np.maximum(variance - error.floor[1], 0.0))
-    return found
 
 
 def _density(signal: Array, rate_hz: float) -> tuple[Array, Array]:
@@ -313,15 +220,6 @@ def _rollers(spectra: Sequence[Spectrum], belts_mps: float | None) -> float | No
     )
     peak = int(np.argmax(np.where(inside, excess, 0.0)))
     return float(frequency[peak]) if excess[peak] > LINE_FACTOR else None
-
-
-def _line_rms(slow: Array, rate_hz: float, line_hz: float) -> Array:
-    """Give the RMS of a line and its harmonics, less the background, (6,)."""
-    frequency, power = _density(slow, rate_hz)
-    excess = np.maximum(power - _background(power, frequency), 0.0)
-    ratio = frequency / line_hz
-    near = (np.abs(ratio - np.round(ratio)) * line_hz < LINE_HZ) & (ratio > 0.5)
-    return np.asarray(np.sqrt(excess[near].sum(axis=0) * (frequency[1] - frequency[0])))
 
 
 def _base(spectra: Sequence[Spectrum]) -> tuple[float, ...]:
@@ -435,70 +333,3 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
         panel.set_xlabel("frequency (Hz)")
 
     return component_figure(WRENCH_COMPONENTS, draw, "/√Hz")
-
-
-def plan_figure(empty: EmptyTreadmill) -> Figure:
-    """Draw plates, markers and accelerometers from above, as the file and the readings say.
-
-    The belts are upright; the front is above where the axes are stated, and else either end.
-    """
-    markers, plates = empty.recording.markers, empty.recording.plates
-    corners = np.array([plate.corners for plate in plates])
-    length, width = np.ptp(corners[0], axis=0)[:2]
-    lengthwise = empty.front_is_known or length >= width
-    along, across = ((0, 1.0), (1, 1.0)) if lengthwise else ((1, 1.0), (0, -1.0))
-
-    def place(points: Array) -> tuple[Array, Array]:
-        return across[1] * points[..., across[0]], along[1] * points[..., along[0]]
-
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 5.5), layout="constrained")
-        panel = figure.subplots()
-        for plate, edge in zip(plates, corners, strict=True):
-            panel.fill(*place(edge), color="#e8ecef", ec="#56616b", lw=1)
-            x, y = map(float, place(plate.center))
-            panel.annotate(f"plate {plate.number}", (x, y), ha="center")
-        for k, name in enumerate(markers.names):
-            seen = markers.position[:, k]
-            seen = seen[np.isfinite(seen).all(axis=1)]
-            if len(seen):
-                x, y = map(float, place(np.median(seen, axis=0)))
-                panel.plot(x, y, "o", color=PALETTE[0], ms=5)
-                panel.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
-        for name, at in empty.places.items():
-            panel.axhline(at.along, color=PALETTE[1], ls="--", lw=1)
-            panel.annotate(
-                f"{name}: {at}",
-                (0.01, at.along),
-                (0, 3),
-                xycoords=panel.get_yaxis_transform(),
-                textcoords="offset points",
-                color=PALETTE[1],
-                fontsize=8,
-            )
-        panel.set_aspect("equal", adjustable="datalim")
-        panel.invert_xaxis()
-        panel.set_xlabel("across the belts (m)")
-        panel.set_ylabel(f"along the belts{', to the front' * empty.front_is_known} (m)")
-    return figure
-
-
-def range_figure(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> Figure:
-    """Draw the range of each accelerometer channel in the calibration, and in other recordings."""
-    model = next(iter(calibration.plates.values()))
-    names = [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 1 + 0.36 * len(names)), layout="constrained")
-        panel = figure.subplots()
-        at, mean = np.arange(len(names)), model.acceleration_mean
-        low, high = model.acceleration_low - mean, model.acceleration_high - mean
-        panel.barh(at, high - low, left=low, height=0.7, color="#d9dee3", label="calibration")
-        for n, (label, (least, most)) in enumerate(others.items()):
-            place = at + (n - (len(others) - 1) / 2) * 0.6 / max(len(others), 1)
-            ends, colour = (least - mean, most - mean), PALETTE[n % len(PALETTE)]
-            panel.hlines(place, *ends, color=colour, lw=2.5, label=label)
-        panel.set_yticks(at, names)
-        panel.invert_yaxis()
-        panel.set_xlabel("acceleration about the calibration's mean (m/s²)")
-        legend_below(figure, panel)
-    return figure

@@ -1,4 +1,4 @@
-"""Figures of a study: gait cycles over subjects, marginal means, every cycle of one subject."""
+"""Figures of a study: gait cycles over subjects, and marginal means."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
@@ -39,8 +39,6 @@ from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
 
 SIX_PANELS_INCH: Final = (9.5, 5.6)
-PANEL_HEIGHT_INCH: Final = 1.4
-MARGIN_HEIGHT_INCH: Final = 1.2
 TITLE_PT: Final = 11
 MIDDLE_LINE_PT: Final = 1.0
 THIN_LINE_PT: Final = 0.7
@@ -48,10 +46,6 @@ MAX_LABELS: Final = 28
 """Characters of all conditions together that stand side by side below a panel."""
 OFFSET: Final = 0.05
 """Shift of the means of both variants against each other, in steps of conditions."""
-
-
-CYCLE_KEYS: Final = ["subject", "condition", "recording", "side", "cycle"]
-"""A gait cycle."""
 
 
 class Variant(NamedTuple):
@@ -88,8 +82,8 @@ def study_figures(
     Yields
     ------
     name, figure
-        ``gait_cycle_CONDITION``, ``marginal_means`` (as the thesis' Figs F.8–F.13) and
-        ``raw_AXIS`` (F.14–F.19), the latter where there are gait cycles.
+        ``gait_cycle_CONDITION`` where there are gait cycles, and ``marginal_means`` (as the thesis'
+        Figs F.8–F.13).
     """
     over_cycles = rms_over_cycles(results.cycles, design.weigh)
     for condition in drawn_conditions(results.cycles, design):
@@ -99,25 +93,12 @@ def study_figures(
         figure = gait_cycle_figure(over_cycles, condition, design, grey=grey, differing=differing)
         yield f"gait_cycle_{condition}", figure
     yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
-    subject = example_subject(results.cycles)
-    if subject is None:
-        return
-    starts = results.by_cycle[[*CYCLE_KEYS, "start_s"]].drop_duplicates()
-    cycles = results.cycles[results.cycles["subject"] == subject].merge(starts, "left", CYCLE_KEYS)
-    for axis in AXES:
-        yield f"raw_{axis}", raw_figure(cycles, axis, design)
 
 
 def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
     """Give conditions with gait cycles of their own: all but the reference, which is in each."""
     conditions = design.in_order(cycles["condition"].unique())
     return [name for name in conditions if name != design.reference] or conditions
-
-
-def example_subject(cycles: pd.DataFrame) -> str | None:
-    """Give the subject with cycles in most cells, the first of several; None without cycles."""
-    cells = cycles[["subject", "condition", "compensated"]].drop_duplicates()
-    return None if cells.empty else str(cells.groupby("subject", sort=True).size().idxmax())
 
 
 def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
@@ -302,46 +283,3 @@ def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
     written, name = format_p(float(p.iloc[0])), "".join(design.factors[:1])
     name = "interaction" if len(design.factors) > 1 else name
     return f"{name} p {written if written.startswith('<') else f'= {written}'}"
-
-
-def raw_figure(cycles: pd.DataFrame, axis: str, design: Design) -> Figure:
-    """Draw one residual of one subject in every gait cycle of every condition.
-
-    Parameters
-    ----------
-    cycles
-        One subject's gait cycles, as `pipeline.run.load.Results.cycles`, with the column start_s by
-        which they are ordered.
-    axis
-        The residual, such as "Fx".
-    design
-        The order of the conditions.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One panel per condition, without and with compensation, as recorded (not mirrored).
-    """
-    rows = cycles[cycles["axis"] == axis].sort_values(["recording", "start_s", "side", "percent"])
-    conditions = design.in_order(rows["condition"])
-    k = AXES.index(axis)
-    height = MARGIN_HEIGHT_INCH + PANEL_HEIGHT_INCH * len(conditions)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(SIX_PANELS_INCH[0], height), layout="constrained")
-        panels = figure.subplots(len(conditions), 1, squeeze=False)[:, 0]
-        for condition, panel in zip(conditions, panels, strict=True):
-            for compensated, trial in rows[rows["condition"] == condition].groupby("compensated"):
-                variant = VARIANTS[bool(compensated)]
-                x = trial["percent"].eq(0).cumsum() - 1 + trial["percent"] / 100
-                look = {"color": variant.colour, "lw": THIN_LINE_PT, "zorder": 2}
-                panel.plot(x, trial["value"], label=variant.label, **look)
-            panel.axhline(0, color="black", lw=0.5)
-            panel.set_title(condition, loc="left")
-            panel.set_ylabel(UNITS[k])
-            panel.margins(x=0)
-        panels[-1].set_xlabel("analysed gait cycles, one after another")
-        if design.compensated:
-            legend_below(figure, panels[0])
-        subject = rows["subject"].iloc[0]
-        figure.suptitle(f"Residual {axis_label(k)} of {subject}, every cycle", fontsize=TITLE_PT)
-    return figure

@@ -12,15 +12,12 @@ from pathlib import Path
 from typing import Final, Literal
 from urllib.parse import quote
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
 from compensation import Calibration
 from compensation.inertia.quality import (
-    MAX_GAIN,
     MAX_LEFT,
     MAX_ZERO_CHANGE,
     PERSON_KG,
@@ -28,12 +25,10 @@ from compensation.inertia.quality import (
     LeftOver,
     lightest_kg,
 )
-from compensation.inertia.sensors import MAX_EXCESS_SHARE
 from hbm.notes import Note, provenance, warnings_of
-from hbm.spatial import WRENCH_COMPONENTS, Array
+from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import written
 from pipeline.config.study import Study
-from pipeline.figures.style import STYLE, condition_style
 from pipeline.io.input_file import read_text
 from pipeline.io.write import read_csv, write_csv, write_text
 from pipeline.report.blocks import Block, Check, Drawn, Section, Table, drawing, write_page
@@ -41,9 +36,6 @@ from pipeline.report.empty_treadmill import (
     PITCH,
     SWAY,
     EmptyTreadmill,
-    Sources,
-    plan_figure,
-    range_figure,
     spectrum_figure,
     time_figure,
 )
@@ -53,8 +45,6 @@ from pipeline.trial.result import StoredNote
 
 PAGE: Final = "laboratory.html"
 STATE: Final = "laboratory.json"
-OLD_PAGE: Final = "laboratory_old.html"
-"""Where a page without such a file is kept, as earlier versions wrote it."""
 CHECKS: Final = "laboratory_checks.csv"
 PartName = Literal["calibration", "check", "plates", "ranking"]
 TITLES: Final[Mapping[PartName, str]] = {
@@ -65,8 +55,6 @@ TITLES: Final[Mapping[PartName, str]] = {
 }
 CHILD_KG: Final = 20.0
 """Lighter persons hardly walk on treadmills."""
-BEYOND: Final = "study_beyond_range"
-"""In a calibration's provenance: conditions of the study beyond its range."""
 NEW_FIT: Final = "record the empty treadmill, hbm calibration fit"
 
 
@@ -131,8 +119,6 @@ def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) 
                 f"{state}: damaged, or of another version; move it away, and run the commands "
                 "whose parts the page is to show again"
             ) from error
-    elif page.exists():
-        page.replace(folder / OLD_PAGE)
     of = {part.of for part in (*parts, *verdicts)} - {""}
     shown = {name: part for name, part in shown.items() if not of or part.of in {"", *of}}
     shown |= {part.name: part for part in parts}
@@ -181,7 +167,6 @@ def calibration_part(
     calibration: Calibration,
     file: Path,
     empty: EmptyTreadmill,
-    others: Mapping[str, tuple[Array, Array]],
     notes: Sequence[Note],
 ) -> Part:
     """Give the part of a calibration: for which trials it is fit, and what it leaves.
@@ -192,17 +177,12 @@ def calibration_part(
         The calibration and its file, beside which the checks are.
     empty
         The recording that it was fitted to.
-    others
-        Of the study's trials: label -> lowest and highest acceleration of the channels, (k,)
-        [m/s²] each.
     notes
         What was found in the fit.
     """
-    tables = [component_table(calibration, empty.sources), frequency_table(empty)]
+    tables = [component_table(calibration), frequency_table(empty)]
     tables.append(Table("Provenance", ("Item", "Finding"), provenance(notes), "folded"))
-    text = "Range of the calibration" + (" and of the trials of the study." if others else ".")
-    ranges = Drawn(text, drawing(range_figure(calibration, others)))
-    drawn = [*_of_recording(calibration, empty), ranges]
+    drawn = _of_recording(calibration, empty)
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
     return Part("calibration", [verdict], tables, drawn, of, warnings_of(notes))
 
@@ -211,18 +191,6 @@ def calibration_in_use(calibration: Calibration, file: Path) -> Part:
     """Give the part of a calibration without its recording: its verdict, by all checks."""
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
     return Part("calibration", [verdict], of=of, warnings=warnings_of(calibration.notes))
-
-
-def beyond_range(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> str:
-    """Name the conditions of a study that accelerate the treadmill more than its calibration."""
-    model = next(iter(calibration.plates.values()))
-    low, high = model.acceleration_low, model.acceleration_high
-    beyond = MAX_EXCESS_SHARE * (high - low)
-    return ", ".join(
-        label
-        for label, (least, most) in others.items()
-        if (np.maximum(low - least, most - high) > beyond).any()
-    )
 
 
 def calibration_verdict(calibration: Calibration, file: Path) -> Table:
@@ -254,11 +222,6 @@ def calibration_verdict(calibration: Calibration, file: Path) -> Table:
         ("For how long", _validity(checks)),
         ("Next", todo),
     ]
-    if BEYOND in calibration.provenance:
-        far = calibration.provenance[BEYOND]
-        within: Check = ("pass", "within its range", "")
-        too_far: Check = ("check", f"beyond its range: {far}", "")
-        answers.append(("Study", [too_far if far else within]))
     return Table(f"Calibration {file.name}", ("Question", "Answer"), answers, "answers")
 
 
@@ -296,38 +259,29 @@ def _validity(checks: pd.DataFrame) -> str:
     )
 
 
-def component_table(calibration: Calibration, sources: Mapping[str, Sources]) -> Table:
-    """Give a row per plate and component: before, after, limit, share explained, sources."""
+def component_table(calibration: Calibration) -> Table:
+    """Give a row per plate and component: before, after, limit, share explained."""
     rows: list[Sequence[str | Sequence[Check]]] = []
     for plate, of_plate in calibration.verdict.items():
-        of = sources.get(plate, Sources())
         details = ["" if row.verdict == "good" else row.verdict for row in of_plate]
         rows += zip(
             *([plate] * len(UNITS), WRENCH_COMPONENTS),
-            *(
-                with_units([row.excited for row in of_plate]),
-                with_units([r.after for r in of_plate]),
-            ),
+            with_units([row.excited for row in of_plate]),
+            with_units([row.after for row in of_plate]),
             rated([row.left for row in of_plate], [not row.passed for row in of_plate], details),
             with_units([row.limit for row in of_plate]),
             [f"{100 * row.r_squared:.2f} %" for row in of_plate],
-            *(with_units(part) for part in (of.base, of.rollers, of.other, of.people)),
             strict=True,
         )
     return Table(
         "Empty plates before and after compensation, RMS",
-        (
-            *("Plate", "Component", "Before", "After", "Below 6 Hz", "Limit", "Explained"),
-            *("Base", "Rollers", "Other", "People"),
-        ),
+        ("Plate", "Component", "Before", "After", "Below 6 Hz", "Limit", "Explained"),
         rows,
         "numbers",
         "Below 6 Hz: what remains at the frequencies of residuals, in all recordings of the fit; "
         "limit: raises residuals of a walking adult "
         f"of {PERSON_KG:g} kg by 5 %. Explained: R², low without harm where a component hardly "
-        "moved. By source, of the empty recording: base, expected of the platform's motion; "
-        "rollers, the line at their frequency; other, the rest in squares. People: expected of "
-        "the platform's motion in recordings of people. –: not known.",
+        "moved. –: not known.",
     )
 
 
@@ -360,14 +314,19 @@ def frequency_table(empty: EmptyTreadmill) -> Table:
     base = ", ".join(f"{hz:.1f} Hz" for hz in empty.base_hz)
     rows.append(("Base", base or "no peak found"))
     rows += [(f"Accelerometer {name}", str(place)) for name, place in empty.places.items()]
-    front = "to the front" if empty.front_is_known else "upward in the plan (front: --axes)"
-    legend = f"Along the belts: positive {front}." if empty.places else ""
+    legend = "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
+    if empty.places:
+        axis = "to the front" if empty.front_is_known else "as the file's axis (front: --axes)"
+        legend = (
+            "Accelerometers: by their readings; sway and pitch do not show the distance across. "
+            f"Along the belts: positive {axis}."
+        )
     title = f"Recording {empty.recording.source.name}"
     return Table(title, ("Item", "Value"), rows, "answers", legend)
 
 
 def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn]:
-    """Draw plates over time, spectra and plan of a recording."""
+    """Draw plates over time and spectra of a recording."""
     drawn, file = [], empty.recording.source.name
     for name, before in empty.before.items():
         figure = time_figure(before, before - empty.after[name], empty.rate_hz)
@@ -378,15 +337,7 @@ def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn
         figure = spectrum_figure(spectrum, empty, None if setup is None else setup.cutoff_hz)
         caption = f"Spectra of {name} in {file}, unfiltered; shaded: below the filter of trials."
         drawn.append(Drawn(caption, drawing(figure, ".png")))
-    places = (
-        "Accelerometers: distance along the belts (dashed) and height by their readings; sway and "
-        "pitch do not show the distance across. "
-        + ("The front is above." if empty.front_is_known else "The front is not known (--axes).")
-        if empty.places
-        else "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
-    )
-    text = f"Plan from above: plates and markers as {file} states. {places}"
-    return [*drawn, Drawn(text, drawing(plan_figure(empty)))]
+    return drawn
 
 
 def check_part(
@@ -409,21 +360,10 @@ def check_part(
         ],
         "answers",
     )
-    tables = [history_table(read_checks(file))]
-    drawn = [
-        Drawn(
-            "Checks over days, worst component of each plate. Cross: not valid; hollow: of an "
-            "earlier calibration.",
-            drawing(history_figure(file)),
-        )
-    ]
+    tables, drawn = [history_table(read_checks(file))], list[Drawn]()
     if empty is not None:
         tables.insert(0, check_table(found, empty))
-        drawn += _of_recording(calibration, empty)
-        seen = {empty.recording.source.name: (empty.low, empty.high)}
-        drawn.append(
-            Drawn("Range of calibration and check.", drawing(range_figure(calibration, seen)))
-        )
+        drawn = _of_recording(calibration, empty)
     return Part("check", [verdict], tables, drawn, file_digest(file), warnings_of(found.notes))
 
 
@@ -507,60 +447,11 @@ def read_checks(calibration: Path) -> pd.DataFrame:
     return table[table["calibration"] == calibration.name].reset_index(drop=True)
 
 
-def of_checks(checks: pd.DataFrame, what: str) -> dict[str, Array]:
-    """Give "left", "by new fit" or "zero change" of every check: plate -> (N, 6)."""
-    first = f" {WRENCH_COMPONENTS[0]} {what}"
-    plates = [str(name).removesuffix(first) for name in checks if str(name).endswith(first)]
-    return {
-        plate: checks[[f"{plate} {name} {what}" for name in WRENCH_COMPONENTS]].to_numpy(float)
-        for plate in plates
-    }
-
-
 def history_table(checks: pd.DataFrame) -> Table:
-    """Give day, recording and answer, a row per check; sizes are in the figure and the file."""
+    """Give day, recording and answer, a row per check; sizes are in the file."""
     valid, not_valid = [("pass", "valid", "")], [("fail", "not valid", "")]
     ratings = [valid if check else not_valid for check in checks["valid"]]
     rows = [*zip(checks["day"], checks["recording"], ratings, strict=True)]
     return Table(
         "Checks by day", ("Day", "Recording", "Calibration"), rows, legend=f"All numbers: {CHECKS}."
     )
-
-
-def history_figure(calibration: Path) -> Figure:
-    """Draw each check of a calibration's file over days, the worst component of each plate."""
-    checks, digest = read_checks(calibration), file_digest(calibration)
-    days = pd.to_datetime(checks["day"]).to_numpy()
-    remaining, by_new, zero = (
-        of_checks(checks, what) for what in ("left", "by new fit", "zero change")
-    )
-    faces = checks["calibration_sha256"] == digest  # hollow: of an earlier calibration
-    markers = checks["valid"].map({True: "o", False: "X"})
-    shown = {
-        "removed by a new fit / allowed": {
-            plate: np.sqrt(np.maximum(values**2 - by_new[plate] ** 2, 0)) / (MAX_GAIN * MAX_LEFT)
-            for plate, values in remaining.items()
-        },
-        "largest change of zero / limit": {
-            plate: np.abs(values) / MAX_ZERO_CHANGE for plate, values in zero.items()
-        },
-    }
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 3.2), layout="constrained")
-        panels = figure.subplots(1, 2)
-        for panel, (title, sizes) in zip(panels, shown.items(), strict=True):
-            for n, (plate, of_plate) in enumerate(sizes.items()):
-                colour, linestyle = condition_style(n)
-                worst = of_plate.max(axis=1)
-                panel.plot(days, worst, color=colour, ls=linestyle, lw=1, label=plate)
-                for day, size, marker, filled in zip(days, worst, markers, faces, strict=True):
-                    face = colour if filled else "none"
-                    panel.plot(day, size, color=colour, marker=marker, mfc=face, ms=7)
-            panel.axhline(1, color="black", ls=":", lw=0.9)
-            panel.set_ylim(bottom=0)
-            panel.set_title(title, loc="left")
-            labels = np.unique(days)
-            panel.set_xticks(labels, [str(day)[:10] for day in labels], rotation=30, ha="right")
-        if remaining:
-            panels[0].legend(frameon=False)
-    return figure

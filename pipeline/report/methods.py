@@ -12,7 +12,6 @@ import pandas as pd
 
 from compensation.inertia.fit import LAGS_S
 from hbm.body import FEET
-from pipeline.config.comparison import VARIANT
 from pipeline.config.study import Study
 from pipeline.figures.residuals import mean_part
 from pipeline.report.blocks import TEMPLATES
@@ -22,7 +21,7 @@ from pipeline.statistics.comparison import MIXED_MODEL
 from pipeline.statistics.curves import MIN_SUBJECTS
 from pipeline.statistics.design import Design
 from pipeline.statistics.table_3 import mean_sd
-from pipeline.statistics.verdict import join_names, judged_conditions, within_margin
+from pipeline.statistics.verdict import judged_conditions, within_margin
 from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s
 from pipeline.trial.result import TrialResult
@@ -40,7 +39,7 @@ def methods(
     Parameters
     ----------
     results
-        The trials that are described; where variants are compared, those of the study's own way.
+        The trials that are described.
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for their residuals;
         only tests that were computed are described.
@@ -70,7 +69,6 @@ def methods(
         procedures=[trial.procedure for trial in trials],
         without_shoes=all(map(_without_shoes, trials)),
         settings=[trial.settings for trial in trials],
-        ways=_ways(study) if design.factor == VARIANT and study else {},
         sexes=sorted({trial.subject.sex for trial in trials}),
         people=len(results.subjects),
         people_in_words=_people(results.subjects),
@@ -176,22 +174,6 @@ def _parts(trials: Sequence[TrialResult]) -> list[tuple[str, str, str]]:
         mean = mean_part(t for t in trials if t.condition == condition)
         found.append((condition, part, f"{mean[0]:.0f} to {mean[1]:.0f}" if mean else ""))
     return found
-
-
-def _ways(study: Study) -> dict[str, str]:
-    """Give what each variant's settings, plates and treadmill differ in from the study's own."""
-
-    def values(one: Study) -> dict[str, object]:
-        """Give everything that a variant may change."""
-        tables = {"": one.file.settings, "plates ": one.file.plates}
-        tables["treadmill "] = one.file.treadmill
-        return {where + key: value for where, table in tables.items() for key, value in table}
-
-    usual = values(study)
-    return {
-        name: join_names([f"{k} {v}" for k, v in values(way).items() if v != usual[k]])
-        for name, way in study.variants.items()
-    }
 
 
 def _range(values: Sequence[float], form: str) -> str:

@@ -49,12 +49,10 @@ def problems(
     provenance: Provenance,
     results: Results,
     compared: Collection[TrialName],
-    *,
-    variants: bool,
 ) -> dict[str, Any]:
     """Name trials that are not simply done or not compared, and settings or versions that differ.
 
-    Lines are pairs of a trial and a text. Where the conditions are variants, each has settings.
+    Lines are pairs of a trial and a text.
     """
     lines = [
         (f"{state.name} {state.state}", state.reason) for state in states if state.state != "done"
@@ -66,13 +64,8 @@ def problems(
                 "cycles; not in tables and tests; its residuals are in residuals.csv"
             )
             lines.append((str(name), text))
-    ways = len({name.condition for name in results.trials}) if variants else 1
-    for quantity, different, expected in (
-        ("settings", provenance.settings, ways),
-        ("versions", provenance.versions, 1),
-        ("engines", provenance.engines, 1),
-    ):
-        if (count := len(different)) > expected:
+    for quantity in ("settings", "versions", "engines"):
+        if (count := len(getattr(provenance, quantity))) > 1:
             text = f"Trials were processed with {count} different {quantity}: run them again."
             lines.append(("", text))
     missing = sum(not s.in_tables for s in states)

@@ -1,17 +1,15 @@
 """Whether a study's conclusion depends on its choices: its residuals under each variant."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
-from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.report.blocks import Table
 from pipeline.report.verdict import interval, label
 from pipeline.run.job import trial_key
-from pipeline.run.load import TABLES, Results, collect, select_trials
+from pipeline.run.load import Results, collect, select_trials
 from pipeline.run.run import variant_folder
 from pipeline.statistics.design import Design
 from pipeline.statistics.recordings import pool_recordings
@@ -34,28 +32,6 @@ def variant_results(folder: Path, study: Study) -> dict[str, Results]:
         if current:
             found[variant] = select_trials(results, current)
     return found
-
-
-def as_conditions(of_variants: Mapping[str, Results], condition: str) -> Results:
-    """Put one condition of all variants together, each variant as a condition of its name."""
-    parts = []
-    for variant, results in of_variants.items():
-        own = select_trials(results, {n for n in results.trials if n.condition == condition})
-        tables = {name: getattr(own, name).assign(condition=variant) for name in TABLES}
-        trials = {
-            TrialName(name.subject, variant, name.recording): replace(trial, condition=variant)
-            for name, trial in own.trials.items()
-        }
-        parts.append(replace(own, **tables, trials=trials))
-    together = {
-        name: pd.concat([getattr(part, name) for part in parts], ignore_index=True)
-        for name in TABLES
-    }
-    return replace(
-        parts[0],
-        **together,
-        trials={name: trial for part in parts for name, trial in part.trials.items()},
-    )
 
 
 def variant_residuals(of_variants: Mapping[str, Results], design: Design) -> pd.DataFrame:

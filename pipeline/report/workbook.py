@@ -60,12 +60,7 @@ def write_wide_tables(
         ("joints_wide.csv", of_joints, names, "value"),
     ):
         own = table.assign(name=name)[table["condition"].isin(design.conditions)]
-        cells = [
-            design.cell(*key) for key in zip(own["condition"], own["compensated"], strict=True)
-        ]
-        own["column"] = [
-            f"{n} {c}".replace(" ", "_") for n, c in zip(own["name"], cells, strict=True)
-        ]
+        own["column"] = (own["name"] + " " + design.cells_of(own)).str.replace(" ", "_")
         order = own["column"].drop_duplicates()
         wide = own.pivot(index="subject", columns="column", values=value)[order]
         write_csv(people.merge(wide, on="subject", how="left"), folder / file)

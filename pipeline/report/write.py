@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline.budgets.explanation import explanations, study_covariances
-from pipeline.config.comparison import VARIANT, compared_condition, groups, study_design
+from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
@@ -17,7 +17,7 @@ from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.blocks import Check, Section, markup, picture, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
-from pipeline.report.figures import example_subject, study_figures
+from pipeline.report.figures import study_figures
 from pipeline.report.joints import compensation_tables, joint_figures
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
@@ -39,7 +39,7 @@ from pipeline.report.trials import (
     quality_table,
     trial_quality,
 )
-from pipeline.report.variants import as_conditions, choices, variant_residuals, variant_results
+from pipeline.report.variants import choices, variant_residuals, variant_results
 from pipeline.report.verdict import question, verdict_values
 from pipeline.report.workbook import write_columns, write_wide_tables
 from pipeline.run.job import read_failures
@@ -124,11 +124,6 @@ def write_report(
         of_variants |= variant_results(folder, study)
     tables = {"residuals": results.residuals, "cycles": results.by_cycle, "joints": results.joints}
     _write_parquet(results.joint_cycles, folder / "joint_cycles.parquet")
-    described = results
-    if study is not None and study_design(study.file).factor == VARIANT:
-        condition = compared_condition(study.file)
-        described = select_trials(results, {n for n in results.trials if n.condition == condition})
-        results = as_conditions(of_variants, condition)
 
     announce("computing statistics")
     headline = results.residuals[results.residuals["headline"].astype(bool)]
@@ -137,8 +132,7 @@ def write_report(
     sensitivity = None
     if len(of_variants) > 1:
         tables["variants"] = variant_residuals(of_variants, design)
-        if design.factor != VARIANT:
-            sensitivity = choices(of_variants, design)
+        sensitivity = choices(of_variants, design)
     names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
     results = replace(results, residuals=pool_recordings(compared, design.weigh))
     people = _all_subjects(results.subjects, study)
@@ -174,14 +168,12 @@ def write_report(
         for name, figure in figures:
             announce(f"drawing {name}")
             save_figure(figure, folder / "figures" / name)
-            suffix = ".png" if name.startswith("raw_") else ".svg"  # every cycle is too many lines
-            shown[name] = picture(folder / "figures" / f"{name}{suffix}")
+            shown[name] = picture(folder / "figures" / f"{name}.svg")
         return shown
 
-    main = of_variants[MAIN].trials
-    order = design.in_order(name.condition for name in main)
-    keys = sorted(main, key=lambda n: (n.subject, order.index(n.condition), n.recording))
-    paragraphs = methods(described, tests, design, study)
+    order = design.in_order(name.condition for name in results.trials)
+    keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
+    paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
     values = dict(
@@ -189,7 +181,7 @@ def write_report(
         design=design,
         windows=windows,
         measurement=missing,
-        problems=problems(states, source, results, names, variants=design.factor == VARIANT),
+        problems=problems(states, source, results, names),
         verdict=verdict_values(found, results.residuals, design, stated=stated),
         tables=residual_tables(
             results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
@@ -200,15 +192,14 @@ def write_report(
         joints=drawn(joint_figures(results.joint_cycles, design, curves)),
         joint_tables=compensation_tables(results.joints, design),
         pictures=drawn(study_figures(results, tests, design, curves)),
-        example_subject=example_subject(results.cycles),
         laboratory=None if study is None else page_of_study(study, folder),
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
         has_reference=design.reference in results.cycles["condition"].unique(),
-        trials={str(name): main[name] for name in keys},
+        trials={str(name): results.trials[name] for name in keys},
         states=states,
         quality=quality_table(
-            {str(name): quality[name] for name in main},
+            {str(name): quality[name] for name in results.trials},
             {str(name): f"trials/{name.stem}.html" for name in keys} if pages else {},
         ),
         limits=LIMITS,

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from hbm.spatial import Array
-from pipeline.statistics.design import ALPHA, EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.design import ALPHA, COMPENSATION, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.mixed import (
     effects_of_factors,
     is_incomplete_or_repeated,
@@ -110,8 +110,7 @@ def statistics(
     if subjects is None and design.group is not None:
         raise ValueError(f"groups by {design.group} need a table of subjects")
     data = residuals[residuals["compensated"].isin(design.variants)]
-    names = [design.cell(*key) for key in zip(data["condition"], data["compensated"], strict=True)]
-    data = data.assign(cell=names)
+    data = data.assign(cell=design.cells_of(data))
     listed = [] if subjects is None else list(subjects["subject"])
     everyone = list(dict.fromkeys([*listed, *residuals["subject"]]))
     rows = []
@@ -196,9 +195,11 @@ def _anova(cells: pd.DataFrame, between: pd.DataFrame, design: Design) -> Iterat
     if (names and not varying) or (design.group in names and design.group not in varying):
         yield _row(test, "", n, "not computed", *same, missing)
         return
+    levels = {COMPENSATION: 2, design.factor: len(design.conditions)}
+    shape = n, *(levels[factor] for factor in design.factors)
     try:
         terms = repeated_measures_glm(
-            complete[list(design.cells)].to_numpy().reshape(n, *design.levels),
+            complete[list(design.cells)].to_numpy().reshape(shape),
             design.factors,
             {name: complete[name].to_numpy() for name in varying},
         )

@@ -82,12 +82,6 @@ class Design:
         return (COMPENSATION,) * self.compensated + (self.factor,) * (len(self.conditions) > 1)
 
     @property
-    def levels(self) -> tuple[int, ...]:
-        """Number of levels of each of `factors`."""
-        own = (len(self.conditions),) * (len(self.conditions) > 1)
-        return (2,) * self.compensated + own
-
-    @property
     def reference_cell(self) -> str:
         """The reference with the plates as measured."""
         return self.cell(self.reference, False)
@@ -97,6 +91,11 @@ class Design:
         if not self.compensated:
             return condition
         return f"{condition} {COMPENSATION if compensated else f'no {COMPENSATION}'}"
+
+    def cells_of(self, rows: pd.DataFrame) -> list[str]:
+        """Give the cell of each row of a table with condition and compensated."""
+        keys = rows[["condition", "compensated"]].itertuples(index=False, name=None)
+        return [self.cell(*key) for key in keys]
 
     def judged(self, condition: str) -> str:
         """Give the cell of a condition that is compared with the reference: compensated if any."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import combinations, product
 from math import inf, nan
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,7 @@ from scipy import optimize, stats
 
 from hbm.spatial import Array
 from pipeline.statistics.design import COMPENSATION, CONFIDENCE, MIN_SUBJECTS, Design
+from pipeline.statistics.measurement import deviation
 from pipeline.statistics.rm_glm import effect_coded
 
 MAX_RATIO: Final = 1e6
@@ -41,8 +42,7 @@ DIFFERENCE: Final = (1.0, -1.0)
 """Weights of the means of two cells in their difference."""
 
 
-@dataclass(frozen=True, slots=True)
-class FTest:
+class FTest(NamedTuple):
     """An F test of fixed effects.
 
     Attributes
@@ -164,7 +164,7 @@ class CellComparison:
     def bounds(self, weights: Weights, alpha: float) -> tuple[float, float]:
         """Give the confidence interval of a weighted sum, with alpha beyond either end."""
         value = float(self.means @ weights)
-        half = float(stats.t.isf(alpha, self.df(weights))) * _deviation(self.covariance, weights)
+        half = float(stats.t.isf(alpha, self.df(weights))) * deviation(self.covariance, weights)
         return value - half, value + half
 
     def interval(self, alpha: float = 1 - CONFIDENCE) -> tuple[float, float]:
@@ -201,7 +201,7 @@ class CellComparison:
 
     def spread(self, weights: Weights, repeats: float | None = None) -> float:
         """Give the SD of weighted sums between subjects, with as many recordings, or a number."""
-        return _deviation(self.between + self.within / (repeats or self.repeats), weights)
+        return deviation(self.between + self.within / (repeats or self.repeats), weights)
 
     @property
     def difference(self) -> float:
@@ -209,25 +209,15 @@ class CellComparison:
         return float(self.means[0] - self.means[1])
 
     @property
-    def error(self) -> float:
-        """Standard error of the difference, without the correction for few subjects."""
-        return _deviation(self.covariance if self.model is None else self.model.covariance)
-
-    @property
     def t(self) -> float:
         """The difference by its error, corrected for few subjects; NaN without an error."""
-        error = _deviation(self.covariance)
+        error = deviation(self.covariance, DIFFERENCE)
         return self.difference / error if error > 0 else nan
 
     @property
     def p(self) -> float:
         """The probability of a larger |t| if there is no difference."""
         return float(2 * stats.t.sf(abs(self.t), self.df()))
-
-
-def _deviation(covariance: Array, weights: Weights = DIFFERENCE) -> float:
-    """Give the standard deviation of a weighted sum of two values."""
-    return float(np.sqrt(np.array(weights) @ covariance @ weights))
 
 
 def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> MixedModel:
@@ -505,16 +495,10 @@ def recording_values(recordings: pd.DataFrame, axis: str, design: Design) -> pd.
         & recordings["condition"].isin(design.conditions)
         & recordings["compensated"].isin(design.variants)
     ]
-    cells = [design.cell(*key) for key in zip(rows["condition"], rows["compensated"], strict=True)]
-    return pd.DataFrame(
-        {
-            "subject": rows["subject"].to_numpy(),
-            "recording": (rows["condition"] + " " + rows["recording"].astype(str)).to_numpy(),
-            "condition": rows["condition"].to_numpy(),
-            "compensated": rows["compensated"].to_numpy(),
-            "cell": cells,
-            "value": rows["rms"].to_numpy(float),
-        }
+    return rows.assign(
+        recording=rows["condition"] + " " + rows["recording"].astype(str),
+        cell=design.cells_of(rows),
+        value=rows["rms"].astype(float),
     )
 
 

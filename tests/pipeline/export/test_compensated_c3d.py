@@ -8,11 +8,7 @@ import pytest
 from compensation import to_lab
 from hbm.signals.filtering import low_pass
 from hbm.spatial import rotation_about
-from pipeline.export.compensated_c3d import (
-    Calibrations,
-    write_compensated,
-    write_compensated_study,
-)
+from pipeline.export.compensated_c3d import write_compensated, write_compensated_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.run.job import file_digest
 from pipeline.trial.ground.calibrations import fit_calibration
@@ -35,16 +31,18 @@ def original(study):
 
 
 @pytest.fixture(scope="module")
-def calibrations(study, laboratory):
-    return Calibrations(laboratory, study.path("empty.c3d"))
+def calibration(study):
+    return study.path("empty.c3d")
 
 
 @pytest.fixture(scope="module")
-def written(original, calibrations, tmp_path_factory):
+def written(original, laboratory, calibration, tmp_path_factory):
     """The trial that pitches by 10°, written in every frame."""
     folder = tmp_path_factory.mktemp("compensated")
     return {
-        frame: write_compensated(original, calibrations, folder / f"{frame}.c3d", frame=frame)
+        frame: write_compensated(
+            *(original, laboratory, folder / f"{frame}.c3d"), calibration=calibration, frame=frame
+        )
         for frame in FRAMES
     }
 
@@ -54,12 +52,12 @@ def recordings(written):
     return {frame: read_c3d(file.path) for frame, file in written.items()}
 
 
-def compensated(recording, calibrations):
+def compensated(recording, laboratory):
     """Plates after the calibration's low-pass, minus the prediction after the same one."""
     columns = [recording.analog.channel(name) for names in lab.CHANNELS.values() for name in names]
     readings, time = np.column_stack(columns) * 9.80665, recording.analog.time
     for plate in recording.plates:
-        model = calibrations.laboratory.calibration.plates[f"plate {plate.number}"]
+        model = laboratory.calibration.plates[f"plate {plate.number}"]
         low = model.setup.low_pass
         yield model.compensate(low(readings, time), low(plate.wrench_in_plate, plate.time))
 
@@ -73,18 +71,18 @@ def through_low_pass(recording):
 
 
 def test_read_back_and_low_passed_the_plates_are_our_compensated_ones(
-    original, recordings, calibrations
+    original, recordings, laboratory
 ):
     for plate, expected in zip(
-        through_low_pass(recordings[None]).plates, compensated(original, calibrations), strict=True
+        through_low_pass(recordings[None]).plates, compensated(original, laboratory), strict=True
     ):
         error = np.abs(plate.wrench_in_plate - expected)
         assert (error < RANGE_SHARE * np.ptp(expected, axis=0)).all()
 
 
-def test_only_what_the_treadmill_adds_is_subtracted(original, recordings, calibrations):
+def test_only_what_the_treadmill_adds_is_subtracted(original, recordings, laboratory):
     """Without any filter: what the subject did to the plates is there up to their noise."""
-    artefacts, _ = plate_artefacts(bind(original, calibrations.laboratory))
+    artefacts, _ = plate_artefacts(bind(original, laboratory))
     for before, after, artefact in zip(
         original.plates, recordings[None].plates, artefacts, strict=True
     ):
@@ -111,8 +109,8 @@ def test_a_copy_of_wrong_plates_holds_corrected_ones(original, study, tmp_path):
     of_right = fit_calibration(empty, treadmill)
     of_wrong = fit_calibration(wrongly_measured(empty), treadmill, correction)
     artefacts, _ = plate_artefacts(bind(original, Laboratory(treadmill, of_right)))
-    calibrations = Calibrations(Laboratory(treadmill, of_wrong, plates=correction))
-    written = write_compensated(read_c3d(wrong), calibrations, tmp_path / "copy.c3d")
+    laboratory = Laboratory(treadmill, of_wrong, plates=correction)
+    written = write_compensated(read_c3d(wrong), laboratory, tmp_path / "copy.c3d")
     copy = read_c3d(written.path)
     for plate, before, artefact in zip(copy.plates, original.plates, artefacts, strict=True):
         error = np.abs(plate.wrench_in_plate - (before.wrench_in_plate - artefact))
@@ -147,9 +145,9 @@ def test_the_residual_of_the_written_file_is_the_compensated_one(study, recordin
     assert np.sqrt(np.mean((in_lab - expected) ** 2)) < 0.02
 
 
-def test_wrenches_in_the_lab_are_those_of_the_moving_plates(original, recordings, calibrations):
+def test_wrenches_in_the_lab_are_those_of_the_moving_plates(original, recordings, laboratory):
     """A program that knows no platform reads the wrench that acted, in the lab, from the file."""
-    platform = calibrations.laboratory.treadmill.platform
+    platform = laboratory.treadmill.platform
     pose, _ = platform_pose(original, platform, original.markers.time)
     at_samples = pose_at(original, pose, original.plates[0].time)
     for moving, at_rest in zip(recordings[None].plates, recordings["lab"].plates, strict=True):
@@ -158,9 +156,9 @@ def test_wrenches_in_the_lab_are_those_of_the_moving_plates(original, recordings
         assert (error < 1e-6 * np.ptp(wrench, axis=0).max()).all()
 
 
-def test_with_the_plates_frame_the_corners_are_in_the_mean_pose(original, recordings, calibrations):
+def test_with_the_plates_frame_the_corners_are_in_the_mean_pose(original, recordings, laboratory):
     """As a rigid plate: moved to the mean of its centre, tilted by the mean pitch."""
-    platform = calibrations.laboratory.treadmill.platform
+    platform = laboratory.treadmill.platform
     pose, _ = platform_pose(original, platform, original.markers.time)
     mean_pitch = pose.pitch.mean()
     assert abs(np.degrees(mean_pitch)) > 1
@@ -174,25 +172,25 @@ def test_with_the_plates_frame_the_corners_are_in_the_mean_pose(original, record
         np.testing.assert_array_equal(one.wrench_in_plate, other.wrench_in_plate)
 
 
-def test_a_frame_without_a_pose_is_refused(original, calibrations, tmp_path):
-    treadmill = calibrations.laboratory.treadmill.model_copy(update={"platform": None})
-    level = replace(calibrations, laboratory=replace(calibrations.laboratory, treadmill=treadmill))
+def test_a_frame_without_a_pose_is_refused(original, laboratory, tmp_path):
+    treadmill = laboratory.treadmill.model_copy(update={"platform": None})
+    level = replace(laboratory, treadmill=treadmill)
     with pytest.raises(ValueError, match=r"sub01_pitch\.c3d: --frame lab needs the pose of the pl"):
         write_compensated(original, level, tmp_path / "x.c3d", frame="lab")
 
 
-def test_the_original_is_never_written_over(original, calibrations, tmp_path):
+def test_the_original_is_never_written_over(original, laboratory, tmp_path):
     """Nor by another name of the same file."""
     link = tmp_path / "link.c3d"
     link.symlink_to(original.source)
     before = file_digest(original.source)
     for target in (original.source, link):
         with pytest.raises(ValueError, match="would be written over the original; name another f"):
-            write_compensated(original, calibrations, target)
+            write_compensated(original, laboratory, target)
     assert file_digest(original.source) == before
 
 
-def test_samples_that_a_plate_missed_stay_missing(original, calibrations, tmp_path):
+def test_samples_that_a_plate_missed_stay_missing(original, laboratory, tmp_path):
     wrench = original.plates[0].wrench_in_plate.copy()
     wrench[5000:5100, 2] = np.nan
     first = replace(original.plates[0], wrench_in_plate=wrench)
@@ -201,7 +199,7 @@ def test_samples_that_a_plate_missed_stay_missing(original, calibrations, tmp_pa
     unknown = np.isnan(recording.plates[0].wrench_in_plate).any(axis=1)
     np.testing.assert_array_equal(np.flatnonzero(unknown), np.arange(5000, 5100))
     target = tmp_path / "out" / "gap.c3d"
-    written = read_c3d(write_compensated(recording, calibrations, target, frame="lab").path)
+    written = read_c3d(write_compensated(recording, laboratory, target, frame="lab").path)
     after = np.isnan(written.plates[0].wrench_in_plate).any(axis=1)
     np.testing.assert_array_equal(after, unknown)
     assert np.isfinite(written.plates[1].wrench_in_plate).all()

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.export.rewritten_c3d import _plate_samples, check_rewritten, rewrite_plates
-from pipeline.io.c3d.data import read_header, read_samples
+from pipeline.export.compensated_c3d import _file_plates, check_rewritten, rewrite_plates
+from pipeline.io.c3d.data import analog_scaling, read_header, read_samples
 from pipeline.io.c3d.force_plates import plate_layouts
 from pipeline.io.c3d.parameters import (
     parameter_records,
@@ -22,7 +22,7 @@ from pipeline.io.c3d.read import GROUP, read_compensation
 from pipeline.io.c3d.second_reader import SecondReading, installed
 from pipeline.io.recording import Compensation
 from pipeline.io.stated import Stated
-from tests.pipeline.io.c3d.plate_files import BLOCK, PlateFile
+from tests.pipeline.io.c3d.plate_files import BLOCK, CORNERS_MM, PlateFile
 
 DONE = Compensation("hbm-residuals 0.2.0", (1, 2), "lab.json", "ab" * 32, cutoff_hz=20.0)
 TYPES, PROCESSORS = (2, 3, 4), ("intel", "dec", "sgi")
@@ -97,16 +97,16 @@ def assert_only_the_group_is_added(original, written):
 def assert_read_back(original, written, changes):
     """Real samples: to 1e-6 of the largest component. Whole ones: half a count in every channel."""
     header = read_header(original)
-    samples = _plate_samples(header, Stated())
+    _, scale, _ = analog_scaling(header)
     for plate, before, after, change in zip(
-        samples.plates, plates_of(original), plates_of(written), changes, strict=True
+        _file_plates(header), plates_of(original), plates_of(written), changes, strict=True
     ):
         wanted = before + change
         error = np.abs(after - wanted)
         if header.scale < 0:
             assert (error <= 1e-6 * np.abs(wanted).max(axis=0)).all()
             continue
-        half = np.abs(samples.scale[list(plate.channels)]) / 2
+        half = np.abs(scale[list(plate.channels)]) / 2
         to_wrench = np.abs(plate.wrench(np.eye(len(half))).T)
         assert (error <= 1.000001 * to_wrench @ half).all()
 
@@ -115,7 +115,7 @@ def assert_read_back(original, written, changes):
 def without_second_reader(monkeypatch):
     """Save the seconds that it takes where a test compares the bytes itself."""
     nobody = SecondReading("ezc3d", "not asked")
-    monkeypatch.setattr("pipeline.export.rewritten_c3d.check_rewritten", lambda *_, **__: nobody)
+    monkeypatch.setattr("pipeline.export.compensated_c3d.check_rewritten", lambda *_, **__: nobody)
 
 
 @pytest.mark.usefixtures("without_second_reader")
@@ -302,14 +302,14 @@ def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
     section = content[start : header.data_start]
     section = with_values(section, "intel", "FORCE_PLATFORM", "TYPE", np.array([5, 2]))
     original.write_bytes(content[:start] + section + content[header.data_start :])
-    (layout,) = _plate_samples(read_header(original), Stated()).plates
+    (layout,) = _file_plates(read_header(original))
     assert layout.number == 2
     corners = (layout.corners - layout.corners.mean(axis=0)) @ layout.rotation + [0, 0, 0.05]
 
     changes = changes_of(original)
     target = tmp_path / "written" / original.name
     rewrite_plates(original, target, changes, DONE, [corners])
-    (moved,) = _plate_samples(read_header(target), Stated()).plates
+    (moved,) = _file_plates(read_header(target))
     np.testing.assert_allclose(
         moved.corners, layout.corners + 0.05 * layout.rotation[:, 2], atol=1e-7
     )
@@ -319,6 +319,25 @@ def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
     samples = [read_samples(read_header(path)).analog for path in (original, target)]
     np.testing.assert_array_equal(samples[0][:, :7], samples[1][:, :7])
     np.testing.assert_allclose(plates_of(target)[0], plates_of(original)[0] + changes[0], atol=1e-3)
+
+
+def test_corners_in_another_unit_are_moved_in_it(tmp_path):
+    """In cm, which a marker above the plate shows; the file is in mm."""
+    original, above = PlateFile(2).write(tmp_path / "trial.c3d"), np.zeros((30, 1, 3))
+    header, content = read_header(original), original.read_bytes()
+    start, numbers = BLOCK * (header.parameter_block - 1), CORNERS_MM.T[..., None] / 10
+    section = content[start : header.data_start]
+    section = with_values(section, "intel", "FORCE_PLATFORM", "CORNERS", numbers)
+    original.write_bytes(content[:start] + section + content[header.data_start :])
+    (plate,) = _file_plates(read_header(original), position=above)
+    np.testing.assert_allclose(np.ptp(plate.corners, axis=0), [0.6, 0.4, 0], atol=1e-7)
+    corners = (plate.corners - plate.corners.mean(axis=0)) @ plate.rotation + [0, 0, 0.05]
+    target = tmp_path / "written" / original.name
+    rewrite_plates(original, target, changes_of(original), DONE, [corners], position=above)
+    (moved,) = _file_plates(read_header(target), position=above)
+    np.testing.assert_allclose(
+        moved.corners, plate.corners + 0.05 * plate.rotation[:, 2], atol=1e-7
+    )
 
 
 def test_a_channel_that_two_plates_share_is_refused(tmp_path):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pipeline.figures.explained import GROUP_COLOURS
 from pipeline.figures.style import COLOURS, PALETTE, draw_band, draw_differences, save_figure
 from pipeline.statistics.curves import CurveDifference
 from pipeline.viewer.plots import LARGEST_COLOURS
@@ -57,5 +56,5 @@ def test_a_part_of_a_single_percent_has_a_bar_outside_the_panel_and_p_is_beside_
 
 def test_the_colours_of_plates_as_measured_and_compensated_mean_nothing_else():
     """In figures and in the viewer."""
-    others = {*PALETTE, *GROUP_COLOURS, *LARGEST_COLOURS, *SIDE_COLOURS.values(), *STATES.values()}
+    others = {*PALETTE, *LARGEST_COLOURS, *SIDE_COLOURS.values(), *STATES.values()}
     assert not others & {*COLOURS.values()}

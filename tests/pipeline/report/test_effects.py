@@ -15,34 +15,38 @@ def shown():
     return only
 
 
-def columns(table):
+def table_of(shown, caption):
+    """The columns of the table of a test, by their heads."""
+    table = next(table for table in shown[1] if table.caption.startswith(caption))
     return {head: [row[k] for row in table.rows] for k, head in enumerate(table.heads)}
 
 
 def test_the_analysis_of_variance_is_rs(shown):
-    anova = columns(shown[1][0])
+    anova, mauchly = table_of(shown, "RM-ANOVA"), table_of(shown, "Mauchly, RM-ANOVA")
+    tested = zip(mauchly["Effect"], mauchly["statistic"], mauchly["p"], strict=True)
+    of_mauchly = {effect: (w, p) for effect, w, p in tested}
     expected = {row["term"]: row for row in ORACLE["study"]}
     for k, term in enumerate(("a", "b", "a:b")):
         r = expected[term]
-        assert anova["F"][k] == f"{r['f']:.2f}"
+        assert anova["statistic"][k] == f"F {r['f']:.3f}"
         assert anova["df"][k] == f"{r['df1']:g}, {r['df2']:g}"
         eta = r["ss"] / (r["ss"] + r["ss_error"])
-        assert anova["partial η² [95 % CI]"][k].startswith(f"{eta:.2f} [0.")
+        assert anova["effect size [95 % CI]"][k].startswith(f"partial eta squared {eta:.2f} [0.")
         if r["epsilon"] is not None:
             assert anova["ε GG"][k] == f"{r['epsilon']:.3f}"
-            assert anova["Mauchly's W"][k] == f"{r['mauchly_w']:.3f}"
-            assert anova["its p"][k] == f"{r['mauchly_p']:.3f}*"
-    assert [p.endswith("GG") for p in anova["p corrected"]] == [False, True, True]
+            sphericity = f"W {r['mauchly_w']:.3f}", f"{r['mauchly_p']:.3f}*"
+            assert of_mauchly[anova["Effect"][k]] == sphericity
+    assert [c == "Greenhouse-Geisser" for c in anova["correction"]] == [False, True, True]
 
 
-def test_planned_pairs_have_intervals_and_both_wilcoxon_tests_side_by_side(shown):
-    table = shown[1][3]
-    k = table.heads.index("p, Wilcoxon exact")
-    assert table.heads[k + 1] == "p, Wilcoxon asymptotic"
-    for row, r in zip(table.rows, ORACLE["pairs"].values(), strict=True):
-        for p, name in zip(row[k : k + 2], ("exact", "asymptotic"), strict=True):
+def test_planned_pairs_have_intervals_and_both_wilcoxon_tests(shown):
+    estimates = table_of(shown, "Estimate")["effect size [95 % CI]"]
+    for name in ("exact", "asymptotic"):
+        found = table_of(shown, f"Wilcoxon {name}")["p corrected"]
+        for p, r in zip(found, ORACLE["pairs"].values(), strict=True):
             corrected = min(1, 5 * r[f"p_wilcoxon_{name}"])
             assert float(p.rstrip("*")) == pytest.approx(corrected, abs=5e-4)
+    for r in ORACLE["pairs"].values():
         low, high = r["mean_ci"]
-        written = f"{r['mean']:+z.1f} [{low:+z.1f}, {high:+z.1f}]".replace("-", "−")
-        assert row[2] == written
+        interval = f"{r['mean']:+z.1f} [{low:+z.1f}, {high:+z.1f}]".replace("-", "−")
+        assert f"mean difference {interval}" in estimates

@@ -130,13 +130,3 @@ def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
     whole = incomplete.query("subject != 'sub03'")
     mean = whole.query("axis == 'Fx' and condition == 'baseline' and compensated")["rms"].mean()
     assert figure.axes[0].containers[1][0].get_ydata()[0] == pytest.approx(mean)
-
-
-def test_single_cycles_follow_one_another_in_time(results, tests):
-    none = pd.DataFrame(columns=["curve", "compared", "start_percent", "stop_percent", "p"])
-    figures = dict(study_figures(results, tests, EXPERIMENT_3, none))
-    panel = figures["raw_Fy"].axes[1]
-    assert panel.get_title(loc="left") == "sway"
-    peaks = line(panel, "no IC").get_ydata().reshape(-1, 101)
-    signs = np.sign(peaks[np.arange(4), np.abs(peaks).argmax(axis=1)])
-    assert signs.tolist() == [1, -1, 1, -1]  # right, left, right, left: nothing mirrored

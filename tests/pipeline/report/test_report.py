@@ -343,7 +343,7 @@ def test_the_page_raises_no_error_and_requests_nothing_but_itself(browser):
 @needs_chromium
 def test_every_figure_is_drawn(browser):
     sizes = browser.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth])")
-    assert len(sizes) == 9 + 5  # of residuals and of joints
+    assert len(sizes) == 3 + 5  # of residuals and of joints
     assert all(complete and width > 500 for complete, width in sizes)
 
 

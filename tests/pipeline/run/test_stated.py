@@ -13,7 +13,7 @@ from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.config.schema import TrialName
 from pipeline.config.study import read_study
 from pipeline.config.toml_file import check_options
-from pipeline.export.compensated_c3d import Calibrations, write_compensated
+from pipeline.export.compensated_c3d import write_compensated
 from pipeline.io.c3d.data import read_header
 from pipeline.io.c3d.parameters import parameter_records, values_of
 from pipeline.io.c3d.read import read_c3d
@@ -139,10 +139,10 @@ def test_a_copy_with_compensated_plates_keeps_its_own_labels_and_units(plain, di
         wrenches = []
         for folder in (plain, disguised):
             study = read_study(folder)
-            calibrations = Calibrations(read_study_laboratory(study), study.path("empty.c3d"))
+            laboratory = read_study_laboratory(study)
             recording = read_study_file(study, "sub01_pitch.c3d")
             target = tmp_path / f"{frame}_{folder.parent.name}.c3d"
-            write_compensated(recording, calibrations, target, frame=frame)
+            write_compensated(recording, laboratory, target, frame=frame)
             again = replace(study, folder=tmp_path)
             wrenches.append([p.wrench for p in read_study_file(again, target.name).plates])
             before = read_header(study.path("sub01_pitch.c3d")).parameters

@@ -7,7 +7,6 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
-from pipeline.report import write as report
 from pipeline.run.run import forecast, plan, run_study
 from pipeline.run.store import read_trial
 from pipeline.trial import chain, process
@@ -97,27 +96,3 @@ def test_a_run_says_what_is_new_what_is_outdated_and_why_and_how_long_it_takes(s
     assert said() == "trials: 1 up to date"
     edit(study / "study.toml", "cutoff_hz = 12", "cutoff_hz = 13")
     assert said().startswith("trials: 1 outdated (cutoff_hz 12.0 → 13.0); about 0:00:")
-
-
-def test_ways_of_processing_compared_with_each_other_are_no_conditions_and_no_mistake(
-    moving_study, tmp_path, capsys, monkeypatch
-):
-    for figures in ("study_figures", "joint_figures"):
-        monkeypatch.setattr(report, figures, lambda *given: iter(()))
-    folder = shutil.copytree(moving_study, tmp_path / "study")
-    compared = '[comparison]\nfactor = "variant"\ncondition = "baseline"\n'
-    file = folder / "study.toml"
-    file.write_text(f"{file.read_text()}\n[variants.cutoff_8]\ncutoff_hz = 8\n\n{compared}")
-    out = tmp_path / "out"
-    assert main(["run", str(folder), "--out", str(out)]) == 0
-    capsys.readouterr()
-    assert main(["report", str(out)]) == 0
-    printed = "".join(capsys.readouterr())
-    page = (out / "report.html").read_text(encoding="utf-8")
-    assert "different settings" not in printed + page
-    methods = page[page.index("The analysis included") :]
-    assert "processed in 2 ways, which were compared: as described here (main)" in methods
-    assert "with cutoff_hz 8.0 (cutoff_8)" in methods
-    assert methods.count("had not settled") == 1
-    assert "in the condition baseline." in methods
-    assert (out / "trials" / "sub01_baseline.html").is_file()
