@@ -1,6 +1,5 @@
 """What a file or folder is, and what can be done with it: ``hbm FILE``."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,21 +129,13 @@ def _recording(path: Path) -> Recognised:
     markers, plates = recording.markers, recording.plates
     held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]
     held.append(f"{len(plates)} plates" if plates else "no plates")
-    what = f"a {kind} recording, {', '.join(held)}"
-    uses = tuple(_uses(path, len(markers.names), len(plates)))
-    return Recognised(what, uses, walking=len(markers.names) >= MIN_MARKERS and bool(plates))
-
-
-def _uses(path: Path, markers: int, plates: int) -> Iterator[str]:
-    """Say what can be done with a recording."""
-    if plates and markers >= MIN_MARKERS:
-        yield f"hbm residuals {path}"
-        yield f"hbm explain {path}"
-        yield f"hbm export {path} --format osim --format tables --out DIR"
-        yield f"hbm live --replay {path}"
+    walking = bool(plates) and len(markers.names) >= MIN_MARKERS
+    uses: tuple[str, ...]
+    uses = (f"hbm residuals TRIAL --static {path}", f"hbm residuals {path} --forces FORCES.mot")
+    if walking:
+        exported = f"hbm export {path} --format osim --format tables --out DIR"
+        uses = f"hbm residuals {path}", f"hbm explain {path}", exported, f"hbm live --replay {path}"
     elif plates:
-        yield f"hbm calibration fit {path} --out calibration.json"
-        yield f"hbm calibration check CALIBRATION {path}"
-    else:
-        yield f"hbm residuals TRIAL --static {path}"
-        yield f"hbm residuals {path} --forces FORCES.mot"
+        fitted = f"hbm calibration fit {path} --out calibration.json"
+        uses = fitted, f"hbm calibration check CALIBRATION {path}"
+    return Recognised(f"a {kind} recording, {', '.join(held)}", uses, walking)

@@ -185,7 +185,7 @@ def _laboratory(request: TrialRequest) -> "Laboratory":
     from pipeline.trial.ground.calibrations import read_laboratory
     from pipeline.trial.ground.laboratory import Laboratory
 
-    markers = tuple(filter(None, map(str.strip, request.platform_markers.split(","))))
+    markers = marker_names(request.platform_markers)
     file = request.plate_calibration
     plates = read_plate_correction(file) if file is not None else None
     if request.calibration is not None:
@@ -195,3 +195,8 @@ def _laboratory(request: TrialRequest) -> "Laboratory":
         raise ValueError("--accelerometer has no effect without --calibration")
     platform = Platform(markers=markers) if markers else None
     return Laboratory(Treadmill(platform=platform), plates=plates)
+
+
+def marker_names(typed: str) -> tuple[str, ...]:
+    """Read names that are separated by commas."""
+    return tuple(filter(None, map(str.strip, typed.split(","))))

@@ -36,7 +36,10 @@ MOST_PLACES = 3
 
 def init(
     folder: Annotated[Path, Argument(help="Folder for the new study.")],
-    reading: Annotated[int | None, Option(help="Of names with several readings.")] = None,
+    field: Annotated[
+        list[int] | None,
+        Option(min=0, help="Of names, says whose they are; repeatable; 0: all of one person."),
+    ] = None,
 ) -> None:
     """Of the recordings in the folder, or as an example; edit it, then 'hbm check'."""
     from pipeline.config.found_recordings import found_subjects
@@ -44,7 +47,7 @@ def init(
 
     console = PlainConsole()
     with console.status("reading recordings"):
-        found, unused = found_subjects(folder, reading)
+        found, unused = found_subjects(folder, field or ())
     written = write_template(folder, found)
     for subject in found:
         pose = f"pose {subject.static}" if subject.static else "no recording of a pose"
@@ -156,7 +159,7 @@ def run(
         require_nothing_replaced(planned, out)
     if loaded.file.treadmill.check:
         console.say_notes(read_study_laboratory(loaded).notes)
-    console.say(str(forecast(planned, out, jobs)))
+    console.say(forecast(planned))
     outcomes = run_planned(
         loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
     )

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, described, takes
+from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, takes
 from pipeline.cli.output import OUTPUT, plain_notes, tables_in
-from pipeline.cli.request import RecordingRequest
+from pipeline.cli.request import RecordingRequest, marker_names
 from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
-from pipeline.config.schema import Platform, Treadmill
-from pipeline.config.toml_file import check_options
+from pipeline.config.schema import CalibrationFit, Platform, Treadmill
 
 if TYPE_CHECKING:
     from hbm.notes import Note
@@ -38,42 +37,37 @@ def say_parts(
     console.say(f"page: {write_laboratory(folder, *parts, verdicts=verdicts)}")
 
 
-@takes(RecordingRequest)
+class FitRequest(CalibrationFit, RecordingRequest):
+    """A calibration to fit, and how, as typed."""
+
+    recording: Path
+    """The empty, moving treadmill."""
+    platform_markers: str = ""
+    """Markers on the platform: its sway and pitch, delay of the commands."""
+    sway_channel: str | None = None
+    """Channel of the commanded sway."""
+    pitch_channel: str | None = None
+    """Channel of the commanded pitch."""
+    plate_calibration: Path | None = None
+    """Calibration by hbm plates."""
+    beside: tuple[Path, ...] = ()
+    """People beside a plate that stays empty; repeatable."""
+    check: tuple[Path, ...] = ()
+    """As --beside, only to compare models by; repeatable."""
+
+
+@takes(FitRequest)
 def fit(
-    request: RecordingRequest,
-    recording: Annotated[Path, Argument(help="The empty, moving treadmill.")],
+    request: FitRequest,
     out: Annotated[Path, Option("-o", "--out", help="Calibration file to write (.json).")],
-    cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
-    accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
-    platform_markers: Annotated[
-        str, Option(help="Markers on the platform: its sway and pitch, delay of the commands.")
-    ] = "",
-    sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
-    pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
-    plate_calibration: PlateCorrectionFile = None,
-    beside: Annotated[
-        list[Path] | None,
-        Option("--beside", help="People beside a plate that stays empty; repeatable."),
-    ] = None,
-    inertia_model: Annotated[
-        str, described(Treadmill, "inertia_model", "--model", "--inertia-model")
-    ] = Treadmill().inertia_model,
-    check: Annotated[
-        list[Path] | None,
-        Option("--check", help="As --beside, only to compare models by; repeatable."),
-    ] = None,
-    study: Annotated[
-        Path | None, Option(help="Study whose trials' range is compared with the calibration's.")
-    ] = None,
 ) -> None:
     """Write laboratory.html beside it too: fit for which trials, and what it leaves."""
     from compensation import to_json
     from compensation.inertia.sensors import describe_sensors
     from pipeline.config.plate_correction import read_plate_correction
-    from pipeline.config.study import read_study
     from pipeline.io.write import write_text
-    from pipeline.report.empty_treadmill import measure_empty, trial_ranges
-    from pipeline.report.laboratory import BEYOND, beyond_range, calibration_part
+    from pipeline.report.empty_treadmill import measure_empty
+    from pipeline.report.laboratory import calibration_part
     from pipeline.run.job import file_digest
     from pipeline.trial.ground import accelerometers
     from pipeline.trial.ground import calibration_recording as of_empty
@@ -85,68 +79,59 @@ def fit(
     console = PlainConsole()
     if out.is_dir():
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
-    commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
-    markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
+    commands = Platform(sway_channel=request.sway_channel, pitch_channel=request.pitch_channel)
+    markers = marker_names(request.platform_markers)
     if commands.channels and not markers:
         raise ValueError(
             "--sway-channel and --pitch-channel need --platform-markers, which time the commands"
         )
-    stated = request.stated()
-    plates = read_plate_correction(plate_calibration) if plate_calibration else None
+    stated, file = request.stated(), request.plate_calibration
+    plates = read_plate_correction(file) if file else None
 
     def read(path: Path) -> "Recording":
         return of_empty.read_empty(path, stated, any_forward=plates is None)
 
-    empty = read(recording)
+    empty = read(request.recording)
     sensors = accelerometers.stated_accelerometers(request.accelerometer)
     sensors = sensors or accelerometers.find_accelerometers(empty)
-    treadmill = check_options(
-        Treadmill,
-        {
-            "accelerometers": sensors,
-            "accelerometer_unit": accelerometer_unit,
-            "cutoff_hz": cutoff_hz,
-            "inertia_model": inertia_model,
-        },
-    )
+    how = {name: getattr(request, name) for name in CalibrationFit.model_fields}
+    treadmill = Treadmill(accelerometers=sensors, **how)
     timing: tuple[Note, ...] = ()
     try:
-        fitted_too, compared = ([*map(read, paths or ())] for paths in (beside, check))
-        calibration = of_empty.fit_calibration(empty, treadmill, plates, fitted_too, compared)
+        beside, compared = ([*map(read, paths)] for paths in (request.beside, request.check))
+        calibration = of_empty.fit_calibration(empty, treadmill, plates, beside, compared)
         if commands.channels:
             timing = (command_delay(empty, markers, commands),)
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:
             text += "; if that is not their unit, use --accelerometer-unit g"
-        known = any(path.name in text for path in (recording, *(beside or ()), *(check or ())))
-        raise ValueError(text if known else f"{recording.name}: {text}") from error
+        files = request.recording, *request.beside, *request.check
+        named = any(path.name in text for path in files)
+        raise ValueError(text if named else f"{request.recording.name}: {text}") from error
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     platform = Platform(markers=markers) if markers else None
-    measured = measure_empty(empty, laboratory, fitted_too, platform)
-    ranges = trial_ranges(read_study(study), treadmill) if study is not None else {}
+    measured = measure_empty(empty, laboratory, beside, platform)
     provenance = {
         **calibration.provenance,
-        **({BEYOND: beyond_range(calibration, ranges)} if ranges else {}),
         **measured.motion,
-        "sha256": file_digest(recording),
+        "sha256": file_digest(request.recording),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": f"hbm-residuals {version('hbm-residuals')}",
         "channels": json.dumps(sensors),
-        "accelerometer_unit": accelerometer_unit or "",
+        "accelerometer_unit": request.accelerometer_unit or "",
     }
     calibration = replace(calibration, provenance=provenance)
     write_text(to_json(calibration), out)
-    belts_mps = measured.belts_mps
     notes = [
         *calibration.notes,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
         *timing,
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *uncertainty_limits(belts_mps, calibration),
+        *uncertainty_limits(measured.belts_mps, calibration),
     ]
-    say_parts(console, out.parent, calibration_part(calibration, out, measured, ranges, notes))
+    say_parts(console, out.parent, calibration_part(calibration, out, measured, {}, notes))
     console.say_notes(notes)
     console.say(f"written to {out}")
     rows = [(name, row) for name in calibration.in_use for row in calibration.verdict[name]]

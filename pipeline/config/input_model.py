@@ -45,11 +45,11 @@ class InputModel(BaseModel):
 
 
 def bounds_of(kind: type[InputModel], name: str) -> str:
-    """Give the numbers that a setting may have, such as "0.1 to 50"; empty for other settings."""
+    """Give the numbers that a setting may have, such as "0.1 to 50"; empty without both bounds."""
     field = _schema(kind)["properties"][name]
     stated = field["anyOf"][0] if "anyOf" in field else field
     least = stated.get("minimum", stated.get("exclusiveMinimum"))
-    return "" if least is None else f"{least:g} to {stated['maximum']:g}"
+    return f"{least:g} to {stated['maximum']:g}" if "maximum" in stated else ""
 
 
 @cache

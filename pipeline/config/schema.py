@@ -196,7 +196,19 @@ SENSORS: Final = {
 """An example."""
 
 
-class Treadmill(InputModel):
+class CalibrationFit(InputModel):
+    """How a calibration of the moving treadmill is fitted."""
+
+    accelerometer_unit: AccelerationUnit | None = Field(default=None, examples=["g"])
+    """g or m/s²; default: as the file says."""
+    inertia_model: Literal["auto", "static", "dynamic"] = "auto"
+    """static, dynamic, or auto: dynamic where clearly and safely better."""
+    cutoff_hz: FilterCutoffHz = 20.0
+    """Low-pass of the calibration, and of plates and accelerometers in trials; well above that of
+    the settings."""
+
+
+class Treadmill(CalibrationFit):
     """The machine: its accelerometers, its calibration, its belts, its platform.
 
     Examples
@@ -214,18 +226,11 @@ class Treadmill(InputModel):
     """Recordings of people beside an empty plate, fitted with the calibration recording."""
     check: FileName | None = Field(default=None, examples=["empty_day2.c3d"])
     """The empty treadmill on another day: is the calibration still valid?."""
-    accelerometer_unit: AccelerationUnit | None = Field(default=None, examples=["g"])
-    """g or m/s²; default: as the file says."""
     accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = 2.0
     """Largest acceleration that the accelerometers can measure."""
     accelerometer_delay_s: DelayS | None = Field(default=None, examples=[0.0])
     """Delay of the accelerometers relative to the plates; default: estimated from the calibration
     recording."""
-    inertia_model: Literal["auto", "static", "dynamic"] = "auto"
-    """static, dynamic, or auto: dynamic where clearly and safely better."""
-    cutoff_hz: FilterCutoffHz = 20.0
-    """Low-pass of the calibration, and of plates and accelerometers in trials; well above that of
-    the settings."""
     accelerometers: dict[Name, Channels] = Field(default_factory=dict, examples=[SENSORS])
     """Sensor and its x, y and z channels."""
     belt: Belt | None = None

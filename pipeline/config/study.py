@@ -97,6 +97,15 @@ class Study:
             for name, trial in person.named_trials.items()
         }
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of all files that it uses besides its own TOML files; of excluded trials none."""
+        stated = [self.file.plates.calibration, *self.file.treadmill.files]
+        stated += [name for person in self.subjects.values() for name in person.files]
+        used = [trial for trial in self.trials.values() if trial.exclude is None]
+        stated += [name for trial in used for name in trial.files]
+        return tuple(dict.fromkeys(filter(None, stated)))
+
     def to_process(
         self, subjects: Iterable[str] = (), conditions: Iterable[str] = ()
     ) -> list[TrialName]:

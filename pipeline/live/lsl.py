@@ -253,8 +253,6 @@ class Inlet:
         self.lost, self._inlet = True, None
 
 
-Choose = Callable[[str, Sequence[str]], int]
-"""From the name of a stream and its senders to the number of one of them."""
 WAIT_S: Final = 0.001
 """Between looks at the streams; the fastest is waited for."""
 SETTLE_S: Final = 0.75
@@ -285,8 +283,6 @@ class LslSource:
     senders
         Of several streams of one name, those of these computers, or with these identities, are
         received.
-    choose
-        Where that does not decide, called with the name and the senders; gives the number of one.
 
     Raises
     ------
@@ -319,13 +315,12 @@ class LslSource:
         timeout_s: float = 5.0,
         searching: Callable[[Sequence[str], Sequence[str]], object] | None = None,
         senders: Sequence[str] = (),
-        choose: Choose | None = None,
     ) -> None:
         names, lsl, stated = (markers, *analog), load_lsl(listen), stated or Stated()
         if len(set(names)) < len(names):
             raise ValueError(f"streams are named more than once: {listed(map(repr, names))}")
         self._resolver, self._sought_s = lsl.ContinuousResolver(forget_after=FORGET_S), 0.0
-        found, self._chosen = _find(self._resolver, names, timeout_s, searching, senders, choose)
+        found, self._chosen = _find(self._resolver, names, timeout_s, searching, senders)
         first = Inlet(lsl, found[0], stated, is_markers=True)
         of_all = replace(stated, axes=first.described.axes)
         self._inlets = [first, *(Inlet(lsl, info, of_all, is_markers=False) for info in found[1:])]
@@ -401,7 +396,6 @@ def _find(
     timeout_s: float,
     searching: Callable[[Sequence[str], Sequence[str]], object] | None,
     senders: Sequence[str],
-    choose: Choose | None,
 ) -> tuple[list[Any], set[str]]:
     """Give the streams of these names, once all are there, and names of which one was chosen.
 
@@ -421,21 +415,19 @@ def _find(
         if absent and searching is not None:
             searching(absent, list(there))
         if several and now_s - complete_s > FORGET_S:
-            chosen = {name: _choose(name, there[name], senders, choose) for name in several}
+            chosen = {name: _choose(name, there[name], senders) for name in several}
             return [chosen.get(name, there[name][0]) for name in names], set(chosen)
         if not (absent or several) and now_s - begun_s > SETTLE_S:
             return [there[name][0] for name in names], set()
         time.sleep(POLL_S)
 
 
-def _choose(name: str, there: Sequence[Any], senders: Sequence[str], choose: Choose | None) -> Any:
+def _choose(name: str, there: Sequence[Any], senders: Sequence[str]) -> Any:
     """Give one of several streams of a name; a ValueError lists them where none is chosen."""
     matching = [info for info in there if set(_identity(info)) & set(senders)] or list(there)
     if len(matching) == 1:
         return matching[0]
     shown = [f"{short(host)} ({short(source)})" for host, source in map(_identity, matching)]
-    if choose is not None:
-        return matching[choose(short(name), shown)]
     raise ValueError(
         f"{len(matching)} streams are called {short(name)!r}: from {', '.join(shown)}; choose one: "
         "--sender COMPUTER, or its identity in brackets"

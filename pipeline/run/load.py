@@ -138,8 +138,8 @@ def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:
 
 def _rows_of(table: pd.DataFrame, wanted: Collection[TrialName]) -> pd.DataFrame:
     """Give a table's rows of some trials."""
-    keys = zip(table["subject"], table["condition"], table["recording"], strict=True)
-    return table[np.array([key in wanted for key in keys], bool)].reset_index(drop=True)
+    names = pd.MultiIndex.from_frame(table[[*TrialName._fields]])
+    return table[names.isin([*wanted])].reset_index(drop=True)
 
 
 def _subjects(trials: Mapping[TrialName, TrialResult]) -> pd.DataFrame:

@@ -288,23 +288,12 @@ def second(name, identity):
     return lsl.StreamOutlet(info)
 
 
-@pytest.mark.parametrize("by", ["option", "question"])
-def test_of_several_senders_that_is_received_which_a_person_chooses(prefix, opened, by):
+def test_of_several_senders_that_is_received_which_a_person_chooses(prefix, opened):
     """It stays the one: where it has gone, the other one is not taken in its place."""
-    asked = []
-
-    def choose(name, senders):
-        asked.append((name, sorted(senders)))
-        return next(k for k, sender in enumerate(senders) if "cameras b" in sender)
-
     one, other = second(prefix, "cameras a"), second(prefix, "cameras b")
-    answers = {"senders": ["cameras b"]} if by == "option" else {"choose": choose}
-    source = LslSource(prefix, stated=AXES, **answers)
+    source = LslSource(prefix, stated=AXES, senders=["cameras b"])
     opened.append(source)
-    here = gethostname()
-    listed = [f"{here} (cameras a)", f"{here} (cameras b)"]
-    assert asked == ([] if by == "option" else [(prefix, listed)])
-    assert source.streams[0].sender == here
+    assert source.streams[0].sender == gethostname()
     now = load_lsl().local_clock()
     one.push_sample([1.0] * 9, now)
     other.push_sample([2.0] * 9, now)
