@@ -17,13 +17,8 @@ from pipeline.io.units import acceleration_in_mps2, length_in_m
 
 MAX_NAME: Final = 64
 """Characters; names of subject and condition together are part of the name of a file."""
-RESERVED: Final = (
-    "con",
-    "prn",
-    "aux",
-    "nul",
-    *(f"{p}{n}" for p in ("com", "lpt") for n in range(10)),
-)
+PORTS: Final = {f"{port}{n}" for port in ("com", "lpt") for n in range(10)}
+RESERVED: Final = PORTS | {"con", "prn", "aux", "nul"}
 """Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
 
 

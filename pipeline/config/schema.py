@@ -337,15 +337,13 @@ WindowName = Literal["cycle", "step", "stance", "motion", "recording"]
 def _window(stated: object) -> object:
     if isinstance(stated, Interval) or stated in get_args(WindowName):
         return stated
-    if not isinstance(stated, list | tuple) or len(stated) != 2:
+    bounds = stated if isinstance(stated, list | tuple) and len(stated) == 2 else ()
+    percents = [PERCENT.fullmatch(bound) for bound in bounds if isinstance(bound, str)]
+    numbers = [float(match[1]) for match in percents if match]
+    numbers += [b for b in bounds if isinstance(b, int | float) and not isinstance(b, bool)]
+    if len(numbers) != 2 or len(percents) == 1:
         raise ValueError(f"must be {ALLOWED}, got {shown(stated)}")
-    percents = [PERCENT.fullmatch(bound) for bound in stated if isinstance(bound, str)]
-    numbers: list[float] = [bound for bound in stated if isinstance(bound, int | float)]
     unit: Literal["s", "%"] = "%" if percents else "s"
-    if percents:
-        numbers = [float(match[1]) for match in percents if match]
-    if len(numbers) != 2 or any(isinstance(bound, bool) for bound in stated):
-        raise ValueError(f"must be {ALLOWED}, got {shown(stated)}")
     start, stop = numbers
     if start < 0:
         raise ValueError(f"must not begin before zero, got {shown(stated)}")

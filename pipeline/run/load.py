@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.schema import TrialName
-from pipeline.run.store import read_trial, without_frames
+from pipeline.run.store import read_trial
 from pipeline.trial.joints import joint_tables
 from pipeline.trial.residuals import (
     AXES,
@@ -91,7 +91,7 @@ def collect(folder: Path, visit: Callable[[TrialResult], None] = lambda trial: N
     for path in paths:
         trial = read_trial(path)
         visit(trial)
-        trials[trial.name] = without_frames(trial)
+        trials[trial.name] = read_trial(path, frames=False)
         name = trial.condition
         of_residuals = residual_table(trial, name), _curves(trial), cycles_of(trial, name)
         tables.append((*of_residuals, *joint_tables(trial, name)))

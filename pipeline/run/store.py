@@ -10,7 +10,7 @@ import mmap
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -169,24 +169,6 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
         if not (result.shortage or result.span or any(map(len, result.cycles.values()))):
             raise _DamagedError("it has residuals without the gait cycles or span that they are of")
         return result
-
-
-def without_frames(result: TrialResult) -> TrialResult:
-    """Give a trial without its frames, of which there is room for a whole study."""
-    frames = len(result.motion.time)
-    return replace(result, **{name: _cut(getattr(result, name), frames) for name in OF_FRAMES})
-
-
-def _cut(value: Any, frames: int) -> Any:
-    """Leave out all frames of arrays, in whatever holds them."""
-    if isinstance(value, np.ndarray):
-        return value[:0] if len(value) == frames else value
-    if isinstance(value, Mapping):
-        return {key: _cut(own, frames) for key, own in value.items()}
-    if is_dataclass(value) and not isinstance(value, type):
-        own = {field.name: _cut(getattr(value, field.name), frames) for field in fields(value)}
-        return replace(value, **own)
-    return value
 
 
 def _metadata(result: TrialResult) -> bytes:
