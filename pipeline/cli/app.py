@@ -93,7 +93,9 @@ class Group(TyperGroup):
             ctx.fail(f"no command {short(cmd_name)!r}{did_you_mean(cmd_name, self.listed)}")
         module, sentence = self.listed[cmd_name]
         if not module:
-            return CalibrationGroup(name=cmd_name, help=sentence, rich_markup_mode=None)
+            group = Group(name=cmd_name, help=sentence, rich_markup_mode=None)
+            group.listed = CALIBRATION
+            return group
         one = typer.Typer(add_completion=False, rich_markup_mode=None)
         command = getattr(import_module(f"pipeline.cli.{module}"), cmd_name)
         printed = printing(command, with_json=cmd_name in WITH_JSON)
@@ -105,12 +107,6 @@ class Group(TyperGroup):
         """List the commands with a sentence on each."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, sentence) for name, (_, sentence) in self.listed.items()])
-
-
-class CalibrationGroup(Group):
-    """The commands of ``hbm calibration``."""
-
-    listed = CALIBRATION
 
 
 app = typer.Typer(cls=Group, pretty_exceptions_enable=False, rich_markup_mode=None)

@@ -204,8 +204,6 @@ def view(
 ) -> None:
     """Show markers, body, plates, forces, and residuals over time."""
     from pipeline.budgets.study import bands_of
-    from pipeline.io.write import write_text
-    from pipeline.run.program import program_digest
     from pipeline.run.store import read_trial
     from pipeline.viewer.serve import view as show
     from pipeline.viewer.trial import write_recording
@@ -214,23 +212,16 @@ def view(
     result = (
         results if results.suffix == RESULT else _result_of(results, subject, condition, number)
     )
-    summary = read_trial(result, frames=False)
-    bands = bands_of(result, summary)
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     recording = save or folder / "viewer" / f"{result.stem}.rrd"
-    shown = recording.with_suffix(".key")
-    # of what the recording is made: the key of a result does not cover the viewer
-    made = f"{summary.key} {program_digest()} {bands is not None}"
-    there = summary.key and recording.is_file() and shown.is_file() and shown.read_text() == made
-    if save or not there:
-        with console.status(Text(f"preparing {result.stem}")):
-            recording.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(read_trial(result), recording, bands=bands)
+    with console.status(Text(f"preparing {result.stem}")):
+        trial = read_trial(result)
+        recording.parent.mkdir(parents=True, exist_ok=True)
+        write_recording(trial, recording, bands=bands_of(result, trial))
     if save:
         console.say(f"recording: {save}")
-        return
-    write_text(made, shown)
-    show(recording, web=web, announce=console.say)
+    else:
+        show(recording, web=web, announce=console.say)
 
 
 def _result_of(folder: Path, *wanted: str | None) -> Path:

@@ -131,7 +131,7 @@ def fit(
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *uncertainty_limits(measured.belts_mps, calibration),
     ]
-    say_parts(console, out.parent, calibration_part(calibration, out, measured, {}, notes))
+    say_parts(console, out.parent, calibration_part(calibration, out, measured, notes))
     console.say_notes(notes)
     console.say(f"written to {out}")
     rows = [(name, row) for name in calibration.in_use for row in calibration.verdict[name]]
@@ -156,11 +156,8 @@ def signals(
     belt_m_per_s: Annotated[float, Option(help="Largest belt speed.")] = 6.0,
     belt_m_per_s2: Annotated[float, Option(help="Largest belt acceleration.")] = 15.0,
     out: Out = Path("signals"),
-) -> int:
-    """Those that the machine can do are written, as CSV and figures.
-
-    Exit code 1 if an advised signal is beyond the machine.
-    """
+) -> None:
+    """Those that the machine can do are written, as CSV and figures."""
     from compensation import MachineLimits
     from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
@@ -180,24 +177,14 @@ def signals(
         console.say(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}")
         for line in beyond:
             console.say(f"not written, beyond the machine: {name} {line}")
-    to_begin_with = {"pitch_sway": ADVISED_PLATFORM_SIGNAL, "belt": ADVISED_BELT_SIGNAL}
-    lacking = [
-        advised
-        for name, advised in to_begin_with.items()
-        if name in drawn and advised not in {signal.name for signal in drawn[name][0]}
-    ]
-    if lacking:
-        console.say(
-            f"the machine cannot do {' and '.join(lacking)}, which is advised: record others of "
-            "those written, and rank them (hbm calibration rank)"
-        )
-        return 1
+    names = {signal.name for possible, _ in drawn.values() for signal in possible}
+    advised = {ADVISED_PLATFORM_SIGNAL: "pitch and sway", ADVISED_BELT_SIGNAL: "belts"}
+    first = [f"{name} ({of})" for name, of in advised.items() if name in names]
     console.say(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
-        f"record {ADVISED_PLATFORM_SIGNAL} (pitch and sway) or {ADVISED_BELT_SIGNAL} (belts) with "
-        "the treadmill empty, and fit it (hbm calibration fit)"
+        f"record {' or '.join(first) or 'those written'} with the treadmill empty, and fit it (hbm "
+        "calibration fit)"
     )
-    return 0
 
 
 @takes(RecordingRequest)

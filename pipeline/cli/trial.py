@@ -137,8 +137,6 @@ def explain(
 def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.budgets.explanation import BANDS_SUFFIX as BANDS
     from pipeline.budgets.explanation import SUFFIX, explain, write_bands, write_explanation
-    from pipeline.figures.explained import bands_figure, budget_figure
-    from pipeline.figures.style import save_figure
     from pipeline.report.trial_page import write_trial_page
 
     if request.trial.suffix == RESULT:
@@ -153,10 +151,8 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     explanation = explain(recording, chain.inputs.laboratory, result)
     name, bands = request.trial.stem, explanation.budget.bands
     write_explanation(explanation, out / f"{name}{SUFFIX}")
-    save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
     assert bands is not None  # it was not read from a file
     write_bands(bands, out / f"{name}{BANDS}")
-    save_figure(bands_figure(bands, request.trial.name), out / f"{name}_bands")
     page = write_trial_page(
         result, out / f"{name}{PAGE}", plates=recording.plates, explanation=explanation
     )
@@ -166,7 +162,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     print_explanation(explanation, console)
     console.say(
         f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "
-        f"over time), {name}_explained and {name}_bands as .png and .svg"
+        "over time)"
     )
     numbers = json.loads((out / f"{name}{SUFFIX}").read_text(encoding="utf-8"))
     OUTPUT.result.update(

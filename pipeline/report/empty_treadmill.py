@@ -17,8 +17,7 @@ from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
 from hbm.spelling import written
-from pipeline.config.schema import Platform, Treadmill
-from pipeline.config.study import Study
+from pipeline.config.schema import Platform
 from pipeline.figures.residuals import component_figure, legend_below
 from pipeline.figures.style import COLOURS, PALETTE, STYLE
 from pipeline.io.recording import Recording
@@ -28,7 +27,6 @@ from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import empty_pose, turned_rad
 from pipeline.trial.ground.wrenches import plate_artefacts
-from pipeline.trial.study_files import read_study_file
 
 SWAY: Final = "sway_m"
 PITCH: Final = "pitch_deg"
@@ -241,25 +239,6 @@ def measure_empty(
         None if pose is None else float(np.abs(pose.position @ _axis(pose)).max()),
         None if pose is None else float(np.degrees(turned_rad(pose).max())),
     )
-
-
-def trial_ranges(study: Study, treadmill: Treadmill) -> dict[str, tuple[Array, Array]]:
-    """Give lowest and highest acceleration of each channel, (k,) [m/s²] each, by condition.
-
-    Of the trials of a study, through the low-pass of the treadmill's calibration.
-    """
-    ranges: dict[str, tuple[Array, Array]] = {}
-    for name in study.trials:
-        trial = study.trial(name)
-        if trial.file is None or trial.exclude is not None:
-            continue
-        recording = read_study_file(study, trial.file, trial)
-        clock, readings = accelerations(recording, treadmill)
-        felt = setup_of(recording, treadmill).low_pass(readings, clock)
-        low, high = np.nanmin(felt, axis=0), np.nanmax(felt, axis=0)
-        known = ranges.get(name.condition, (low, high))
-        ranges[name.condition] = np.minimum(known[0], low), np.maximum(known[1], high)
-    return ranges
 
 
 def _of_motion(

@@ -28,7 +28,6 @@ from compensation.inertia.quality import (
     LeftOver,
     lightest_kg,
 )
-from compensation.inertia.sensors import MAX_EXCESS_SHARE
 from hbm.notes import Note, provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from hbm.spelling import written
@@ -65,8 +64,6 @@ TITLES: Final[Mapping[PartName, str]] = {
 }
 CHILD_KG: Final = 20.0
 """Lighter persons hardly walk on treadmills."""
-BEYOND: Final = "study_beyond_range"
-"""In a calibration's provenance: conditions of the study beyond its range."""
 NEW_FIT: Final = "record the empty treadmill, hbm calibration fit"
 
 
@@ -181,7 +178,6 @@ def calibration_part(
     calibration: Calibration,
     file: Path,
     empty: EmptyTreadmill,
-    others: Mapping[str, tuple[Array, Array]],
     notes: Sequence[Note],
 ) -> Part:
     """Give the part of a calibration: for which trials it is fit, and what it leaves.
@@ -192,16 +188,12 @@ def calibration_part(
         The calibration and its file, beside which the checks are.
     empty
         The recording that it was fitted to.
-    others
-        Of the study's trials: label -> lowest and highest acceleration of the channels, (k,)
-        [m/s²] each.
     notes
         What was found in the fit.
     """
     tables = [component_table(calibration, empty.sources), frequency_table(empty)]
     tables.append(Table("Provenance", ("Item", "Finding"), provenance(notes), "folded"))
-    text = "Range of the calibration" + (" and of the trials of the study." if others else ".")
-    ranges = Drawn(text, drawing(range_figure(calibration, others)))
+    ranges = Drawn("Range of the calibration.", drawing(range_figure(calibration, {})))
     drawn = [*_of_recording(calibration, empty), ranges]
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
     return Part("calibration", [verdict], tables, drawn, of, warnings_of(notes))
@@ -211,18 +203,6 @@ def calibration_in_use(calibration: Calibration, file: Path) -> Part:
     """Give the part of a calibration without its recording: its verdict, by all checks."""
     verdict, of = calibration_verdict(calibration, file), file_digest(file)
     return Part("calibration", [verdict], of=of, warnings=warnings_of(calibration.notes))
-
-
-def beyond_range(calibration: Calibration, others: Mapping[str, tuple[Array, Array]]) -> str:
-    """Name the conditions of a study that accelerate the treadmill more than its calibration."""
-    model = next(iter(calibration.plates.values()))
-    low, high = model.acceleration_low, model.acceleration_high
-    beyond = MAX_EXCESS_SHARE * (high - low)
-    return ", ".join(
-        label
-        for label, (least, most) in others.items()
-        if (np.maximum(low - least, most - high) > beyond).any()
-    )
 
 
 def calibration_verdict(calibration: Calibration, file: Path) -> Table:
@@ -254,11 +234,6 @@ def calibration_verdict(calibration: Calibration, file: Path) -> Table:
         ("For how long", _validity(checks)),
         ("Next", todo),
     ]
-    if BEYOND in calibration.provenance:
-        far = calibration.provenance[BEYOND]
-        within: Check = ("pass", "within its range", "")
-        too_far: Check = ("check", f"beyond its range: {far}", "")
-        answers.append(("Study", [too_far if far else within]))
     return Table(f"Calibration {file.name}", ("Question", "Answer"), answers, "answers")
 
 

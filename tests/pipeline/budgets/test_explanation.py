@@ -13,7 +13,6 @@ from pipeline.budgets.explanation import (
     write_explanation,
 )
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill
-from pipeline.figures.explained import budget_figure
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
@@ -107,11 +106,3 @@ def test_a_file_of_another_version_is_refused(late, tmp_path):
 def test_without_gait_cycles_a_warning_says_what_is_explained(stretch):
     (note,) = stretch.budget.notes
     assert "2.0 s of the recording" in str(note)
-
-
-def test_the_figure_stacks_each_residual_to_its_whole(late):
-    (panel,) = budget_figure(late.budget).axes
-    whole = dict.fromkeys(range(6), 0.0)
-    for bar in panel.patches:
-        whole[round(bar.get_x() + bar.get_width() / 2)] += bar.get_height()
-    np.testing.assert_allclose(list(whole.values()), 100, atol=1e-6)
