@@ -199,7 +199,8 @@ class _TrialCheck:
     ) -> None:
         self.study, self.laboratory, self.findings = way.study, way.laboratory, way.findings
         self.person, self.trial, self.rule = person, trial, rule
-        self.settings, self.treadmill = way.study.file.settings, way.laboratory.treadmill
+        self.recording, self.markers, self.plates = recording, recording.markers, recording.plates
+        self.settings = way.study.file.settings
         inputs = Inputs(
             recording=recording,
             subject=person.person,
@@ -207,7 +208,6 @@ class _TrialCheck:
             laboratory=self.laboratory,
         )
         self.chain = Chain(inputs, self.settings).changed(trial=recording)
-        self.recording, self.markers, self.plates = recording, recording.markers, recording.plates
         self.channels = recording.analog.names if recording.analog is not None else ()
         self.remark = partial(self.findings.remark, recording.source.name)
         self.fault = partial(self.findings.fault, recording.source.name)
@@ -318,7 +318,8 @@ class _TrialCheck:
         """Look for what compensation, platform and perturbations need; give the known pose."""
         recording, laboratory, time = self.recording, self.laboratory, self.markers.time
         rule, settings, calibration = self.rule, self.settings, laboratory.calibration
-        platform, belt, models = self.treadmill.platform, self.treadmill.belt, laboratory.belts
+        treadmill, models = laboratory.treadmill, laboratory.belts
+        platform, belt = treadmill.platform, treadmill.belt
         if self.plates:
             lab = self.attempt(lambda: self.chain.lab)
             if lab is not None and calibration is not None:

@@ -215,11 +215,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
 
 def _each_once(values: Iterable[Item]) -> tuple[Item, ...]:
     """Give values without repetition, in order of their first occurrence."""
-    different: list[Item] = []
-    for value in values:
-        if value not in different:
-            different.append(value)
-    return tuple(different)
+    return tuple({repr(value): value for value in values}.values())
 
 
 def input_digests(study: Study) -> dict[str, str]:
