@@ -206,7 +206,7 @@ def _fail(error: Exception, typed: Sequence[str]) -> int:
     named = lines[0].partition(": ")[0]
     paths = (Path(word) for word in typed if not word.startswith("-"))
     given = (path for path in paths if named in (str(path), path.name))
-    file = getattr(error, "filename", None) or next(given, None)
+    file = next(given, None) or getattr(error, "filename", None)
     OUTPUT.result["error"] = {
         "code": code,
         "text": "; ".join(lines),

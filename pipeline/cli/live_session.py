@@ -19,20 +19,11 @@ from pipeline.cli.stopping import SIGNAL_EXIT, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
 from pipeline.config.schema import NOUNS
 from pipeline.io.write import write_text
+from pipeline.live import output
 from pipeline.live.chain import LiveChain
 from pipeline.live.light import Finding
 from pipeline.live.lsl import LslSource
 from pipeline.live.monitor import REQUIRED, Monitor, senders
-from pipeline.live.output import (
-    RESULTS_FOLDER,
-    STREAMS,
-    SUMMARY,
-    Recorder,
-    described_streams,
-    require_new,
-    result_columns,
-    result_outlet,
-)
 from pipeline.live.preparation import (
     PlacedPlates,
     PoseFinder,
@@ -67,7 +58,7 @@ def run_session(request: "LiveRequest", console: PlainConsole) -> int:
     prepared = prepare(request.study, request.subject, request.static, request.calibration)
     folder = request.out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
     require_folder(folder)
-    require_new(folder)
+    output.require_new(folder)
     body = None if request.pose else prepared.body()
     if body is not None and prepared.study is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
@@ -85,12 +76,12 @@ def run_session(request: "LiveRequest", console: PlainConsole) -> int:
         console.say_notes((*prepared.notes, *placed.notes, *notes))
         plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
         chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
-        described = described_streams(source.streams, placed.live, plates)
-        recorder = Recorder(folder, described, result_columns())
+        described = output.described_streams(source.streams, placed.live, plates)
+        recorder = output.Recorder(folder, described, output.result_columns())
         stack.callback(recorder.close)
         outlet = None
         if request.qualisys is None:
-            outlet = result_outlet(
+            outlet = output.result_outlet(
                 chain.stream.rate_hz,
                 filter_delay_s=chain.filter_delay_s,
                 resampling_delay_s=chain.wait_s,
@@ -123,7 +114,7 @@ def run_session(request: "LiveRequest", console: PlainConsole) -> int:
         for text in lines:
             console.say(text)
         with suppress(OSError):  # of a full disk, which the recorder reports
-            write_text("\n".join(lines) + "\n", folder / SUMMARY)
+            write_text("\n".join(lines) + "\n", folder / output.SUMMARY)
     if signal.SIGTERM in requests[:1]:
         return SIGNAL_EXIT + signal.SIGTERM
     failed = session.fault is not None or recorder.fault is not None or not chain.received
@@ -201,7 +192,7 @@ def follow(
     session: Session,
     source: Source,
     monitor: Monitor,
-    recorder: Recorder,
+    recorder: output.Recorder,
     view: LiveView | None,
     console: PlainConsole,
     goes_on: Callable[[], bool],
@@ -230,7 +221,8 @@ def follow(
                 if time.monotonic() - shown_s < STATUS_S:
                     continue
                 shown_s = time.monotonic()
-                line.update(_coloured(monitor.status()))
+                light, sentence = monitor.status().split(":", 1)
+                line.update(Text.assemble((f" {light} ", STYLES[light]), sentence))
                 if view is not None:
                     view.show_board(monitor.board(source.streams), monitor.page())
                     if view.address and not address:
@@ -240,12 +232,6 @@ def follow(
         session.stop()
         sys.setswitchinterval(before)
     take_new(session, monitor)
-
-
-def _coloured(status: str) -> Text:
-    """Colour the light, which is the first word."""
-    word, rest = status.split(":", 1)
-    return Text.assemble((f" {word} ", STYLES[word]), rest)
 
 
 def take_new(session: Session, monitor: Monitor, view: LiveView | None = None) -> None:
@@ -264,7 +250,7 @@ def take_new(session: Session, monitor: Monitor, view: LiveView | None = None) -
 
 
 def summary(
-    chain: LiveChain, monitor: Monitor, session: Session, recorder: Recorder, folder: Path
+    chain: LiveChain, monitor: Monitor, session: Session, recorder: output.Recorder, folder: Path
 ) -> Iterator[str]:
     """Say what was received, what came of it, and where it is, line by line."""
     condition = monitor.condition
@@ -300,4 +286,5 @@ def summary(
         yield f"ended by itself: {session.fault}"
     if recorder.fault is not None:
         yield f"{recorder.fault}; {recorder.lost} entries are missing"
-    yield f"recorded: {folder / STREAMS} (any command reads it), {folder / RESULTS_FOLDER}"
+    streams, results = folder / output.STREAMS, folder / output.RESULTS_FOLDER
+    yield f"recorded: {streams} (any command reads it), {results}"

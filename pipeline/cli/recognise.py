@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from hbm.spelling import listed
+from pipeline.cli.terminal import counted
 from pipeline.config.found_recordings import MIN_MARKERS
 from pipeline.io.read import file_format, is_recording, read_with_any_axes
 
@@ -57,19 +58,19 @@ def _folder(path: Path) -> Recognised:
     """Say what a folder holds."""
     if (path / "study.toml").is_file():
         subjects = len([*path.glob("*.toml")]) - 1
-        what = f"a study with {subjects} subject file{'s' * (subjects != 1)}"
+        what = f"a study with {counted(subjects, 'subject file')}"
         return Recognised(what, (f"hbm check {path}", f"hbm run {path}", f"hbm live {path}"))
     if (path / "plates.toml").is_file():
         return Recognised("recordings of known weights (experiment 1)", (f"hbm plates {path}",))
     if results := [*path.glob("trials/*.parquet")]:
-        what = f"the results of a study, {len(results)} trial{'s' * (len(results) > 1)}"
+        what = f"the results of a study, {counted(len(results), 'trial')}"
         commands = (f"hbm report {path}", f"hbm view {path}", f"hbm explain {path}")
         return Recognised(what, (*commands, f"hbm export {path} --format tables --out DIR"))
     if all((path / name).is_dir() for name in CALIBRATIONS):
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
     found = [file for file in sorted(path.iterdir()) if file.is_file() and is_recording(file)]
     if found:
-        what = f"a folder with {len(found)} recording{'s' * (len(found) > 1)} and no study"
+        what = f"a folder with {counted(len(found), 'recording')} and no study"
         return Recognised(what, (f"hbm init {path}", f"hbm {found[-1]}"))
     what = "a folder without study, results or recordings"
     return Recognised(what, (f"hbm init {path}", "hbm demo"))

@@ -166,15 +166,13 @@ def process(
 
 @contextmanager
 def _naming_file(request: TrialRequest) -> Iterator[None]:
-    """Say of an error which trial is processed, and which file it is about."""
+    """Say of an error which trial is processed."""
     try:
         yield
     except ValueError as error:
         if request.trial.name not in str(error):
             error.add_note(f"while processing {request.trial.name}")
-        paths = (path for _, path in request if isinstance(path, Path))
-        file = next((p for p in paths if str(error).startswith(f"{p.name}: ")), request.trial)
-        vars(error).setdefault("filename", str(file))
+        vars(error).setdefault("filename", str(request.trial))
         raise
 
 

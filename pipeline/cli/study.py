@@ -24,10 +24,7 @@ from pipeline.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from hbm.notes import Note
-    from pipeline.run.check import Finding
     from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 MOST_PLACES = 3
@@ -51,7 +48,10 @@ def init(
     written = write_template(folder, found)
     for subject in found:
         pose = f"pose {subject.static}" if subject.static else "no recording of a pose"
-        trials = (f"{name}: {', '.join(files)}" for name, files in subject.trials.items())
+        trials = [
+            f"{condition}: {', '.join(trial['file'] for trial in of_condition)}"
+            for condition, of_condition in subject.trials.items()
+        ]
         console.say(f"{subject.name}: {'; '.join([pose, *trials])}")
     for file, reason in unused.items():
         name = printable(Path(file).name)
@@ -85,7 +85,10 @@ def check(
         console.say(f"FAULT {fault}")
     places = {remark.place for remark in found.remarks}
     doubtful = [remark for remark in found.remarks if remark.doubtful]
-    for said, where in _by_text(found.remarks if OUTPUT.verbose else doubtful).items():
+    by_text: dict[Note | str, list[str]] = {}  # one of many files is printed once
+    for remark in found.remarks if OUTPUT.verbose else doubtful:
+        by_text.setdefault(remark.said, []).append(remark.place)
+    for said, where in by_text.items():
         console.say(f"{listed(where, MOST_PLACES)}:")
         console.say(f"- {said}" if isinstance(said, str) else note_line(said))
     if (healthy := len(places - {remark.place for remark in doubtful})) and not OUTPUT.verbose:
@@ -118,14 +121,6 @@ def check(
         raise StudyFaults([str(fault) for fault in found.faults], loaded.folder)
     console.say(counts if found.faults else f"{counts}; next: hbm run {study}")
     return 2 if found.faults else 0
-
-
-def _by_text(remarks: "Iterable[Finding]") -> "dict[Note | str, list[str]]":
-    """Give the places of each remark, so that one of many files is printed once."""
-    places: dict[Note | str, list[str]] = {}
-    for remark in remarks:
-        places.setdefault(remark.said, []).append(remark.place)
-    return places
 
 
 def run(
@@ -241,17 +236,6 @@ def _result_of(folder: Path, *wanted: str | None) -> Path:
     raise ValueError(f"{folder}: no such trial; there are: {', '.join(names)}")
 
 
-def print_study_residuals(folder: Path) -> None:
-    """Print the residuals of a study's report: RMS, mean ± SD over subjects."""
-    from pipeline.io.write import read_csv
-    from pipeline.report.tables import means, windows_sentence
-    from pipeline.statistics.design import EXPERIMENT_3
-
-    residuals, console = read_csv(folder / "residuals.csv").query("headline"), PlainConsole()
-    print_block(means(residuals, EXPERIMENT_3), console)
-    console.say(windows_sentence(residuals))
-
-
 def simulate(
     folder: Annotated[Path, Argument(help="For the study; may hold a simulated one.")],
     setting: Annotated[Path | None, Option(help="TOML file; or thesis.")] = None,
@@ -264,15 +248,10 @@ def simulate(
     Of a simulated study that is in the folder already, only what is missing is written. A setting
     is a TOML file with seed, [protocol] and [faults.…], or 'thesis': the faults that it states.
     """
+    from pipeline.virtual_lab.protocol import walking_study
     from pipeline.virtual_lab.protocol.walking_protocol import Setting, find_setting
-    from pipeline.virtual_lab.protocol.walking_study import (
-        folder_setting,
-        missing_files,
-        require_setting,
-        study_files,
-    )
 
-    there = folder_setting(folder)
+    there = walking_study.folder_setting(folder)
     chosen = find_setting(setting) if setting is not None else there or Setting()
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
@@ -280,14 +259,15 @@ def simulate(
         protocol = chosen.protocol.model_copy(update={"subjects": subjects})
         chosen = chosen.model_copy(update={"protocol": protocol})
     if there is not None:
-        require_setting(folder, there, chosen)
-    start, missing = time.monotonic(), missing_files(folder, chosen)
+        walking_study.require_setting(folder, there, chosen)
+    start, missing = time.monotonic(), walking_study.missing_files(folder, chosen)
     _simulate_study(folder, chosen, jobs, PlainConsole(), keep=True)
     recordings = sum(name.endswith(".c3d") for name in missing)
+    there_already = len(walking_study.study_files(chosen)) - len(missing)
     PlainConsole().say(
         f"{counted(recordings, 'recording')} and {counted(len(missing) - recordings, 'other file')}"
         f" written to {folder} in {time.monotonic() - start:.0f} s, "
-        f"{len(study_files(chosen)) - len(missing)} were there already; next: hbm run {folder}"
+        f"{there_already} were there already; next: hbm run {folder}"
     )
 
 
@@ -310,6 +290,9 @@ def demo(
     out: Out = Path("demo"),
 ) -> int:
     """Write recordings, report, figures and viewer recording to --out."""
+    from pipeline.io.write import read_csv
+    from pipeline.report.tables import means, windows_sentence
+    from pipeline.statistics.design import EXPERIMENT_3
     from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
 
     console, start = PlainConsole(), time.monotonic()
@@ -323,7 +306,9 @@ def demo(
     )
     code = run(study, jobs=jobs, out=results)
     report(results)
-    print_study_residuals(results)
+    residuals = read_csv(results / "residuals.csv").query("headline")
+    print_block(means(residuals, EXPERIMENT_3), console)
+    console.say(windows_sentence(residuals))
     view(results, "sub01", "sway", save=results / "viewer" / "sub01_sway.rrd")
     console.say(
         f"open {results / 'report.html'} in a browser; 'hbm view {results}' shows where the "

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from pipeline.budgets.explanation import Explanation, StudyExplanation
     from pipeline.config.study import Study
     from pipeline.export.compensated_c3d import Written
-    from pipeline.trial.result import TrialResult
 
 
 Open = Annotated[
@@ -59,7 +58,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     from pipeline.figures.residuals import residual_figure
     from pipeline.figures.style import save_figure
     from pipeline.io.write import write_csv
-    from pipeline.report.trial_page import write_trial_page
+    from pipeline.report.trial_page import result_tables, scope, verdict_lines, write_trial_page
     from pipeline.run.store import write_trial
     from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
 
@@ -76,7 +75,12 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     save_figure(residual_figure(result), out / f"{name}_residuals")
     plates, command = chain.inputs.recording.plates, explain_command(request)
     page = write_trial_page(result, out / f"{name}{PAGE}", plates=plates, command=command)
-    print_result(result, console)
+    console.say(scope(result))
+    for line in verdict_lines(result):
+        console.print(line)
+    for block in result_tables(result):
+        print_block(block, console)
+    console.say_notes(result.notes)
     console.say(
         f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
         f".svg, {name}_cycles.csv (each gait cycle)"
@@ -98,18 +102,6 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         webbrowser.open(page.resolve().as_uri())
     if reason := result.shortage:
         raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
-
-
-def print_result(result: "TrialResult", console: PlainConsole) -> None:
-    """Print what the page of a trial begins with, and its warnings and provenance."""
-    from pipeline.report.trial_page import result_tables, scope, verdict_lines
-
-    console.say(scope(result))
-    for line in verdict_lines(result):
-        console.print(line)
-    for table in result_tables(result):
-        print_block(table, console)
-    console.say_notes(result.notes)
 
 
 @takes(TrialRequest)

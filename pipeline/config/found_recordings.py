@@ -50,15 +50,13 @@ class FoundSubject(NamedTuple):
     static
         File of the calibration pose; empty where every recording is a trial.
     trials
-        Condition -> files of the others.
-    forces
-        File of a trial -> the one beside it with its forces.
+        Condition -> of each of the others its file and, where there is one, that of its forces, as
+        a study states them.
     """
 
     name: str
     static: str
-    trials: dict[str, list[str]]
-    forces: dict[str, str]
+    trials: dict[str, list[dict[str, str]]]
 
 
 class _Found(NamedTuple):
@@ -109,7 +107,7 @@ def found_subjects(
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
         person = said[one.file][0] if one.file in said else ""
-        if one.pose and not one.name.candidates and len(people) == 1:
+        if one.pose and one.file not in said and not one.name.candidates and len(people) == 1:
             (person,) = people.values()
         if person.casefold() in people and (person or one.file in said):
             of_person[person.casefold()].append(one)
@@ -119,12 +117,13 @@ def found_subjects(
             unused[one.file] = "its name does not say whose it is"
     subjects = []
     for key, recordings in of_person.items():
-        static, trials = _pose(people[key], recordings, unused), dict[str, list[str]]()
+        static = _pose(people[key], recordings, unused)
+        trials = dict[str, list[dict[str, str]]]()
         for one in recordings:
             if not one.pose and one.file != static:
-                trials.setdefault(conditions[said[one.file][1]], []).append(one.file)
-        forces = {one.file: one.forces for one in recordings if one.forces}
-        subjects.append(FoundSubject(names[people[key]], static, trials, forces))
+                stated = {"file": one.file} | ({"forces": one.forces} if one.forces else {})
+                trials.setdefault(conditions[said[one.file][1]], []).append(stated)
+        subjects.append(FoundSubject(names[people[key]], static, trials))
     return subjects, unused
 
 

@@ -57,11 +57,8 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
 
 def _given(subject: FoundSubject) -> dict[str, Any]:
     """Give what the file of a subject found states."""
-    trials = dict[str, Any]()
-    for condition, files in subject.trials.items():
-        forces = [{"forces": subject.forces[f]} if f in subject.forces else {} for f in files]
-        tables = [{"file": f, **more} for f, more in zip(files, forces, strict=True)]
-        trials[condition] = tables if tables[1:] else tables[0]
+    of_condition = subject.trials.items()
+    trials = {name: tables if tables[1:] else tables[0] for name, tables in of_condition}
     static = {"static": subject.static} if subject.static else {}
     return {"id": subject.name, "sex": "unspecified", **static, "trials": trials}
 

@@ -65,8 +65,8 @@ def folder(tmp_path):
 
 def test_recordings_are_grouped_by_subject_and_the_stillest_is_the_pose(folder):
     (first, second), unused = found_subjects(folder)
-    assert first == ("S01", "S01_0.c3d", {"walking": ["S01_4.c3d"]}, {})
-    assert second == ("S02", "", {"walking": ["S02_5.c3d", "S02_6.c3d"]}, {})
+    assert first == ("S01", "S01_0.c3d", {"walking": [{"file": "S01_4.c3d"}]})
+    assert second == ("S02", "", {"walking": [{"file": "S02_5.c3d"}, {"file": "S02_6.c3d"}]})
     assert list(unused) == ["broken.c3d"]
 
 
@@ -223,9 +223,9 @@ def test_whatever_field_is_stated_no_pose_serves_another_person_or_day(named, re
                 continue  # that field is nobody
             for one in found:
                 served = {
-                    file.replace("walk1", "static")
-                    for files in one.trials.values()
-                    for file in files
+                    trial["file"].replace("walk1", "static")
+                    for trials in one.trials.values()
+                    for trial in trials
                 }
                 assert not one.static or served == {one.static}
 
@@ -242,7 +242,7 @@ def test_a_recording_that_is_being_copied_is_no_trial(named):
     folder = named("S01_walk1", "S01_walk2")
     (folder / "S01_walk2.c3d").rename(folder / "S01_walk2.c3d.part")
     (subject,), unused = found_subjects(folder)
-    assert subject.trials == {"walk": ["S01_walk1.c3d"]}
+    assert subject.trials == {"walk": [{"file": "S01_walk1.c3d"}]}
     assert unused == {"S01_walk2.c3d.part": "a part of a file; end its copying or delete it"}
 
 
