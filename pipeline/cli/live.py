@@ -2,56 +2,15 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Final
-
-from pydantic import Field
+from typing import Final
 
 from pipeline.cli.options import takes
+from pipeline.cli.request import LiveRequest
 from pipeline.cli.terminal import PlainConsole
-from pipeline.config.input_model import InputModel
 
 SHOWN_S: Final = 0.02
 """Between looks whether a replay has ended."""
 RECEIVERS_S: Final = 60.0
-
-
-class LiveRequest(InputModel):
-    """How a session is run, or a recording replayed, as typed."""
-
-    study: Path | None = None
-    """Folder of the study, with [live]."""
-    subject: str | None = None
-    """Who walks; default: the only one."""
-    static: Path | None = None
-    """Calibration pose, and places of plates."""
-    calibration: Path | None = None
-    """In place of the study's."""
-    pose: bool = False
-    """Build the body from a pose shown now."""
-    out: Path | None = None
-    """New folder; default: live/TIME."""
-    view: bool = False
-    """Show the body in a window."""
-    web: bool = False
-    """Show the body to a browser here."""
-    qualisys: str | None = None
-    """ADDRESS[:PORT] of QTM; not LSL."""
-    listen: str | None = None
-    """This computer's address for streams; default: the study's."""
-    sender: tuple[str, ...] = ()
-    """Computer to receive from, of several; repeatable."""
-    cycles: Annotated[int, Field(ge=1)] | None = None
-    """Gait cycles to measure; default: the study's, else 25."""
-    duration_s: Annotated[float, Field(ge=0.1)] | None = None
-    """Default: until Ctrl-C."""
-    replay: Path | None = None
-    """Only play this recording as streams."""
-    forces: Path | None = None
-    """MOT file of a TRC file to replay."""
-    record: Path | None = None
-    """D-Flow record file to replay."""
-    speed: Annotated[float, Field(ge=0.01, le=20)] = 1.0
-    """Of --replay."""
 
 
 @takes(LiveRequest)

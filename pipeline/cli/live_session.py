@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rich.text import Text
 
@@ -15,6 +15,7 @@ from hbm.model import Body
 from hbm.notes import Note
 from hbm.spelling import listed
 from pipeline.cli.options import require_folder
+from pipeline.cli.request import LiveRequest
 from pipeline.cli.stopping import SIGNAL_EXIT, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
 from pipeline.config.schema import NOUNS
@@ -37,9 +38,6 @@ from pipeline.live.stream import Source
 from pipeline.run.processes import recorded_requests
 from pipeline.viewer.live import LiveScene, LiveView, Screen, ShownFrame
 
-if TYPE_CHECKING:
-    from pipeline.cli.live import LiveRequest
-
 SEARCH_S: Final = 60.0
 """How long streams are searched for."""
 ABSENT: Final = (
@@ -48,7 +46,7 @@ ABSENT: Final = (
 )
 
 
-def run_session(request: "LiveRequest", console: PlainConsole) -> int:
+def run_session(request: LiveRequest, console: PlainConsole) -> int:
     """Receive, compute, record, send and show until it is stopped.
 
     Gives the exit code: 0; 1 where no frame came, the recording is not whole or the source failed;

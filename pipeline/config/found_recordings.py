@@ -106,10 +106,10 @@ def found_subjects(
     conditions = _valid((condition for _, condition in of_trials), CONDITION)
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
-        person = said[one.file][0] if one.file in said else ""
-        if one.pose and one.file not in said and not one.name.candidates and len(people) == 1:
+        person, _ = said.get(one.file, (None, ""))
+        if person is None and one.pose and not one.name.candidates and len(people) == 1:
             (person,) = people.values()
-        if person.casefold() in people and (person or one.file in said):
+        if person is not None and person.casefold() in people:
             of_person[person.casefold()].append(one)
         elif one.pose and person:
             unused[one.file] = f"there is no trial of {person} on plates"
