@@ -127,7 +127,7 @@ def recorded_requests() -> Iterator[list[int]]:
         yield requests
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler or signal.SIG_DFL)  # of no Python code, it is unknown
 
 
 @contextmanager
