@@ -20,8 +20,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
-from hbm.spelling import both_ends, did_you_mean, printable, short
-from pipeline.cli.output import AGAIN, OUTPUT, PANELS, failure, print_object, printing
+from hbm.spelling import both_ends, did_you_mean, listed, printable, short
+from pipeline.cli.output import ADVICE, AGAIN, AGAIN_ADVICE, OUTPUT, print_object, printing
 from pipeline.cli.stopping import Stopped, stoppable
 from pipeline.io.input_file import RENAME, UNUSABLE, describe_error, expected
 
@@ -65,17 +65,17 @@ class GroupedCommand(TyperCommand):
     """A command whose help lists options by what they are about."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """List the arguments, then each group of options, the others last."""
-        groups: dict[str, list[tuple[str, str]]] = {}
+        """List the arguments, then each group of options."""
+        groups: dict[str, list[tuple[str, str]]] = {"Arguments": []}
         for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
-            if record is not None:
+            if record := param.get_help_record(ctx):
+                panel = getattr(param, "rich_help_panel", None) or "Options"
                 argument = param.param_type_name == "argument"
-                panel = getattr(param, "rich_help_panel", None) or PANELS[5]
-                groups.setdefault(PANELS[0] if argument else panel, []).append(record)
-        for panel in sorted(groups, key=PANELS.index):
-            with formatter.section(panel):
-                formatter.write_dl(groups[panel])
+                groups.setdefault("Arguments" if argument else panel, []).append(record)
+        for panel, records in groups.items():
+            if records:
+                with formatter.section(panel):
+                    formatter.write_dl(records)
 
 
 class Group(TyperGroup):
@@ -93,7 +93,9 @@ class Group(TyperGroup):
             ctx.fail(f"no command {short(cmd_name)!r}{did_you_mean(cmd_name, self.listed)}")
         module, sentence = self.listed[cmd_name]
         if not module:
-            return CalibrationGroup(name=cmd_name, help=sentence, rich_markup_mode=None)
+            group = Group(name=cmd_name, help=sentence, rich_markup_mode=None)
+            group.listed = CALIBRATION
+            return group
         one = typer.Typer(add_completion=False, rich_markup_mode=None)
         command = getattr(import_module(f"pipeline.cli.{module}"), cmd_name)
         printed = printing(command, with_json=cmd_name in WITH_JSON)
@@ -105,12 +107,6 @@ class Group(TyperGroup):
         """List the commands with a sentence on each."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, sentence) for name, (_, sentence) in self.listed.items()])
-
-
-class CalibrationGroup(Group):
-    """The commands of ``hbm calibration``."""
-
-    listed = CALIBRATION
 
 
 app = typer.Typer(cls=Group, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -210,8 +206,13 @@ def _fail(error: Exception, typed: Sequence[str]) -> int:
     named = lines[0].partition(": ")[0]
     paths = (Path(word) for word in typed if not word.startswith("-"))
     given = (path for path in paths if named in (str(path), path.name))
-    file = getattr(error, "filename", None) or next(given, None)
-    OUTPUT.result["error"] = failure(code, "; ".join(lines), str(file) if file else None)
+    file = next(given, None) or getattr(error, "filename", None)
+    OUTPUT.result["error"] = {
+        "code": code,
+        "text": "; ".join(lines),
+        "file": str(file) if file else None,
+        "advice": ADVICE.get(code, AGAIN_ADVICE),
+    }
     if hasattr(error, "faults"):
         OUTPUT.result["faults"] = lines
     return error.exit_code if isinstance(error, Stopped) else USAGE
@@ -227,12 +228,9 @@ def _with_command(typed: list[str]) -> list[str] | None:
     from pipeline.cli.recognise import recognise
 
     found = recognise(Path(typed[0]))
-    others = [own for own in typed[1:] if own.startswith("-") and own not in ("--json", "--quiet")]
-    if others and not found.walking:
-        raise ValueError(
-            f"{typed[0]} is {found.what}; {', '.join(others)} has no effect on it"
-            + (f"; next: {found.commands[0]}" if found.commands else "")
-        )
+    others = [word for word in typed[1:] if word.startswith("-")]
+    if (without := {*others} - {"--json", "--quiet"}) and not found.walking:
+        raise ValueError(f"{listed(sorted(without))} has no effect: {typed[0]} is {found}")
     if not OUTPUT.json and "--quiet" not in typed:
         print(f"{typed[0]}: {found.what}")
     if found.walking:

@@ -6,7 +6,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -16,28 +15,27 @@ from hbm.model import Body
 from hbm.notes import Note
 from hbm.spelling import listed
 from pipeline.cli.options import require_folder
-from pipeline.cli.stopping import SIGNAL_EXIT, recorded_requests, stoppable, terminable
+from pipeline.cli.request import LiveRequest
+from pipeline.cli.stopping import SIGNAL_EXIT, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
 from pipeline.config.schema import NOUNS
 from pipeline.io.write import write_text
+from pipeline.live import output
 from pipeline.live.chain import LiveChain
 from pipeline.live.light import Finding
 from pipeline.live.lsl import LslSource
-from pipeline.live.monitor import Monitor, senders
-from pipeline.live.output import (
-    RESULTS_FOLDER,
-    STREAMS,
-    SUMMARY,
-    Recorder,
-    describe_stream,
-    require_new,
-    result_columns,
-    result_outlet,
+from pipeline.live.monitor import REQUIRED, Monitor, senders
+from pipeline.live.preparation import (
+    PlacedPlates,
+    PoseFinder,
+    Preparation,
+    place_plates,
+    prepare,
 )
-from pipeline.live.preparation import PlacedPlates, PoseFinder, Preparation, place_plates
 from pipeline.live.qualisys import PORT, QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
+from pipeline.run.processes import recorded_requests
 from pipeline.viewer.live import LiveScene, LiveView, Screen, ShownFrame
 
 SEARCH_S: Final = 60.0
@@ -48,131 +46,110 @@ ABSENT: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Options:
-    """How a session is run.
-
-    Attributes
-    ----------
-    out
-        New folder for the recording; by default live/ and the time.
-    pose
-        Whether the subject shows the calibration pose now.
-    view, web
-        Whether the body is shown in a window, or to a browser.
-    qualisys
-        Address of Qualisys Track Manager; else streams are those of LSL.
-    listen
-        Address of this computer at which they are searched for.
-    senders
-        Computers to receive from where several send streams of one name.
-    cycles
-        Gait cycles that the session is for.
-    duration_s
-        It ends after so long; by default it is stopped.
-    """
-
-    out: Path | None
-    pose: bool
-    view: bool
-    web: bool
-    qualisys: str | None
-    listen: str
-    senders: Sequence[str]
-    cycles: int
-    duration_s: float | None
-
-
-def run_session(prepared: Preparation, console: PlainConsole, options: Options) -> int:
+def run_session(request: LiveRequest, console: PlainConsole) -> int:
     """Receive, compute, record, send and show until it is stopped.
 
     Gives the exit code: 0; 1 where no frame came, the recording is not whole or the source failed;
     143 where it was terminated. A ValueError or OSError, of one line, as what is received, prepared
     and recorded raises them.
     """
-    folder = options.out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
+    prepared = prepare(request.study, request.subject, request.static, request.calibration)
+    folder = request.out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
     require_folder(folder)
-    require_new(folder)
-    body = None if options.pose else prepared.body()
+    output.require_new(folder)
+    body = None if request.pose else prepared.body()
     if body is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
-    news = deque[Finding]()
+    live = prepared.study.file.live
+    news, listen = deque[Finding](), request.listen or live.listen
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
-            source = _source(prepared, options, console, news.append)
+            if request.qualisys is not None:
+                source: Source = _qualisys(request.qualisys, prepared, console, news.append)
+            else:
+                source = _lsl(prepared, listen, request.sender, console)
         stack.callback(source.close)
         console.say(f"receiving {senders(source.streams)}")
-        placed = place_plates(source.plates, prepared.static, prepared.study.file.live)
-        if body is None:
-            body = _shown(prepared, placed, source, console)
-        subject, notes = body
+        placed = place_plates(source.plates, prepared.static, live)
+        subject, notes = body or _shown(prepared, placed, source, console)
         console.say_notes((*prepared.notes, *placed.notes, *notes))
         plates, laboratory = placed.plates, prepared.laboratory
         settings = prepared.study.file.settings
         chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
-        described = [describe_stream(each, placed.live, plates) for each in source.streams]
-        recorder = Recorder(folder, described, result_columns())
+        described = [output.describe_stream(each, placed.live, plates) for each in source.streams]
+        recorder = output.Recorder(folder, described, output.result_columns())
         stack.callback(recorder.close)
         outlet = None
-        if options.qualisys is None:
-            outlet = result_outlet(
+        if request.qualisys is None:
+            outlet = output.result_outlet(
                 chain.stream.rate_hz,
                 filter_delay_s=chain.filter_delay_s,
                 resampling_delay_s=chain.wait_s,
-                listen=options.listen,
+                listen=listen,
             )
             stack.callback(outlet.close)
         session = Session(source, chain, recorder, outlet)
         view = None
-        if options.view or options.web:
-            screen: Screen = "browser" if options.web else "window"
+        if request.view or request.web:
+            screen: Screen = "browser" if request.web else "window"
             of_chain = chain.body, plates, chain.stream.labels, chain.ground.variants
             view = LiveView(LiveScene(*of_chain, screen, settings.contact_threshold_n))
             stack.callback(view.close)
-        monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)), options.cycles)
+        required = request.cycles or prepared.cycles or REQUIRED
+        monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)), required)
         console.say(
             f"recording to {folder}; delay {1000 * chain.filter_delay_s:.0f} ms of the filter and "
             f"{1000 * chain.wait_s:.0f} ms of resampling (stop with Ctrl-C)"
         )
-        seconds = options.duration_s
-        terminated = follow(
-            session, source, monitor, recorder, view, console, seconds, ending, news
-        )
+        requests = ending.enter_context(recorded_requests())
+        began = time.monotonic()
+
+        def goes_on() -> bool:
+            in_time = not request.duration_s or time.monotonic() - began < request.duration_s
+            return session.runs and not requests and in_time
+
+        follow(session, source, monitor, recorder, view, console, goes_on, news)
         stack.close()
         lines = [*summary(chain, monitor, session, recorder, folder)]
         for text in lines:
             console.say(text)
         with suppress(OSError):  # of a full disk, which the recorder reports
-            write_text("\n".join(lines) + "\n", folder / SUMMARY)
-    if terminated:
+            write_text("\n".join(lines) + "\n", folder / output.SUMMARY)
+    if signal.SIGTERM in requests[:1]:
         return SIGNAL_EXIT + signal.SIGTERM
     failed = session.fault is not None or recorder.fault is not None or not chain.received
     return int(failed)
 
 
-def _source(
-    prepared: Preparation, options: Options, console: PlainConsole, say: Callable[[Finding], object]
+def _qualisys(
+    address: str, prepared: Preparation, console: PlainConsole, say: Callable[[Finding], object]
 ) -> Source:
-    if options.qualisys is not None:
-        console.say(f"connecting to Qualisys Track Manager at {options.qualisys}")
-        host, colon, port = options.qualisys.partition(":")
-        if colon and not port.isdecimal():
-            raise ValueError(f"--qualisys {options.qualisys}: expected ADDRESS or ADDRESS:PORT")
-        return QualisysSource(host, port=int(port or PORT), stated=prepared.study.stated, say=say)
+    """Connect to Qualisys Track Manager."""
+    console.say(f"connecting to Qualisys Track Manager at {address}")
+    host, colon, port = address.partition(":")
+    if colon and not port.isdecimal():
+        raise ValueError(f"--qualisys {address}: expected ADDRESS or ADDRESS:PORT")
+    return QualisysSource(host, port=int(port or PORT), stated=prepared.study.stated, say=say)
+
+
+def _lsl(
+    prepared: Preparation, listen: str, wanted: Sequence[str], console: PlainConsole
+) -> Source:
+    """Search for streams, of the wanted senders where several send them."""
     markers, analog = prepared.streams
-    console.say(f"searching at {options.listen} for {', '.join((markers, *analog))}")
+    console.say(f"searching at {listen} for {', '.join((markers, *analog))}")
     try:
         with console.status("searching") as line:
             return LslSource(
                 markers,
                 analog,
                 stated=prepared.study.stated,
-                listen=options.listen,
+                listen=listen,
                 timeout_s=SEARCH_S,
                 searching=lambda absent, there: line.update(
                     Text(f"missing: {listed(absent)}; there: {listed(sorted(there))}")
                 ),
-                senders=options.senders,
+                senders=wanted,
             )
     except ConnectionError as absent:
         absent.add_note(ABSENT)
@@ -215,29 +192,21 @@ def follow(
     session: Session,
     source: Source,
     monitor: Monitor,
-    recorder: Recorder,
+    recorder: output.Recorder,
     view: LiveView | None,
     console: PlainConsole,
-    duration_s: float | None,
-    ending: ExitStack,
+    goes_on: Callable[[], bool],
     news: deque[Finding],
-) -> bool:
-    """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault.
-
-    The news are the source's. Nothing interrupts before ``ending`` is closed: requests to stop
-    are recorded. Gives whether it was terminated.
-    """
-    requests = ending.enter_context(recorded_requests())
+) -> None:
+    """Show what is new, of frames and the source, until it does not go on."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
-    began = shown_s = time.monotonic()
+    shown_s = time.monotonic()
     address, recorded = "", True
     session.start()
     try:
         with console.status("waiting for frames") as line:
-            while session.runs and not requests:
-                if duration_s is not None and time.monotonic() - began >= duration_s:
-                    break
+            while goes_on():
                 time.sleep(SHOWN_S)
                 take_new(session, monitor, view)
                 while news:
@@ -252,7 +221,8 @@ def follow(
                 if time.monotonic() - shown_s < STATUS_S:
                     continue
                 shown_s = time.monotonic()
-                line.update(_coloured(monitor.status()))
+                light, sentence = monitor.status().split(":", 1)
+                line.update(Text.assemble((f" {light} ", STYLES[light]), sentence))
                 if view is not None:
                     view.show_board(monitor.board(source.streams))
                     if view.address and not address:
@@ -262,13 +232,6 @@ def follow(
         session.stop()
         sys.setswitchinterval(before)
     take_new(session, monitor)
-    return signal.SIGTERM in requests[:1]
-
-
-def _coloured(status: str) -> Text:
-    """Colour the light, which is the first word."""
-    word, rest = status.split(":", 1)
-    return Text.assemble((f" {word} ", STYLES[word]), rest)
 
 
 def take_new(session: Session, monitor: Monitor, view: LiveView | None = None) -> None:
@@ -284,7 +247,7 @@ def take_new(session: Session, monitor: Monitor, view: LiveView | None = None) -
 
 
 def summary(
-    chain: LiveChain, monitor: Monitor, session: Session, recorder: Recorder, folder: Path
+    chain: LiveChain, monitor: Monitor, session: Session, recorder: output.Recorder, folder: Path
 ) -> Iterator[str]:
     """Say what was received, what came of it, and where it is, line by line."""
     condition = monitor.condition
@@ -320,4 +283,5 @@ def summary(
         yield f"ended by itself: {session.fault}"
     if recorder.fault is not None:
         yield f"{recorder.fault}; {recorder.lost} entries are missing"
-    yield f"recorded: {folder / STREAMS} (any command reads it), {folder / RESULTS_FOLDER}"
+    streams, results = folder / output.STREAMS, folder / output.RESULTS_FOLDER
+    yield f"recorded: {streams} (any command reads it), {results}"

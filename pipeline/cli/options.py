@@ -7,10 +7,9 @@ from functools import wraps
 from inspect import Parameter, signature
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, get_origin
+from typing import Annotated, Any, Final, get_args, get_origin
 
 import typer
-from pydantic.fields import FieldInfo
 
 from pipeline.cli.request import NO_OPTIONS, TrialRequest
 from pipeline.config.input_model import InputModel, bounds_of
@@ -20,6 +19,8 @@ from pipeline.config.toml_file import check_options
 Command = Callable[..., int | None]
 RESULT = ".parquet"
 """Suffix of the file of a processed trial."""
+ALIASES: Final = {"inertia_model": ("--model",)}
+"""Further names of options."""
 
 Out = Annotated[
     Path, typer.Option("--out", help="Folder for the output.", rich_help_panel="Output")
@@ -27,18 +28,6 @@ Out = Annotated[
 Jobs = Annotated[int, typer.Option(min=1, help="How many trials at a time.")]
 Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
 Simulate = Annotated[bool, typer.Option("--simulate", help="Simulate the recordings first.")]
-
-
-def _help(kind: type[InputModel], name: str) -> str:
-    """Give the description of a setting, and the numbers that it may have."""
-    text = " ".join((kind.model_fields[name].description or "").split())
-    bounds = bounds_of(kind, name)
-    return f"{text} [{bounds}]" if bounds else text
-
-
-def described(kind: type[InputModel], name: str, *names: str) -> Any:
-    """Give the option of a setting, with its description."""
-    return typer.Option(*names, help=_help(kind, name))
 
 
 PlateCorrectionFile = Annotated[Path | None, typer.Option(help="Calibration by hbm plates.")]
@@ -50,10 +39,10 @@ def takes(kind: type[InputModel]) -> Callable[[Command], Command]:
     """Give a command, which takes a request of some kind first, its options."""
 
     def decorated(command: Command) -> Command:
-        _, *own = signature(command).parameters.values()
-        options = {n: f for n, f in kind.model_fields.items() if n not in NO_OPTIONS}
-        parameters = [_parameter(kind, name, field) for name, field in options.items()]
-        parameters += [each.replace(kind=Parameter.KEYWORD_ONLY) for each in own]
+        _, *others = signature(command).parameters.values()
+        options = [name for name in kind.model_fields if name not in NO_OPTIONS]
+        parameters = [_parameter(kind, name) for name in options]
+        parameters += [other.replace(kind=Parameter.KEYWORD_ONLY) for other in others]
 
         @wraps(command)
         def typed(**values: Any) -> int | None:
@@ -69,19 +58,29 @@ def takes(kind: type[InputModel]) -> Callable[[Command], Command]:
     return decorated
 
 
-def _parameter(kind_of_request: type[InputModel], name: str, field: FieldInfo) -> Parameter:
+def _parameter(kind: type[InputModel], name: str) -> Parameter:
     """Give a field of a request for typer: an argument if it is required, else an option."""
-    help_text, annotation = _help(kind_of_request, name), str(field.annotation)
-    kind: Any = Path if "Path" in annotation else float if "float" in annotation else str
-    if get_origin(field.annotation) in (tuple, dict):
-        kind = list[str]  # an option that may be repeated
+    field, bounds, default = kind.model_fields[name], bounds_of(kind, name), None
+    text = " ".join((field.description or "").split())
+    shown, annotation = f"{text} [{bounds}]" if bounds else text, _type_of(field.annotation)
     if field.is_required():
-        default = typer.Argument(help=help_text)
+        option = typer.Argument(help=shown)
     else:
-        value = field.default if isinstance(field.default, str | float) else None
-        default = typer.Option(value, help=help_text, rich_help_panel=_panel(name))
-        kind = kind | None if value is None else kind
-    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        if isinstance(field.default, str | float | int | Path):
+            default = field.default
+        names = f"--{name.replace('_', '-')}", *ALIASES.get(name, ())
+        option = typer.Option(default, *names, help=shown, rich_help_panel=_panel(name))
+        annotation = annotation | None if default is None else annotation
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=option, annotation=annotation)
+
+
+def _type_of(annotation: Any) -> Any:
+    """Find what is typed for a field: of several values, or pairs, an option that is repeated."""
+    if get_origin(annotation) in (tuple, dict):
+        return list[_type_of(get_args(annotation)[0])]  # type: ignore[misc]
+    if annotation in (bool, int, float, Path):
+        return annotation
+    return next((kind for a in get_args(annotation) if (kind := _type_of(a)) is not str), str)
 
 
 def _panel(name: str) -> str:
@@ -90,14 +89,17 @@ def _panel(name: str) -> str:
         return "Subject"
     if name in {"calibration", "plate_calibration", "platform_markers", "accelerometer"}:
         return "Treadmill"
-    return "Processing" if name in {"span", *Settings.model_fields} else "Recording"
+    if name in {"span", *Settings.model_fields}:
+        return "Processing"
+    return "Recording" if name in TrialRequest.model_fields else "Options"
 
 
 def given_options(request: TrialRequest) -> Iterator[tuple[str, str]]:
     """Give the options of a request that differ from the defaults, with their values as typed."""
     defaults = TrialRequest.model_construct()
+    typed = request.model_fields_set & TrialRequest.model_fields.keys() - {"trial"}
     for name, value in request:
-        if name in request.model_fields_set - {"trial"} and value != getattr(defaults, name):
+        if name in typed and value != getattr(defaults, name):
             values = [f"{k}={v}" for k, v in value.items()] if isinstance(value, dict) else value
             for each in values if isinstance(values, list | tuple) else [values]:
                 yield f"--{name.replace('_', '-')}", str(each)

@@ -7,7 +7,7 @@ from functools import wraps
 from inspect import Parameter, signature
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from typer import Option
 
@@ -17,29 +17,12 @@ from pipeline.cli.stopping import stoppable
 if TYPE_CHECKING:
     import pandas as pd
 
-PANELS: Final = (
-    "Arguments",
-    "Recording",
-    "Subject",
-    "Processing",
-    "Treadmill",
-    "Options",
-    "Output",
-)
-"""Groups of arguments and options, in the order of a command's help."""
-PANEL: Final = "Output"
-QUIET: Final = Annotated[bool, Option("--quiet", help="Print only errors.", rich_help_panel=PANEL)]
-VERBOSE: Final = Annotated[
-    bool, Option("--verbose", help="Print also how results were made.", rich_help_panel=PANEL)
-]
-JSON: Final = Annotated[
-    bool,
-    Option(
-        "--json", help="Print one object: numbers, warnings, or the error.", rich_help_panel=PANEL
-    ),
-]
-
-
+PRINTING: Final = {
+    "quiet": "Print only errors.",
+    "verbose": "Print also how results were made.",
+    "json": "Print one object: numbers, warnings, or the error.",
+}
+"""Options of commands, the last of those that can -> what they do."""
 AGAIN: Final = "no file is half-written; the same command begins again"
 """What a command says that is stopped, where it does not know how much is done."""
 
@@ -72,15 +55,15 @@ OUTPUT: Final = Output()
 
 def printing(command: Callable[..., Any], *, with_json: bool) -> Callable[..., Any]:
     """Give a command the options --quiet and --verbose, and --json where it can."""
-    options = {"quiet": QUIET, "verbose": VERBOSE} | ({"json": JSON} if with_json else {})
-    added = [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-        for name, kind in options.items()
-    ]
+    names = [name for name in PRINTING if name != "json" or with_json]
+    added = []
+    for name in names:
+        option = Option(False, f"--{name}", help=PRINTING[name], rich_help_panel="Output")
+        added.append(Parameter(name, Parameter.KEYWORD_ONLY, default=option, annotation=bool))
 
     @wraps(command)
     def typed(**values: Any) -> Any:
-        chosen = {name: values.pop(name) for name in options}
+        chosen = {name: values.pop(name) for name in names}
         if sum(chosen.values()) > 1:
             raise ValueError(f"{' and '.join(f'--{n}' for n, v in chosen.items() if v)}: give one")
         for name, value in chosen.items():
@@ -101,11 +84,6 @@ ADVICE: Final = {
     "program": "report it, with what --debug shows",
 }
 """Kind of an error -> what to do, where it is not to run it again."""
-
-
-def failure(code: str, text: str, file: str | None = None) -> dict[str, str | None]:
-    """Describe for scripts why a command ends: the kind of error, its sentence, file and advice."""
-    return {"code": code, "text": text, "file": file, "advice": ADVICE.get(code, AGAIN_ADVICE)}
 
 
 def print_object() -> None:

@@ -1,12 +1,12 @@
 """What a file or folder is, and what can be done with it: ``hbm FILE``."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from hbm.spelling import listed
+from pipeline.cli.terminal import counted
 from pipeline.config.found_recordings import MIN_MARKERS
 from pipeline.io.read import file_format, is_recording, read_with_any_axes
 
@@ -58,19 +58,19 @@ def _folder(path: Path) -> Recognised:
     """Say what a folder holds."""
     if (path / "study.toml").is_file():
         subjects = len([*path.glob("*.toml")]) - 1
-        what = f"a study with {subjects} subject file{'s' * (subjects != 1)}"
+        what = f"a study with {counted(subjects, 'subject file')}"
         return Recognised(what, (f"hbm check {path}", f"hbm run {path}", f"hbm live {path}"))
     if (path / "plates.toml").is_file():
         return Recognised("recordings of known weights (experiment 1)", (f"hbm plates {path}",))
     if results := [*path.glob("trials/*.parquet")]:
-        what = f"the results of a study, {len(results)} trial{'s' * (len(results) > 1)}"
+        what = f"the results of a study, {counted(len(results), 'trial')}"
         commands = (f"hbm report {path}", f"hbm view {path}", f"hbm explain {path}")
         return Recognised(what, (*commands, f"hbm export {path} --format tables --out DIR"))
     if all((path / name).is_dir() for name in CALIBRATIONS):
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
     found = [file for file in sorted(path.iterdir()) if file.is_file() and is_recording(file)]
     if found:
-        what = f"a folder with {len(found)} recording{'s' * (len(found) > 1)} and no study"
+        what = f"a folder with {counted(len(found), 'recording')} and no study"
         return Recognised(what, (f"hbm init {path}", f"hbm {found[-1]}"))
     what = "a folder without study, results or recordings"
     return Recognised(what, (f"hbm init {path}", "hbm demo"))
@@ -130,21 +130,13 @@ def _recording(path: Path) -> Recognised:
     markers, plates = recording.markers, recording.plates
     held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]
     held.append(f"{len(plates)} plates" if plates else "no plates")
-    what = f"a {kind} recording, {', '.join(held)}"
-    uses = tuple(_uses(path, len(markers.names), len(plates)))
-    return Recognised(what, uses, walking=len(markers.names) >= MIN_MARKERS and bool(plates))
-
-
-def _uses(path: Path, markers: int, plates: int) -> Iterator[str]:
-    """Say what can be done with a recording."""
-    if plates and markers >= MIN_MARKERS:
-        yield f"hbm residuals {path}"
-        yield f"hbm explain {path}"
-        yield f"hbm export {path} --format osim --format tables --out DIR"
-        yield f"hbm live --replay {path}"
+    walking = bool(plates) and len(markers.names) >= MIN_MARKERS
+    uses: tuple[str, ...]
+    uses = (f"hbm residuals TRIAL --static {path}", f"hbm residuals {path} --forces FORCES.mot")
+    if walking:
+        exported = f"hbm export {path} --format osim --format tables --out DIR"
+        uses = f"hbm residuals {path}", f"hbm explain {path}", exported, f"hbm live --replay {path}"
     elif plates:
-        yield f"hbm calibration fit {path} --out calibration.json"
-        yield f"hbm calibration check CALIBRATION {path}"
-    else:
-        yield f"hbm residuals TRIAL --static {path}"
-        yield f"hbm residuals {path} --forces FORCES.mot"
+        fitted = f"hbm calibration fit {path} --out calibration.json"
+        uses = fitted, f"hbm calibration check CALIBRATION {path}"
+    return Recognised(f"a {kind} recording, {', '.join(held)}", uses, walking)

@@ -1,4 +1,4 @@
-"""One trial as typed: its options, and the study in memory that they state."""
+"""What is typed as options: one trial, which is a study in memory, or a live session."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from hbm.markers import read_marker_set
 from hbm.spelling import short
+from pipeline.config.input_model import InputModel
 from pipeline.config.schema import (
     Condition,
     Platform,
@@ -134,6 +135,45 @@ class TrialRequest(Settings, Subject, RecordingRequest):
             ) from None
 
 
+class LiveRequest(InputModel):
+    """How a session is run, or a recording replayed, as typed."""
+
+    study: Path | None = None
+    """Folder of the study, with [live]."""
+    subject: str | None = None
+    """Who walks; default: the only one."""
+    static: Path | None = None
+    """Calibration pose, and places of plates."""
+    calibration: Path | None = None
+    """In place of the study's."""
+    pose: bool = False
+    """Build the body from a pose shown now."""
+    out: Path | None = None
+    """New folder; default: live/TIME."""
+    view: bool = False
+    """Show the body in a window."""
+    web: bool = False
+    """Show the body to a browser here."""
+    qualisys: str | None = None
+    """ADDRESS[:PORT] of QTM; not LSL."""
+    listen: str | None = None
+    """This computer's address for streams; default: the study's."""
+    sender: tuple[str, ...] = ()
+    """Computer to receive from, of several; repeatable."""
+    cycles: Annotated[int, Field(ge=1)] | None = None
+    """Gait cycles to measure; default: the study's, else 25."""
+    duration_s: Annotated[float, Field(ge=0.1)] | None = None
+    """Default: until Ctrl-C."""
+    replay: Path | None = None
+    """Only play this recording as streams."""
+    forces: Path | None = None
+    """MOT file of a TRC file to replay."""
+    record: Path | None = None
+    """D-Flow record file to replay."""
+    speed: Annotated[float, Field(ge=0.01, le=20)] = 1.0
+    """Of --replay."""
+
+
 def chain_of(request: TrialRequest) -> "Chain":
     """Read the files of a trial; a ValueError or OSError says what is wrong with which."""
     from pipeline.trial.process import trial_chain
@@ -166,15 +206,13 @@ def process(
 
 @contextmanager
 def _naming_file(request: TrialRequest) -> Iterator[None]:
-    """Say of an error which trial is processed, and which file it is about."""
+    """Say of an error which trial is processed."""
     try:
         yield
     except ValueError as error:
         if request.trial.name not in str(error):
             error.add_note(f"while processing {request.trial.name}")
-        paths = (path for _, path in request if isinstance(path, Path))
-        file = next((p for p in paths if str(error).startswith(f"{p.name}: ")), request.trial)
-        vars(error).setdefault("filename", str(file))
+        vars(error).setdefault("filename", str(request.trial))
         raise
 
 
@@ -185,7 +223,7 @@ def _laboratory(request: TrialRequest) -> "Laboratory":
     from pipeline.trial.ground.calibrations import read_laboratory
     from pipeline.trial.ground.laboratory import Laboratory
 
-    markers = tuple(filter(None, map(str.strip, request.platform_markers.split(","))))
+    markers = marker_names(request.platform_markers)
     file = request.plate_calibration
     plates = read_plate_correction(file) if file is not None else None
     if request.calibration is not None:
@@ -195,3 +233,8 @@ def _laboratory(request: TrialRequest) -> "Laboratory":
         raise ValueError("--accelerometer has no effect without --calibration")
     platform = Platform(markers=markers) if markers else None
     return Laboratory(Treadmill(platform=platform), plates=plates)
+
+
+def marker_names(typed: str) -> tuple[str, ...]:
+    """Read names that are separated by commas."""
+    return tuple(filter(None, map(str.strip, typed.split(","))))

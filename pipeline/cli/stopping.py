@@ -9,8 +9,6 @@ from typing import Final
 
 SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
-STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
-"""What asks a process to end, and lets it say so."""
 
 
 class Stopped(Exception):
@@ -59,24 +57,6 @@ def terminable() -> Iterator[None]:
     finally:
         if takes_over:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-@contextmanager
-def recorded_requests() -> Iterator[list[int]]:
-    """Give a list that requests to stop append their signals to; only a kill interrupts the work.
-
-    An exception could come while an earlier one is handled, when nothing would wait for the end.
-    """
-    requests: list[int] = []
-    before = {
-        number: signal.signal(number, lambda number, frame: requests.append(number))
-        for number in STOPPING
-    }
-    try:
-        yield requests
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

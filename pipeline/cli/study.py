@@ -24,10 +24,7 @@ from pipeline.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from hbm.notes import Note
-    from pipeline.run.check import Finding
     from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 MOST_PLACES = 3
@@ -36,7 +33,10 @@ MOST_PLACES = 3
 
 def init(
     folder: Annotated[Path, Argument(help="Folder for the new study.")],
-    reading: Annotated[int | None, Option(help="Of names with several readings.")] = None,
+    field: Annotated[
+        list[int] | None,
+        Option(min=0, help="Of names, says whose they are; repeatable; 0: all of one person."),
+    ] = None,
 ) -> None:
     """Of the recordings in the folder, or as an example; edit it, then 'hbm check'."""
     from pipeline.config.found_recordings import found_subjects
@@ -44,11 +44,14 @@ def init(
 
     console = PlainConsole()
     with console.status("reading recordings"):
-        found, unused = found_subjects(folder, reading)
+        found, unused = found_subjects(folder, field or ())
     written = write_template(folder, found)
     for subject in found:
         pose = f"pose {subject.static}" if subject.static else "no recording of a pose"
-        trials = (f"{name}: {', '.join(files)}" for name, files in subject.trials.items())
+        trials = [
+            f"{condition}: {', '.join(trial['file'] for trial in of_condition)}"
+            for condition, of_condition in subject.trials.items()
+        ]
         console.say(f"{subject.name}: {'; '.join([pose, *trials])}")
     for file, reason in unused.items():
         name = printable(Path(file).name)
@@ -82,7 +85,10 @@ def check(
         console.say(f"FAULT {fault}")
     places = {remark.place for remark in found.remarks}
     doubtful = [remark for remark in found.remarks if remark.doubtful]
-    for said, where in _by_text(found.remarks if OUTPUT.verbose else doubtful).items():
+    by_text: dict[Note | str, list[str]] = {}  # one of many files is printed once
+    for remark in found.remarks if OUTPUT.verbose else doubtful:
+        by_text.setdefault(remark.said, []).append(remark.place)
+    for said, where in by_text.items():
         console.say(f"{listed(where, MOST_PLACES)}:")
         console.say(f"- {said}" if isinstance(said, str) else note_line(said))
     if (healthy := len(places - {remark.place for remark in doubtful})) and not OUTPUT.verbose:
@@ -117,14 +123,6 @@ def check(
     return 2 if found.faults else 0
 
 
-def _by_text(remarks: "Iterable[Finding]") -> "dict[Note | str, list[str]]":
-    """Give the places of each remark, so that one of many files is printed once."""
-    places: dict[Note | str, list[str]] = {}
-    for remark in remarks:
-        places.setdefault(remark.said, []).append(remark.place)
-    return places
-
-
 def run(
     study: StudyFolder,
     subject: Annotated[list[str] | None, Option(help="Only this one; repeatable.")] = None,
@@ -156,7 +154,7 @@ def run(
         require_nothing_replaced(planned, out)
     if loaded.file.treadmill.check:
         console.say_notes(read_study_laboratory(loaded).notes)
-    console.say(str(forecast(planned, out, jobs)))
+    console.say(forecast(planned))
     outcomes = run_planned(
         loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
     )
@@ -201,8 +199,6 @@ def view(
 ) -> None:
     """Show markers, body, plates, forces, and residuals over time."""
     from pipeline.budgets.explanation import bands_of
-    from pipeline.io.write import write_text
-    from pipeline.run.program import program_digest
     from pipeline.run.store import read_trial
     from pipeline.viewer.serve import view as show
     from pipeline.viewer.trial import write_recording
@@ -211,23 +207,16 @@ def view(
     result = (
         results if results.suffix == RESULT else _result_of(results, subject, condition, number)
     )
-    summary = read_trial(result, frames=False)
-    bands = bands_of(result, summary)
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     recording = save or folder / "viewer" / f"{result.stem}.rrd"
-    shown = recording.with_suffix(".key")
-    # of what the recording is made: the key of a result does not cover the viewer
-    made = f"{summary.key} {program_digest()} {bands is not None}"
-    there = summary.key and recording.is_file() and shown.is_file() and shown.read_text() == made
-    if save or not there:
-        with console.status(Text(f"preparing {result.stem}")):
-            recording.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(read_trial(result), recording, bands=bands)
+    with console.status(Text(f"preparing {result.stem}")):
+        trial = read_trial(result)
+        recording.parent.mkdir(parents=True, exist_ok=True)
+        write_recording(trial, recording, bands=bands_of(result, trial))
     if save:
         console.say(f"recording: {save}")
-        return
-    write_text(made, shown)
-    show(recording, web=web, announce=console.say)
+    else:
+        show(recording, web=web, announce=console.say)
 
 
 def _result_of(folder: Path, *wanted: str | None) -> Path:
@@ -247,17 +236,6 @@ def _result_of(folder: Path, *wanted: str | None) -> Path:
     raise ValueError(f"{folder}: no such trial; there are: {', '.join(names)}")
 
 
-def print_study_residuals(folder: Path) -> None:
-    """Print the residuals of a study's report: RMS, mean ± SD over subjects."""
-    from pipeline.io.write import read_csv
-    from pipeline.report.tables import means, windows_sentence
-    from pipeline.statistics.design import EXPERIMENT_3
-
-    residuals, console = read_csv(folder / "residuals.csv").query("headline"), PlainConsole()
-    print_block(means(residuals, EXPERIMENT_3), console)
-    console.say(windows_sentence(residuals))
-
-
 def simulate(
     folder: Annotated[Path, Argument(help="For the study; may hold a simulated one.")],
     setting: Annotated[Path | None, Option(help="TOML file; or thesis.")] = None,
@@ -270,15 +248,10 @@ def simulate(
     Of a simulated study that is in the folder already, only what is missing is written. A setting
     is a TOML file with seed, [protocol] and [faults.…], or 'thesis': the faults that it states.
     """
+    from pipeline.virtual_lab.protocol import walking_study
     from pipeline.virtual_lab.protocol.walking_protocol import Setting, find_setting
-    from pipeline.virtual_lab.protocol.walking_study import (
-        folder_setting,
-        missing_files,
-        require_setting,
-        study_files,
-    )
 
-    there = folder_setting(folder)
+    there = walking_study.folder_setting(folder)
     chosen = find_setting(setting) if setting is not None else there or Setting()
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
@@ -286,14 +259,15 @@ def simulate(
         protocol = chosen.protocol.model_copy(update={"subjects": subjects})
         chosen = chosen.model_copy(update={"protocol": protocol})
     if there is not None:
-        require_setting(folder, there, chosen)
-    start, missing = time.monotonic(), missing_files(folder, chosen)
+        walking_study.require_setting(folder, there, chosen)
+    start, missing = time.monotonic(), walking_study.missing_files(folder, chosen)
     _simulate_study(folder, chosen, jobs, PlainConsole(), keep=True)
     recordings = sum(name.endswith(".c3d") for name in missing)
+    there_already = len(walking_study.study_files(chosen)) - len(missing)
     PlainConsole().say(
         f"{counted(recordings, 'recording')} and {counted(len(missing) - recordings, 'other file')}"
         f" written to {folder} in {time.monotonic() - start:.0f} s, "
-        f"{len(study_files(chosen)) - len(missing)} were there already; next: hbm run {folder}"
+        f"{there_already} were there already; next: hbm run {folder}"
     )
 
 
@@ -316,6 +290,9 @@ def demo(
     out: Out = Path("demo"),
 ) -> int:
     """Write recordings, report, figures and viewer recording to --out."""
+    from pipeline.io.write import read_csv
+    from pipeline.report.tables import means, windows_sentence
+    from pipeline.statistics.design import EXPERIMENT_3
     from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
 
     console, start = PlainConsole(), time.monotonic()
@@ -329,7 +306,9 @@ def demo(
     )
     code = run(study, jobs=jobs, out=results)
     report(results)
-    print_study_residuals(results)
+    residuals = read_csv(results / "residuals.csv").query("headline")
+    print_block(means(residuals, EXPERIMENT_3), console)
+    console.say(windows_sentence(residuals))
     view(results, "sub01", "sway", save=results / "viewer" / "sub01_sway.rrd")
     console.say(
         f"open {results / 'report.html'} in a browser; 'hbm view {results}' shows where the "

@@ -23,17 +23,9 @@ if TYPE_CHECKING:
 
 MIN_COLUMNS: Final = 40
 """A narrower terminal, or one that says it has no columns, breaks the lines itself."""
-ALWAYS: Final = frozenset(
-    {
-        "Axes",
-        "Body mass",
-        "Corrected",
-        "Delay of plates",
-        "Feet on plates",
-        "Gait cycles",
-        "Landmarks",
-    }
-    | {"Plate calibration", "Platform pose", "Treadmill calibration"}
+ALWAYS: Final = (
+    *("Axes", "Body mass", "Corrected", "Delay of plates", "Feet on plates", "Gait cycles"),
+    *("Landmarks", "Plate calibration", "Platform pose", "Treadmill calibration"),
 )
 """Items of provenance that change numbers; --verbose prints the others too."""
 SYMBOLS: Final = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}
@@ -102,7 +94,8 @@ def print_block(block: "Block", console: PlainConsole, *, narrow: bool = False) 
 
     A ``narrow`` one without the last columns, where the terminal has no room for them.
     """
-    names = 2 if block.css_class == "numbers" else len(block.heads)
+    numbers = block.css_class == "numbers"
+    names = 2 if numbers else len(block.heads)
     table = Table(title=block.caption)
     for k, head in enumerate(block.heads):
         table.add_column(head, justify="left" if k < names else "right")
@@ -117,14 +110,12 @@ def print_block(block: "Block", console: PlainConsole, *, narrow: bool = False) 
             cells.append("; ".join(texts))
         table.add_row(*cells)
     wide = console.options.update(max_width=WIDE)
-    narrow = narrow and block.css_class == "numbers"
-    while narrow and console.measure(table, options=wide).maximum > console.width:
-        if len(table.columns) == names + 1:
+    while narrow and numbers and len(table.columns) > names + 1:
+        if console.measure(table, options=wide).maximum <= console.width:
             break
         del table.columns[-1]
-    if len(table.columns) < len(block.heads):
         table.caption = f"On the page: {', '.join(block.heads[len(table.columns) :])}"
-    if block.css_class == "numbers":
+    if numbers:
         print_table(table, console)
     else:
         console.print(table)

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, described, takes
+from pipeline.cli.options import Out, PlateCorrectionFile, Seed, Simulate, takes
 from pipeline.cli.output import OUTPUT, plain_notes, tables_in
-from pipeline.cli.request import RecordingRequest
+from pipeline.cli.request import RecordingRequest, marker_names
 from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
-from pipeline.config.schema import Platform, Treadmill
-from pipeline.config.toml_file import check_options
+from pipeline.config.schema import CalibrationFit, Platform, Treadmill
 
 if TYPE_CHECKING:
     from hbm.notes import Note
@@ -38,30 +37,29 @@ def say_parts(
     console.say(f"page: {write_laboratory(folder, *parts, verdicts=verdicts)}")
 
 
-@takes(RecordingRequest)
+class FitRequest(CalibrationFit, RecordingRequest):
+    """A calibration to fit, and how, as typed."""
+
+    recording: Path
+    """The empty, moving treadmill."""
+    platform_markers: str = ""
+    """Markers on the platform: its sway and pitch, delay of the commands."""
+    sway_channel: str | None = None
+    """Channel of the commanded sway."""
+    pitch_channel: str | None = None
+    """Channel of the commanded pitch."""
+    plate_calibration: Path | None = None
+    """Calibration by hbm plates."""
+    beside: tuple[Path, ...] = ()
+    """People beside a plate that stays empty; repeatable."""
+    check: tuple[Path, ...] = ()
+    """As --beside, only to compare models by; repeatable."""
+
+
+@takes(FitRequest)
 def fit(
-    request: RecordingRequest,
-    recording: Annotated[Path, Argument(help="The empty, moving treadmill.")],
+    request: FitRequest,
     out: Annotated[Path, Option("-o", "--out", help="Calibration file to write (.json).")],
-    cutoff_hz: Annotated[float, described(Treadmill, "cutoff_hz")] = Treadmill().cutoff_hz,
-    accelerometer_unit: Annotated[str | None, described(Treadmill, "accelerometer_unit")] = None,
-    platform_markers: Annotated[
-        str, Option(help="Markers on the platform: its sway and pitch, delay of the commands.")
-    ] = "",
-    sway_channel: Annotated[str | None, described(Platform, "sway_channel")] = None,
-    pitch_channel: Annotated[str | None, described(Platform, "pitch_channel")] = None,
-    plate_calibration: PlateCorrectionFile = None,
-    beside: Annotated[
-        list[Path] | None,
-        Option("--beside", help="People beside a plate that stays empty; repeatable."),
-    ] = None,
-    inertia_model: Annotated[
-        str, described(Treadmill, "inertia_model", "--model", "--inertia-model")
-    ] = Treadmill().inertia_model,
-    check: Annotated[
-        list[Path] | None,
-        Option("--check", help="As --beside, only to compare models by; repeatable."),
-    ] = None,
 ) -> None:
     """Write laboratory.html beside it too: fit for which trials, and what it leaves."""
     from compensation import to_json
@@ -80,64 +78,57 @@ def fit(
     console = PlainConsole()
     if out.is_dir():
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
-    commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
-    markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
+    commands = Platform(sway_channel=request.sway_channel, pitch_channel=request.pitch_channel)
+    markers = marker_names(request.platform_markers)
     if commands.channels and not markers:
         raise ValueError(
             "--sway-channel and --pitch-channel need --platform-markers, which time the commands"
         )
-    stated = request.stated()
-    plates = read_plate_correction(plate_calibration) if plate_calibration else None
+    stated, file = request.stated(), request.plate_calibration
+    plates = read_plate_correction(file) if file else None
 
     def read(path: Path) -> "Recording":
         return of_empty.read_empty(path, stated, any_forward=plates is None)
 
-    empty = read(recording)
+    empty = read(request.recording)
     sensors = accelerometers.stated_accelerometers(request.accelerometer)
     sensors = sensors or accelerometers.find_accelerometers(empty)
-    treadmill = check_options(
-        Treadmill,
-        {
-            "accelerometers": sensors,
-            "accelerometer_unit": accelerometer_unit,
-            "cutoff_hz": cutoff_hz,
-            "inertia_model": inertia_model,
-        },
-    )
+    how = {name: getattr(request, name) for name in CalibrationFit.model_fields}
+    treadmill = Treadmill(accelerometers=sensors, **how)
     timing: tuple[Note, ...] = ()
     try:
-        fitted_too, compared = ([*map(read, paths or ())] for paths in (beside, check))
-        calibration = of_empty.fit_calibration(empty, treadmill, plates, fitted_too, compared)
+        beside, compared = ([*map(read, paths)] for paths in (request.beside, request.check))
+        calibration = of_empty.fit_calibration(empty, treadmill, plates, beside, compared)
         if commands.channels:
             timing = (command_delay(empty, markers, commands),)
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:
             text += "; if that is not their unit, use --accelerometer-unit g"
-        known = any(path.name in text for path in (recording, *(beside or ()), *(check or ())))
-        raise ValueError(text if known else f"{recording.name}: {text}") from error
+        files = request.recording, *request.beside, *request.check
+        named = any(path.name in text for path in files)
+        raise ValueError(text if named else f"{request.recording.name}: {text}") from error
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     platform = Platform(markers=markers) if markers else None
     measured = measure_empty(empty, laboratory, platform)
     provenance = {
         **calibration.provenance,
         **measured.motion,
-        "sha256": file_digest(recording),
+        "sha256": file_digest(request.recording),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": f"hbm-residuals {version('hbm-residuals')}",
         "channels": json.dumps(sensors),
-        "accelerometer_unit": accelerometer_unit or "",
+        "accelerometer_unit": request.accelerometer_unit or "",
     }
     calibration = replace(calibration, provenance=provenance)
     write_text(to_json(calibration), out)
-    belts_mps = measured.belts_mps
     notes = [
         *calibration.notes,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
         *timing,
         *of_empty.plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *uncertainty_limits(belts_mps, calibration),
+        *uncertainty_limits(measured.belts_mps, calibration),
     ]
     say_parts(console, out.parent, calibration_part(calibration, out, measured, notes))
     console.say_notes(notes)
@@ -164,11 +155,8 @@ def signals(
     belt_m_per_s: Annotated[float, Option(help="Largest belt speed.")] = 6.0,
     belt_m_per_s2: Annotated[float, Option(help="Largest belt acceleration.")] = 15.0,
     out: Out = Path("signals"),
-) -> int:
-    """Those that the machine can do are written, as CSV and figures.
-
-    Exit code 1 if an advised signal is beyond the machine.
-    """
+) -> None:
+    """Those that the machine can do are written, as CSV and figures."""
     from compensation import MachineLimits
     from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
@@ -188,24 +176,14 @@ def signals(
         console.say(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}")
         for line in beyond:
             console.say(f"not written, beyond the machine: {name} {line}")
-    to_begin_with = {"pitch_sway": ADVISED_PLATFORM_SIGNAL, "belt": ADVISED_BELT_SIGNAL}
-    lacking = [
-        advised
-        for name, advised in to_begin_with.items()
-        if name in drawn and advised not in {signal.name for signal in drawn[name][0]}
-    ]
-    if lacking:
-        console.say(
-            f"the machine cannot do {' and '.join(lacking)}, which is advised: record others of "
-            "those written, and rank them (hbm calibration rank)"
-        )
-        return 1
+    names = {signal.name for possible, _ in drawn.values() for signal in possible}
+    advised = {ADVISED_PLATFORM_SIGNAL: "pitch and sway", ADVISED_BELT_SIGNAL: "belts"}
+    first = [f"{name} ({of})" for name, of in advised.items() if name in names]
     console.say(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
-        f"record {ADVISED_PLATFORM_SIGNAL} (pitch and sway) or {ADVISED_BELT_SIGNAL} (belts) with "
-        "the treadmill empty, and fit it (hbm calibration fit)"
+        f"record {' or '.join(first) or 'those written'} with the treadmill empty, and fit it (hbm "
+        "calibration fit)"
     )
-    return 0
 
 
 @takes(RecordingRequest)

@@ -2,6 +2,7 @@
 
 import json
 import webbrowser
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -37,8 +38,7 @@ from pipeline.cli.terminal import (
 if TYPE_CHECKING:
     from pipeline.budgets.explanation import Explanation, StudyExplanation
     from pipeline.config.study import Study
-    from pipeline.export.compensated_c3d import Frame, Written
-    from pipeline.trial.result import TrialResult
+    from pipeline.export.compensated_c3d import Written
 
 
 Open = Annotated[
@@ -58,7 +58,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     from pipeline.figures.residuals import residual_figure
     from pipeline.figures.style import save_figure
     from pipeline.io.write import write_csv
-    from pipeline.report.trial_page import write_trial_page
+    from pipeline.report.trial_page import result_tables, scope, verdict_lines, write_trial_page
     from pipeline.run.store import write_trial
     from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
 
@@ -75,7 +75,12 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     save_figure(residual_figure(result), out / f"{name}_residuals")
     plates, command = chain.inputs.recording.plates, explain_command(request)
     page = write_trial_page(result, out / f"{name}{PAGE}", plates=plates, command=command)
-    print_result(result, console)
+    console.say(scope(result))
+    for line in verdict_lines(result):
+        console.print(line)
+    for block in result_tables(result):
+        print_block(block, console)
+    console.say_notes(result.notes)
     console.say(
         f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
         f".svg, {name}_cycles.csv (each gait cycle)"
@@ -97,18 +102,6 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         webbrowser.open(page.resolve().as_uri())
     if reason := result.shortage:
         raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
-
-
-def print_result(result: "TrialResult", console: PlainConsole) -> None:
-    """Print what the page of a trial begins with, and its warnings and provenance."""
-    from pipeline.report.trial_page import result_tables, scope, verdict_lines
-
-    console.say(scope(result))
-    for line in verdict_lines(result):
-        console.print(line)
-    for table in result_tables(result):
-        print_block(table, console)
-    console.say_notes(result.notes)
 
 
 @takes(TrialRequest)
@@ -135,8 +128,6 @@ def explain(
 
 def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.budgets.explanation import BANDS, SUFFIX, explain, write_bands, write_explanation
-    from pipeline.figures.explained import bands_figure
-    from pipeline.figures.style import save_figure
     from pipeline.report.trial_page import write_trial_page
 
     if request.trial.suffix == RESULT:
@@ -153,7 +144,6 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     write_explanation(explanation, out / f"{name}{SUFFIX}")
     assert bands is not None  # it was not read from a file
     write_bands(bands, out / f"{name}{BANDS}")
-    save_figure(bands_figure(bands, request.trial.name), out / f"{name}_bands")
     page = write_trial_page(
         result, out / f"{name}{PAGE}", plates=recording.plates, explanation=explanation
     )
@@ -163,7 +153,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     print_explanation(explanation, console)
     console.say(
         f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "
-        f"over time), {name}_bands.png and .svg"
+        "over time)"
     )
     numbers = json.loads((out / f"{name}{SUFFIX}").read_text(encoding="utf-8"))
     OUTPUT.result.update(
@@ -254,28 +244,30 @@ def _apply(
     )
 
 
-AnkleZero = Literal["right_angle", "in_line"]
 FORMATS = ("osim", "urdf", "tables", "bids", "c3d")
 
 
-@takes(TrialRequest)
+class ExportRequest(TrialRequest):
+    """One trial to export, and how, as typed."""
+
+    ankle_zero: Literal["right_angle", "in_line"] = "right_angle"
+    """right_angle, or in_line: as in the HBM."""
+    subject: str | None = None
+    """BIDS label, default: 01."""
+    task: str | None = None
+    """BIDS label, default: walk."""
+    frame: Literal["plate", "lab"] | None = None
+    """Of c3d on a moving platform: corners in its mean pose (plate), or wrenches in the lab frame
+    (lab); default: only the plates' samples change."""
+
+
+@takes(ExportRequest)
 def export(
-    request: TrialRequest,
+    request: ExportRequest,
     form: Annotated[
         list[str] | None, Option("--format", help=f"{', '.join(FORMATS)}; repeatable.")
     ] = None,
     out: Out = Path("export"),
-    ankle_zero: Annotated[AnkleZero, Option(help="in_line: as in the HBM.")] = "right_angle",
-    subject: Annotated[str | None, Option(help="BIDS label, default: 01.")] = None,
-    task: Annotated[str | None, Option(help="BIDS label, default: walk.")] = None,
-    c3d: Annotated[Path | None, Option(help="Folder for C3D files.", hidden=True)] = None,
-    frame: Annotated[
-        Literal["plate", "lab"] | None,
-        Option(
-            help="Of c3d on a moving platform: corners in its mean pose (plate), or wrenches "
-            "in the lab frame (lab); default: only the plates' samples change."
-        ),
-    ] = None,
 ) -> int:
     """Write osim and urdf (the body), tables (.mot, .sto, .trc, .csv), bids or c3d.
 
@@ -284,29 +276,15 @@ def export(
     For c3d, the original recording is written with compensated plates, for bids with gait events;
     TRIAL may be a study's folder: the recordings of all its trials are written.
     """
-    chosen = {*(form or ()), *(["c3d"] if c3d else [])}
-    trial, of_c3d = request.trial, c3d or out
+    chosen, trial = {*(form or ())}, request.trial
     if not chosen or chosen - {*FORMATS}:
         given = listed(sorted(chosen - {*FORMATS})) if chosen else "none given"
         raise ValueError(f"--format {given}: expected {listed(FORMATS)}, and --out FOLDER")
-    if frame and "c3d" not in chosen:
+    if request.frame and "c3d" not in chosen:
         raise ValueError("--frame goes with --format c3d")
-    require_folder(of_c3d)
+    require_folder(out)
     if trial.is_dir():
-        require_no_options(request, "a study or its results, whose files have all settings")
-        if (subject, task) != (None, None):
-            raise ValueError("--subject and --task go with one recording; a study has its names")
-        if chosen in ({"c3d"}, {"bids"}):
-            (one,) = chosen
-            return _export_study(trial, of_c3d if one == "c3d" else out, one, frame)
-        if chosen == {"tables"}:
-            from pipeline.report.workbook import write_workbook
-
-            *tables, workbook = write_workbook(trial, out)
-            tables_as_csv = f"{counted(len(tables), 'table')} as CSV"
-            PlainConsole().say(f"{tables_as_csv}, and all of them in {workbook}")
-            return 0
-        raise ValueError("of a study c3d or bids is exported, of its results tables; one at once")
+        return _export_folder(request, chosen, out)
     if trial.suffix == RESULT:
         require_no_options(request, "a result that has been processed already")
         if recorded := " and ".join(sorted(chosen & {"bids", "c3d"})):
@@ -315,21 +293,15 @@ def export(
             )
     console, written = PlainConsole(), list[Path]()
     if "c3d" in chosen:
-        written.append(_export_trial(request, of_c3d, frame, console))
+        written.append(_export_trial(request, out, console))
     if others := chosen - {"c3d"}:
-        labels = subject or "01", task or "walk"
-        written += _export_processed(request, others, out, ankle_zero, labels, console)
+        written += _export_processed(request, others, out, console)
     console.say("written: " + ", ".join(map(str, written)))
     return 0
 
 
 def _export_processed(
-    request: TrialRequest,
-    chosen: set[str],
-    out: Path,
-    ankle_zero: AnkleZero,
-    labels: tuple[str, str],
-    console: PlainConsole,
+    request: ExportRequest, chosen: set[str], out: Path, console: PlainConsole
 ) -> list[Path]:
     """Write the body of a trial, processed or to be processed, its tables, and what BIDS holds."""
     from pipeline.export.bids import write_bids
@@ -338,6 +310,7 @@ def _export_processed(
     from pipeline.run.store import read_trial
 
     stem, written = request.trial.stem, list[Path]()
+    labels = request.subject or "01", request.task or "walk"
     if request.trial.suffix == RESULT:
         result = read_trial(request.trial)
     else:
@@ -354,7 +327,7 @@ def _export_processed(
             written.append(out / f"{stem}.{form}")
             write(result.body, written[-1])
     if "tables" in chosen:
-        written += write_tables(result, out, stem, ankle_zero)
+        written += write_tables(result, out, stem, request.ankle_zero)
         plates = "measured" if result.compensated is None else "compensated"
         console.print(f"forces and loads are from the {plates} plate forces")
     if "bids" in chosen:
@@ -363,9 +336,7 @@ def _export_processed(
     return written
 
 
-def _export_trial(
-    request: TrialRequest, out: Path, frame: "Frame | None", console: PlainConsole
-) -> Path:
+def _export_trial(request: ExportRequest, out: Path, console: PlainConsole) -> Path:
     """Write a trial's C3D file again with compensated plates, and say what has checked it."""
     from pipeline.export.compensated_c3d import write_compensated
 
@@ -380,7 +351,7 @@ def _export_trial(
         chain.inputs.laboratory,
         out / request.trial.name,
         calibration=request.calibration,
-        frame=frame,
+        frame=request.frame,
         plate_delay_s=chain.settings.plate_delay_s,
     )
     console.say_notes(written.notes)
@@ -388,19 +359,32 @@ def _export_trial(
     return written.path
 
 
-def _export_study(folder: Path, out: Path, form: str, frame: "Frame | None") -> int:
-    """Write all recordings of a study's trials again; exit code 1 where some of them failed."""
+def _export_folder(request: ExportRequest, chosen: set[str], out: Path) -> int:
+    """Write tables of a study, or its recordings again; exit code 1 where some of them failed."""
     from pipeline.config.study import read_study
     from pipeline.export.bids import write_bids_study
-    from pipeline.export.compensated_c3d import recordings_of, write_compensated_study
+    from pipeline.export.compensated_c3d import Written, recordings_of, write_compensated_study
+    from pipeline.report.workbook import write_workbook
 
-    console, study = PlainConsole(), read_study(folder)
-    in_bids, failed = form == "bids", 0
-    used = [trial for trial in study.trials.values() if trial.file and trial.exclude is None]
-    total = len(used) if in_bids else len(recordings_of(study))
-    exported = (
-        write_bids_study(study, out) if in_bids else write_compensated_study(study, out, frame)
-    )
+    require_no_options(request, "a study or its results, whose files have all settings")
+    if request.subject or request.task:
+        raise ValueError("--subject and --task go with one recording; a study has its names")
+    console, folder, failed = PlainConsole(), request.trial, 0
+    exported: Iterator[tuple[object, Written | list[Path] | str]]
+    if chosen == {"tables"}:
+        *tables, workbook = write_workbook(folder, out)
+        tables_as_csv = f"{counted(len(tables), 'table')} as CSV"
+        console.say(f"{tables_as_csv}, and all of them in {workbook}")
+        return 0
+    if chosen not in ({"c3d"}, {"bids"}):
+        raise ValueError("of a study c3d or bids is exported, of its results tables; one at once")
+    study = read_study(folder)
+    if chosen == {"bids"}:
+        used = [trial for trial in study.trials.values() if trial.file and trial.exclude is None]
+        how, total, exported = "as BIDS", len(used), write_bids_study(study, out)
+    else:
+        how, total = "with compensated plates", len(recordings_of(study))
+        exported = write_compensated_study(study, out, request.frame)
     with StepProgress(console, "writing", "recordings") as progress:
         for done, (name, written) in enumerate(exported, 1):
             if isinstance(written, str):
@@ -409,12 +393,10 @@ def _export_study(folder: Path, out: Path, form: str, frame: "Frame | None") -> 
             elif isinstance(written, list):
                 line = f"{name}: {written[-1].name}"
             else:
-                for note in written.notes:
-                    if note.level == "warning":
-                        console.say(f"{name}: ", note_line(note))
+                for note in warnings_of(written.notes):
+                    console.say(f"{name}: ", note_line(note))
                 line = f"{name}: {_checked_by(written)}"
             progress.show(line, done, total, failed=isinstance(written, str))
-    how = "as BIDS" if in_bids else "with compensated plates"
     console.say(f"{counted(total - failed, 'recording')} {how} in {out}, {failed} failed")
     return 1 if failed else 0
 

@@ -1,10 +1,11 @@
 """What a study states of its comparison: checked, and as the design of its statistics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
-from hbm.spelling import did_you_mean, listed, short
+from hbm.spelling import short
 from pipeline.config.schema import COVARIATES, Comparison, StudyFile, SubjectFile
+from pipeline.config.toml_file import nearest
 from pipeline.statistics.design import Design, design_of, unstated_design
 
 PAIR = " - "
@@ -41,16 +42,16 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
     if stated is None:
         return faults
     where, known = "study.toml: comparison", [*file.conditions]
-    for level in stated.levels or ():
-        if level not in known:
-            hint = did_you_mean(level, known) or f"; there are {listed(known)}"
-            faults.append(f"{where}.levels: no condition {short(level)!r}{hint}")
-    levels = stated.levels or _unstated(file).conditions
-    if stated.reference is not None and stated.reference not in levels:
-        hint = did_you_mean(stated.reference, levels) or f"; there are {listed(levels)}"
-        faults.append(f"{where}.reference: {short(stated.reference)!r} is no level{hint}")
-    faults += _pair_faults(stated, _bare(file, stated, levels))
-    return faults + _group_faults(stated, subjects)
+    faults += [
+        f"{where}.levels: no condition {short(level)!r}{nearest(level, known)}"
+        for level in stated.levels or ()
+        if level not in known
+    ]
+    design = _design(file, stated)
+    if stated.reference not in (None, *design.conditions):
+        hint = nearest(stated.reference, design.conditions)
+        faults.append(f"{where}.reference: {short(str(stated.reference))!r} is no level{hint}")
+    return [*faults, *_pair_faults(stated, design), *_group_faults(stated, subjects)]
 
 
 def _pair_faults(stated: Comparison, design: Design) -> list[str]:
@@ -65,7 +66,7 @@ def _pair_faults(stated: Comparison, design: Design) -> list[str]:
             faults.append(f"{where} is another pair turned round; leave one of them out")
         for cell in cells:
             if cell not in design.cells:
-                hint = did_you_mean(cell, design.cells) or f"; there are {listed(design.cells)}"
+                hint = nearest(cell, design.cells)
                 faults.append(f"{where}: no cell {short(cell)!r}{hint}")
     return faults
 
@@ -73,19 +74,19 @@ def _pair_faults(stated: Comparison, design: Design) -> list[str]:
 def _group_faults(stated: Comparison, subjects: Mapping[str, SubjectFile]) -> list[str]:
     if stated.group is None or not subjects:
         return []
-    groups = {name: _group(person, stated.group) for name, person in subjects.items()}
+    of_subject = {name: _group(person, stated.group) for name, person in subjects.items()}
     faults = [
         f"subject {name}: {stated.group}: is missing; comparison.group in study.toml tells groups "
         "apart by it"
-        for name, group in groups.items()
+        for name, group in of_subject.items()
         if group is None
     ]
-    if not faults and len(set(groups.values())) == 1:
-        (only,) = set(groups.values())
-        faults = [
-            f"study.toml: comparison.group: all subjects are in the group {short(only)!r}; "
-            "a comparison needs two groups or more"
-        ]
+    if not faults and len({*of_subject.values()}) == 1:
+        only = short(str(of_subject.popitem()[1]))
+        faults.append(
+            f"study.toml: comparison.group: all subjects are in the group {only!r}; a comparison "
+            "needs two groups or more"
+        )
     return faults
 
 
@@ -100,13 +101,13 @@ def groups(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> dict[str, st
     return {} if key is None else {name: _group(p, key) for name, p in subjects.items()}
 
 
-def _unstated(file: StudyFile) -> Design:
-    return unstated_design([*file.conditions], compensated=file.treadmill.calibrated)
-
-
-def _bare(file: StudyFile, stated: Comparison, levels: Sequence[str]) -> Design:
-    """Give the design of the levels and the reference alone."""
+def _design(file: StudyFile, stated: Comparison | None) -> Design:
+    """Give the design of the levels and the reference alone; without them, that of conditions."""
     calibrated = file.treadmill.calibrated
+    unstated = unstated_design([*file.conditions], compensated=calibrated)
+    if stated is None:
+        return unstated
+    levels = stated.levels or unstated.conditions
     return design_of(levels, compensated=calibrated, reference=stated.reference)
 
 
@@ -130,10 +131,10 @@ def study_design(file: StudyFile) -> Design:
     >>> study_design(StudyFile.model_validate({"conditions": conditions})).pairs
     (('tilt', 'still'), ('shake', 'still'))
     """
-    unstated, stated = _unstated(file), file.comparison
+    stated = file.comparison
+    design = _design(file, stated)
     if stated is None:
-        return unstated
-    design = _bare(file, stated, stated.levels or unstated.conditions)
+        return design
     pairs = design.pairs
     if stated.pairs is not None:
         cells = [pair.split(PAIR) for pair in stated.pairs]

@@ -1,11 +1,11 @@
 """Recordings in a folder without a study: whose they are, and which shows the calibration pose.
 
-Their names say so (`pipeline.config.recording_names`). Of names that can be read in several ways
-all readings are given, and none is taken.
+Their names say so (`pipeline.config.recording_names`). Where one can be read in several ways, none
+is taken unless it is stated which of its fields say whose it is.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain, count
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -14,21 +14,20 @@ import numpy as np
 
 from hbm.spelling import listed, without_accents
 from pipeline.config.input_model import RESERVED
-from pipeline.config.recording_names import RecordingName, condition, usual
+from pipeline.config.recording_names import RecordingName, usual
 from pipeline.config.schema import COVARIATES
 from pipeline.config.toml_file import StudyFaults
 from pipeline.io.read import is_recording, read_with_any_axes
 from pipeline.io.recording import Recording
 
-INITIALS: Final = re.compile(r"(?:(?:[A-Z]{2,3}|[A-Z]{2,4}\d{2,}) ){3,}")
-"""Of three people or more, such as AB and KO03; fewer may be conditions."""
 FIRST: Final = "sub01"
 """The subject where names do not say whose recordings they are."""
 CONDITION: Final = "walking"
 """Of trials where names do not say theirs."""
 REMEDY: Final = (
-    "the names can be read in these ways; nothing was written; choose one with --reading, or begin "
-    "every name with S and the person's number, as in S01_slow_1.c3d"
+    "nothing was written; state the field that says it, such as --field 1, several where a group "
+    "belongs to it, or --field 0 where all are of one person; or begin every name with S and the "
+    "person's number, as in S01_slow_1.c3d"
 )
 TAKEN: Final = (*RESERVED, *COVARIATES, "group", "study")
 """Names that mean something else to a study or to the file system."""
@@ -51,15 +50,13 @@ class FoundSubject(NamedTuple):
     static
         File of the calibration pose; empty where every recording is a trial.
     trials
-        Condition -> files of the others.
-    forces
-        File of a trial -> the one beside it with its forces.
+        Condition -> of each of the others its file and, where there is one, that of its forces, as
+        a study states them.
     """
 
     name: str
     static: str
-    trials: dict[str, list[str]]
-    forces: dict[str, str]
+    trials: dict[str, list[dict[str, str]]]
 
 
 class _Found(NamedTuple):
@@ -72,12 +69,8 @@ class _Found(NamedTuple):
     forces: str
 
 
-Reading = dict[str, tuple[str, str]]
-"""File -> whose it is, and of what condition."""
-
-
 def found_subjects(
-    folder: Path, chosen: int | None = None
+    folder: Path, fields: Sequence[int] = ()
 ) -> tuple[list[FoundSubject], dict[str, str]]:
     """Find the subjects whose recordings are in a folder and its subfolders.
 
@@ -88,8 +81,9 @@ def found_subjects(
     ----------
     folder
         The folder.
-    chosen
-        Which reading of the names is right, from 1, where there are several.
+    fields
+        Which fields of the names, from 1, say whose recordings they are; 0 where all are of one
+        person. By default the numbers of persons, such as S01.
 
     Returns
     -------
@@ -101,30 +95,35 @@ def found_subjects(
     Raises
     ------
     StudyFaults
-        If the names can be read in several ways and none is chosen: one line for each.
+        If a name can be read in several ways and the fields are not stated.
     """
     recorded, unused = _people_in(folder)
-    reading = _reading(recorded, chosen)
-    people = {person.casefold(): person for person, _ in reading.values()}
+    places = _places(recorded, fields)
+    said = {one.file: one.name.read(places[one.file]) for one in recorded if one.file in places}
+    of_trials = [said[one.file] for one in recorded if not one.pose and one.file in said]
+    people = {person.casefold(): person for person, _ in of_trials}
     names = _valid(people.values(), FIRST)
-    conditions = _valid((said for _, said in reading.values()), CONDITION)
+    conditions = _valid((condition for _, condition in of_trials), CONDITION)
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
-        key, who = _whose(one, reading, people), [one.name.fields[k] for k in one.name.candidates]
-        if key is not None:
-            of_person[key].append(one)
-        elif one.pose and who and not any(who[0].casefold() in key.split("-") for key in people):
-            unused[one.file] = f"there is no trial of {who[0]} on plates"
+        person, _ = said.get(one.file, (None, ""))
+        if person is None and one.pose and not one.name.candidates and len(people) == 1:
+            (person,) = people.values()
+        if person is not None and person.casefold() in people:
+            of_person[person.casefold()].append(one)
+        elif one.pose and person:
+            unused[one.file] = f"there is no trial of {person} on plates"
         else:
             unused[one.file] = "its name does not say whose it is"
     subjects = []
     for key, recordings in of_person.items():
-        static, trials = _pose(people[key], recordings, unused), dict[str, list[str]]()
+        static = _pose(people[key], recordings, unused)
+        trials = dict[str, list[dict[str, str]]]()
         for one in recordings:
             if not one.pose and one.file != static:
-                trials.setdefault(conditions[reading[one.file][1]], []).append(one.file)
-        forces = {one.file: one.forces for one in recordings if one.forces}
-        subjects.append(FoundSubject(names[people[key]], static, trials, forces))
+                stated = {"file": one.file} | ({"forces": one.forces} if one.forces else {})
+                trials.setdefault(conditions[said[one.file][1]], []).append(stated)
+        subjects.append(FoundSubject(names[people[key]], static, trials))
     return subjects, unused
 
 
@@ -160,64 +159,29 @@ def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
     return recorded, unused
 
 
-def _reading(recorded: Sequence[_Found], chosen: int | None) -> Reading:
-    """Give the one way in which the names of trials can be read, or the one that is chosen."""
-    names = {one.file: one.name for one in recorded if not one.pose}
-    poses, most = [one.name for one in recorded if one.pose], 0
-    ways = [{file: name.read(name.candidates[0]) for file, name in names.items() if name.sure}]
-    sure = all(name.sure or not name.candidates for name in names.values()) and ways[0]
-    if not sure or not all(_follows(pose, names, sure) for pose in poses if pose.sure):
-        most = max((len(name.candidates) for name in names.values()), default=0)
-        ways = [
-            {f: n.read(n.candidates[k]) for f, n in names.items() if len(n.candidates) > k}
-            for k in range(most)
-        ]
-        ways.append({file: (FIRST, condition(name.fields)) for file, name in names.items()})
-        groups = {f: n.read(n.candidates[0], True) for f, n in names.items() if n.candidates}
-        first, grouped = (dict(way.values()) for way in (ways[0], groups))
-        same = len(first) == len(grouped) and [*first.values()] != [*grouped.values()]
-        if groups:  # first where people are the same, and a number is no longer a condition
-            ways.insert(0 if same else most, groups)
-    different: dict[tuple[int, ...], Reading] = {}
-    for way in ways:
-        people = [way.get(file, ("", ""))[0].casefold() for file in names]
-        different.setdefault(tuple(map(people.index, people)), way)  # by who is the same person
-    readings = [*different.values()]
-    persons = [f"{person} " for person, said in ways[0].values() if said]
-    initials = INITIALS.fullmatch("".join({*persons})) and len(persons) == len(names)
-    if initials and most == 1 and len(readings) == 2 and all(pose.candidates for pose in poses):
-        readings = readings[:1]
-    if chosen is None and len(readings) > 1:
-        raise StudyFaults([_described(k, way) for k, way in enumerate(readings, 1)] + [REMEDY])
-    if not 1 <= (chosen or 1) <= len(readings):
-        raise ValueError(f"--reading {chosen}: names can be read in {len(readings)} ways")
-    return readings[(chosen or 1) - 1]
-
-
-def _follows(pose: RecordingName, names: Mapping[str, RecordingName], way: Reading) -> bool:
-    """Tell whether no word of a pose that may be a person sets it apart from its trials."""
-    person = pose.read(pose.candidates[0])[0]
-    trials = [names[f] for f, (who, _) in way.items() if who.casefold() == person.casefold()]
-    return all(map(usual, pose.apart(trials, person)))
-
-
-def _described(number: int, reading: Reading) -> str:
-    """Describe a reading of names by its people and an example."""
-    people = {person.casefold(): person for person, _ in reading.values()}
-    file, (person, said) = next(iter(reading.items()))
-    example = f"{file} is of {person}, {said or CONDITION}"
-    return f"reading {number}: people {listed(people.values())}; {example}"
-
-
-def _whose(one: _Found, reading: Reading, people: Mapping[str, str]) -> str | None:
-    """Give whose a recording is; a pose is of whom its name says, or of the only one."""
-    if not one.pose:
-        return reading[one.file][0].casefold() if one.file in reading else None
-    fields = {field.casefold() for field in one.name.fields}
-    whose = [person for person in people if fields.issuperset(person.split("-"))]
-    if not whose and not one.name.candidates:  # its number may be that of another person
-        whose = [] if fields and "".join(people)[:1].isdecimal() else [*people]
-    return whose[0] if len(whose) == 1 else None
+def _places(recorded: Sequence[_Found], fields: Sequence[int]) -> dict[str, list[int]]:
+    """Give the places of the fields that say whose recordings are, of those that say it."""
+    if fields:
+        stated = [number - 1 for number in fields if number]
+        most = max(stated, default=-1)
+        return {one.file: stated for one in recorded if len(one.name.fields) > most}
+    trials = [one for one in recorded if not one.pose]
+    if not any(one.name.candidates for one in trials):  # all are of one person
+        return {one.file: [] for one in recorded if not one.name.candidates}
+    sure = {one.file: one.name.candidates[:1] for one in recorded if one.name.sure}
+    doubtful = [one for one in trials if one.name.candidates and not one.name.sure]
+    for pose in (one for one in recorded if one.pose and one.file in sure):
+        person, _ = pose.name.read(sure[pose.file])
+        others = [one.name for one in trials if one.file in sure]
+        others = [name for name in others if person.casefold() in map(str.casefold, name.fields)]
+        if not all(map(usual, pose.name.apart(others, person))):  # a word may be another person
+            doubtful.append(pose)
+    if doubtful:
+        file, name = doubtful[0][:2]
+        numbered = listed(f"{k} {field}" for k, field in enumerate(name.fields, 1))
+        ways = f"its name does not say surely whose it is; its fields are {numbered}"
+        raise StudyFaults([f"{file}: {ways}; {REMEDY}"])
+    return sure
 
 
 def _pose(name: str, recordings: Sequence[_Found], unused: dict[str, str]) -> str:

@@ -17,13 +17,8 @@ from pipeline.io.units import acceleration_in_mps2, length_in_m
 
 MAX_NAME: Final = 64
 """Characters; names of subject and condition together are part of the name of a file."""
-RESERVED: Final = (
-    "con",
-    "prn",
-    "aux",
-    "nul",
-    *(f"{p}{n}" for p in ("com", "lpt") for n in range(10)),
-)
+PORTS: Final = {f"{port}{n}" for port in ("com", "lpt") for n in range(10)}
+RESERVED: Final = PORTS | {"con", "prn", "aux", "nul"}
 """Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
 
 
@@ -45,11 +40,11 @@ class InputModel(BaseModel):
 
 
 def bounds_of(kind: type[InputModel], name: str) -> str:
-    """Give the numbers that a setting may have, such as "0.1 to 50"; empty for other settings."""
+    """Give the numbers that a setting may have, such as "0.1 to 50"; empty without both bounds."""
     field = _schema(kind)["properties"][name]
     stated = field["anyOf"][0] if "anyOf" in field else field
     least = stated.get("minimum", stated.get("exclusiveMinimum"))
-    return "" if least is None else f"{least:g} to {stated['maximum']:g}"
+    return f"{least:g} to {stated['maximum']:g}" if "maximum" in stated else ""
 
 
 @cache

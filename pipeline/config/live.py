@@ -1,5 +1,6 @@
 """What a study states of live streams: which stream and which channel is what."""
 
+from contextlib import suppress
 from ipaddress import IPv4Address
 from typing import Annotated, Final
 
@@ -22,15 +23,13 @@ def own_address(written: str) -> str:
     >>> own_address("192.168.1.10")
     '192.168.1.10'
     """
-    try:
+    with suppress(ValueError):
         address = IPv4Address(written)
-    except ValueError:
-        address = None
-    if address is None or address.is_unspecified or address.is_multicast:
-        raise ValueError(
-            f"{short(written)!r} is no IPv4 address of this computer, such as 192.168.1.10"
-        )
-    return str(address)
+        if not (address.is_unspecified or address.is_multicast):
+            return str(address)
+    raise ValueError(
+        f"{short(written)!r} is no IPv4 address of this computer, such as 192.168.1.10"
+    )
 
 
 class Live(InputModel):

@@ -140,10 +140,6 @@ class AccuracyLimits(InputModel):
     noise_nm: LimitNm = 1.0
 
 
-def _plate_numbers() -> dict[BeltSide, int]:
-    return {"left": 1, "right": 2}
-
-
 class PlatesFile(InputModel):
     """The contents of ``plates.toml``; full scale and filter are those of the thesis.
 
@@ -157,7 +153,7 @@ class PlatesFile(InputModel):
     plate_units: PlateUnitsText | None = None
     marker: Text = "WEIGHT"
     hammer_marker: Text = "HAMMER"
-    plate_numbers: dict[BeltSide, int] = Field(default_factory=_plate_numbers)
+    plate_numbers: dict[BeltSide, int] = Field({"left": 1, "right": 2})
     surface: dict[BeltSide, Surface] = Field(default_factory=dict)
     cutoff_hz: FilterCutoffHz = 20.0
     full_scale_n: Annotated[float, Field(gt=0)] = 510.0

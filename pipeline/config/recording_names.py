@@ -38,7 +38,7 @@ class RecordingName(NamedTuple):
     Examples
     --------
     >>> name = RecordingName.of("2024-05-03_P01_slow walk_2.c3d")
-    >>> name.day, name.fields, name.read(0)
+    >>> name.day, name.fields, name.read([0])
     ('20240503', ['P01', 'slow', 'walk', '2'], ('P01', 'slow-walk'))
     """
 
@@ -72,20 +72,10 @@ class RecordingName(NamedTuple):
         sure = [k for k, f in enumerate(fields) if person.fullmatch(f)] == (candidates[:1] or None)
         return cls(kind, re.sub("[-_.]", "", days), fields, folders, candidates, sure)
 
-    def read(self, place: int, group: bool = False) -> tuple[str, str]:
-        """Give the person by the field at a place, with a number behind it, and the condition.
-
-        Where it may be that of a group, the number of the person in the group is looked for.
-        """
-        person, rest = self.fields[place], self.fields[place + 1 :]
-        numbers = [field for field in rest if PATTERNS["person"].fullmatch(field)]
-        numbers = numbers or [f for f in rest[:1] if re.fullmatch(r"\d{1,4}", f)]  # days have more
-        if not self.sure and len(rest) == 1 and rest[0].isdecimal():
-            person, rest = f"{person}{rest[0]}", []
-        elif group and numbers and person.isalpha():
-            person = f"{person}-{numbers[0]}"
-            rest.remove(numbers[0])
-        return person, condition([*self.fields[:place], *rest])
+    def read(self, places: Sequence[int]) -> tuple[str, str]:
+        """Give the person by the fields at some places, and the condition by the others."""
+        person = "-".join(self.fields[place] for place in places)
+        return person, condition([f for k, f in enumerate(self.fields) if k not in places])
 
     def words(self, person: str) -> set[str]:
         """Give what its fields say beside the person; of a trial, without a repetition's number."""

@@ -196,7 +196,19 @@ SENSORS: Final = {
 """An example."""
 
 
-class Treadmill(InputModel):
+class CalibrationFit(InputModel):
+    """How a calibration of the moving treadmill is fitted."""
+
+    accelerometer_unit: AccelerationUnit | None = Field(default=None, examples=["g"])
+    """g or m/s²; default: as the file says."""
+    inertia_model: Literal["auto", "static", "dynamic"] = "auto"
+    """static, dynamic, or auto: dynamic where clearly and safely better."""
+    cutoff_hz: FilterCutoffHz = 20.0
+    """Low-pass of the calibration, and of plates and accelerometers in trials; well above that of
+    the settings."""
+
+
+class Treadmill(CalibrationFit):
     """The machine: its accelerometers, its calibration, its belts, its platform.
 
     Examples
@@ -214,18 +226,11 @@ class Treadmill(InputModel):
     """Recordings of people beside an empty plate, fitted with the calibration recording."""
     check: FileName | None = Field(default=None, examples=["empty_day2.c3d"])
     """The empty treadmill on another day: is the calibration still valid?."""
-    accelerometer_unit: AccelerationUnit | None = Field(default=None, examples=["g"])
-    """g or m/s²; default: as the file says."""
     accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = 2.0
     """Largest acceleration that the accelerometers can measure."""
     accelerometer_delay_s: DelayS | None = Field(default=None, examples=[0.0])
     """Delay of the accelerometers relative to the plates; default: estimated from the calibration
     recording."""
-    inertia_model: Literal["auto", "static", "dynamic"] = "auto"
-    """static, dynamic, or auto: dynamic where clearly and safely better."""
-    cutoff_hz: FilterCutoffHz = 20.0
-    """Low-pass of the calibration, and of plates and accelerometers in trials; well above that of
-    the settings."""
     accelerometers: dict[Name, Channels] = Field(default_factory=dict, examples=[SENSORS])
     """Sensor and its x, y and z channels."""
     belt: Belt | None = None
@@ -332,15 +337,13 @@ WindowName = Literal["cycle", "step", "stance", "motion", "recording"]
 def _window(stated: object) -> object:
     if isinstance(stated, Interval) or stated in get_args(WindowName):
         return stated
-    if not isinstance(stated, list | tuple) or len(stated) != 2:
+    bounds = stated if isinstance(stated, list | tuple) and len(stated) == 2 else ()
+    percents = [PERCENT.fullmatch(bound) for bound in bounds if isinstance(bound, str)]
+    numbers = [float(match[1]) for match in percents if match]
+    numbers += [b for b in bounds if isinstance(b, int | float) and not isinstance(b, bool)]
+    if len(numbers) != 2 or len(percents) == 1:
         raise ValueError(f"must be {ALLOWED}, got {shown(stated)}")
-    percents = [PERCENT.fullmatch(bound) for bound in stated if isinstance(bound, str)]
-    numbers: list[float] = [bound for bound in stated if isinstance(bound, int | float)]
     unit: Literal["s", "%"] = "%" if percents else "s"
-    if percents:
-        numbers = [float(match[1]) for match in percents if match]
-    if len(numbers) != 2 or any(isinstance(bound, bool) for bound in stated):
-        raise ValueError(f"must be {ALLOWED}, got {shown(stated)}")
     start, stop = numbers
     if start < 0:
         raise ValueError(f"must not begin before zero, got {shown(stated)}")

@@ -97,6 +97,15 @@ class Study:
             for name, trial in person.named_trials.items()
         }
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of all files that it uses besides its own TOML files; of excluded trials none."""
+        stated = [self.file.plates.calibration, *self.file.treadmill.files]
+        stated += [name for person in self.subjects.values() for name in person.files]
+        used = [trial for trial in self.trials.values() if trial.exclude is None]
+        stated += [name for trial in used for name in trial.files]
+        return tuple(dict.fromkeys(filter(None, stated)))
+
     def to_process(
         self, subjects: Iterable[str] = (), conditions: Iterable[str] = ()
     ) -> list[TrialName]:
@@ -193,56 +202,45 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     if not (folder / "study.toml").is_file():
         raise StudyFaults([f"{folder}: no study.toml here; write one with 'hbm init {folder}'"])
     faults: list[str] = []
-    file = conditions = marker_set = None
+    file = conditions = None
     table = _table(folder / "study.toml", faults)
     if table is not None:
         stated = table.get("conditions")
         conditions = [*stated] if isinstance(stated, dict) else None
         file = check_table("study.toml", table, StudyFile, faults, Around(folder))
-    variants = {} if file is None else _variants(folder, file, faults)
-    if file is not None:
-        faults += _alike("study.toml: condition", file.conditions)
-        faults += _alike("study.toml: variant", file.variants)
-    hips = set() if file is None else {file.settings.hip}
-    hips |= {own.settings.hip for own, _ in variants.values()}
+    ways = {} if file is None else {MAIN: file, **_variants(folder, file, faults)}
+    hips = {way.settings.hip for way in ways.values()}
     subjects = _subjects(Around(folder, recordings, conditions, hips), faults)
+    sets = {name: _own_marker_set(folder, way, faults) for name, way in ways.items()}
+    for way in ways.values():
+        faults += _laboratory_faults(folder, way)
     if file is not None:
-        marker_set = _own_marker_set(folder, file, faults)
-        faults += _laboratory_faults(folder, file)
+        faults += _alike({f"study.toml: condition {name}": name for name in file.conditions})
+        faults += _alike({f"study.toml: variant {name}": name for name in file.variants})
         faults += comparison_faults(file, subjects)
     if faults and (folder / SIMULATED).is_file() and not any(folder.glob("*.c3d")):
         raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])
     if faults or file is None:
-        raise StudyFaults(faults, folder)
-    study = Study(folder, file, subjects, marker_set)
+        raise StudyFaults([*dict.fromkeys(faults)], folder)
+    study = Study(folder, file, subjects, sets.pop(MAIN))
     for name in study.trials:
         check_table(f"{name}: window", study.stated_rule(name), Condition, faults, Around(folder))
     if faults:
         raise StudyFaults(faults, folder)
-    return replace(
-        study,
-        variants={
-            name: replace(study, file=own, marker_set=own_set)
-            for name, (own, own_set) in variants.items()
-        },
-    )
+    variants = {v: replace(study, file=ways[v], marker_set=of_v) for v, of_v in sets.items()}
+    return replace(study, variants=variants)
 
 
-def _variants(
-    folder: Path, file: StudyFile, faults: list[str]
-) -> dict[str, tuple[StudyFile, MarkerSet | None]]:
-    """Give what the study states with the settings of each variant, and its own marker set."""
+def _variants(folder: Path, file: StudyFile, faults: list[str]) -> dict[str, StudyFile]:
+    """Give what the study states with the settings of each variant."""
     kinds: dict[str, type[InputModel]]
     kinds = {"settings": Settings, "plates": Plates, "treadmill": Treadmill}
-    found = {}
+    variants = {}
     for name, stated in file.variants.items():
         where, before = f"study.toml: variants.{name}", len(faults)
-        tables: dict[str, Table] = {"settings": {}}
-        for key, value in stated.items():
-            if key in kinds and isinstance(value, dict):
-                tables[key] = value
-            else:
-                tables["settings"][key] = value
+        tables = {key: stated[key] for key in kinds if isinstance(stated.get(key), dict)}
+        others = {key: value for key, value in stated.items() if key not in tables}
+        tables["settings"] = tables.get("settings", {}) | others
         if name.casefold() in RESERVED_VARIANTS:
             faults.append(f"{where}: {name!r} is what a variant differs from; choose another name")
         if not stated:
@@ -252,10 +250,8 @@ def _variants(
             table = getattr(file, key).model_dump() | values
             models[key] = check_table(where, table, kinds[key], faults, Around(folder))
         if len(faults) == before:
-            own = file.model_copy(update={**models, "variants": {}})
-            found[name] = own, _own_marker_set(folder, own, faults)
-            faults += _laboratory_faults(folder, own)
-    return found
+            variants[name] = file.model_copy(update={**models, "variants": {}})
+    return variants
 
 
 def _table(path: Path, faults: list[str]) -> Table | None:
@@ -287,19 +283,20 @@ def _subjects(around: Around, faults: list[str]) -> dict[str, SubjectFile]:
             faults.append(f"{folder}: no subject files (one TOML per subject, next to study.toml)")
         elif not any(person.trials for person in subjects.values()):
             faults.append(f"{folder}: no subject has a trial; write them as [trials.CONDITION]")
-    faults += _alike("subject", subjects)
-    faults += _result_name_faults(subjects)
+    faults += _alike({f"subject {subject}": subject for subject in subjects})
+    names = [name for person in subjects.values() for name in person.named_trials]
+    faults += _alike({f"trial {name}": name.stem for name in names})
     return subjects
 
 
-def _alike(what: str, names: Iterable[str]) -> Iterator[str]:
-    """Find names that differ by upper and lower case alone, as names of files on some systems."""
+def _alike(files: Mapping[str, str]) -> Iterator[str]:
+    """Find things whose files of results have one name, on some systems but for the case."""
     taken: dict[str, str] = {}
-    for name in names:
-        if (other := taken.setdefault(name.casefold(), name)) != name:
+    for thing, file in files.items():
+        if (other := taken.setdefault(file.casefold(), thing)) != thing:
             yield (
-                f"{what} {name}: files of results cannot be told from those of {other} where upper "
-                "and lower case are one; rename it"
+                f"{thing}: files of results cannot be told from those of {other} where upper and "
+                "lower case are one; rename it"
             )
 
 
@@ -349,19 +346,4 @@ def _laboratory_faults(folder: Path, file: StudyFile) -> list[str]:
             read_plate_correction(folder / plates).require_delay(file.settings.plate_delay_s)
         except (ValueError, OSError) as error:
             faults.append(f"study.toml: plates.calibration: {error}")
-    return faults
-
-
-def _result_name_faults(subjects: Mapping[str, SubjectFile]) -> list[str]:
-    """Find trials whose results would be written to the same file."""
-    taken: dict[str, TrialName] = {}
-    faults = []
-    for person in subjects.values():
-        for name in person.named_trials:
-            other = taken.setdefault(name.stem.casefold(), name)
-            if other != name:
-                faults.append(
-                    f"the results of {name} and of {other} would both be called {name.stem}; "
-                    "rename the subject or the condition"
-                )
     return faults

@@ -57,14 +57,8 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
 
 def _given(subject: FoundSubject) -> dict[str, Any]:
     """Give what the file of a subject found states."""
-    trials = dict[str, Any]()
-    for condition, files in subject.trials.items():
-        if subject.forces.keys() & {*files}:
-            forces = [{"forces": subject.forces[f]} if f in subject.forces else {} for f in files]
-            tables = [{"file": f, **more} for f, more in zip(files, forces, strict=True)]
-            trials[condition] = tables if tables[1:] else tables[0]
-        else:
-            trials[condition] = {"files": files} if files[1:] else {"file": files[0]}
+    of_condition = subject.trials.items()
+    trials = {name: tables if tables[1:] else tables[0] for name, tables in of_condition}
     static = {"static": subject.static} if subject.static else {}
     return {"id": subject.name, "sex": "unspecified", **static, "trials": trials}
 
@@ -76,8 +70,7 @@ def template(kind: type[BaseModel], heading: str, given: Mapping[str, Any]) -> s
 
 def _lines(kind: type[BaseModel], table: str, given: Mapping[str, Any] | None) -> list[str]:
     """Lay out a model's keys, then its tables; all behind a # where nothing is given."""
-    more = {name: value for name, value in (given or {}).items() if name not in kind.model_fields}
-    keys, tables = [f"{name} = {in_toml(value)}" for name, value in more.items()], []
+    keys, tables = list[str](), list[str]()
     for name, field in kind.model_fields.items():
         if field.exclude:
             continue

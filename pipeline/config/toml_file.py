@@ -1,7 +1,7 @@
 """TOML files that a person wrote: read, checked, and what is wrong said as how to correct it."""
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
@@ -97,6 +97,12 @@ def read_segments(path: Path) -> dict[str, SegmentOverride]:
         return read_overrides(read_text(path), path.name)
 
 
+def nearest(name: object, known: Iterable[str]) -> str:
+    """Give the known name that is nearest to another, or else all, as the end of a message."""
+    known = [*known]
+    return did_you_mean(name, known) or f"; there are {listed(known)}"
+
+
 def require_file(folder: Path, name: str) -> None:
     """Refuse the name of a file that is not in the folder, with the nearest that is: ValueError."""
     if not is_file(folder / name):
@@ -128,8 +134,7 @@ def _readable(name: str, around: Around, stated: Mapping[str, Any]) -> None:
 def _known(name: str, around: Around, stated: Mapping[str, Any]) -> None:
     known = around.conditions
     if known is not None and name not in known:
-        hint = did_you_mean(name, known) or f"; there are {listed(known)}"
-        raise ValueError(f"no such condition in study.toml{hint}")
+        raise ValueError(f"no such condition in study.toml{nearest(name, known)}")
 
 
 Named = Annotated[str, Field(min_length=1)]

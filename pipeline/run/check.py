@@ -27,7 +27,6 @@ from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, 
 from pipeline.config.study import Study
 from pipeline.io.c3d.second_reader import compare_readers
 from pipeline.io.input_file import describe_error
-from pipeline.io.read import file_format
 from pipeline.io.recording import Recording
 from pipeline.trial.chain import Chain
 from pipeline.trial.gait.contact import require_contacts
@@ -199,7 +198,8 @@ class _TrialCheck:
     ) -> None:
         self.study, self.laboratory, self.findings = way.study, way.laboratory, way.findings
         self.person, self.trial, self.rule = person, trial, rule
-        self.settings, self.treadmill = way.study.file.settings, way.laboratory.treadmill
+        self.recording, self.markers, self.plates = recording, recording.markers, recording.plates
+        self.settings = way.study.file.settings
         inputs = Inputs(
             recording=recording,
             subject=person.person,
@@ -207,7 +207,6 @@ class _TrialCheck:
             laboratory=self.laboratory,
         )
         self.chain = Chain(inputs, self.settings).changed(trial=recording)
-        self.recording, self.markers, self.plates = recording, recording.markers, recording.plates
         self.channels = recording.analog.names if recording.analog is not None else ()
         self.remark = partial(self.findings.remark, recording.source.name)
         self.fault = partial(self.findings.fault, recording.source.name)
@@ -318,7 +317,8 @@ class _TrialCheck:
         """Look for what compensation, platform and perturbations need; give the known pose."""
         recording, laboratory, time = self.recording, self.laboratory, self.markers.time
         rule, settings, calibration = self.rule, self.settings, laboratory.calibration
-        platform, belt, models = self.treadmill.platform, self.treadmill.belt, laboratory.belts
+        treadmill, models = laboratory.treadmill, laboratory.belts
+        platform, belt = treadmill.platform, treadmill.belt
         if self.plates:
             lab = self.attempt(lambda: self.chain.lab)
             if lab is not None and calibration is not None:
@@ -400,23 +400,16 @@ def _remark_repeated(study: Study, findings: Findings) -> None:
 
 
 def study_recordings(study: Study) -> tuple[Path, ...]:
-    """Give every recording that a study uses: trials, poses, hip trials, calibrations."""
-    people, trials = study.subjects.values(), study.trials.values()
-    names: list[str | None] = [*study.file.treadmill.files]
-    names += [name for person in people for name in (person.static, person.hip_trial)]
-    names += [name for trial in trials if trial.exclude is None for name in trial.files]
-    return tuple(dict.fromkeys(study.path(name) for name in names if name))
+    """Give every C3D file that a study uses: trials, poses, hip trials, calibrations."""
+    return tuple(study.path(name) for name in study.files if name.lower().endswith(".c3d"))
 
 
 def read_twice(path: Path, findings: Findings) -> bool:
-    """Compare our reading of a recording with ezc3d's; each disagreement is a fault.
+    """Compare our reading of a C3D file with ezc3d's; each disagreement is a fault.
 
     Gives whether both readings are the same; a remark says why ezc3d does not read a file.
     """
-    kind = findings.attempt(path.name, lambda: file_format(path))
-    if kind not in (None, "C3D"):
-        findings.remark(path.name, "not a C3D file: there is no second reader for it")
-    second = findings.attempt(path.name, lambda: compare_readers(path)) if kind == "C3D" else None
+    second = findings.attempt(path.name, lambda: compare_readers(path))
     if second is None:
         return False
     for line in second.disagreements:

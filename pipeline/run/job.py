@@ -155,11 +155,18 @@ def stored_outcome(job: Job) -> Outcome | None:
 
 def _stored(job: Job) -> Outcome | None:
     """Give what became of a trial as one study states it."""
+    stored = _stored_result(job)
+    if stored is None or stored.key != job.key:
+        return None
+    return _outcome(job, "kept", stored)
+
+
+def _stored_result(job: Job) -> TrialResult | None:
+    """Read the stored result of a job; None where there is none that can be read."""
     try:
-        stored = read_trial(job.target, frames=False)
+        return read_trial(job.target, frames=False)
     except (OSError, ValueError):
         return None
-    return _outcome(job, "kept", stored) if stored.key == job.key else None
 
 
 def _outcome(job: Job, state: Literal["done", "kept"], result: TrialResult) -> Outcome:
@@ -220,11 +227,8 @@ def outdated(job: Job) -> str | None:
 
     An empty reason is that of a result without residuals, which is made again.
     """
-    try:
-        stored = read_trial(job.target, frames=False)
-    except (OSError, ValueError):
-        return None
-    if stored.key == job.key:
+    stored = _stored_result(job)
+    if stored is None or stored.key == job.key:
         return None
     if not job.size or stored.shortage:
         return ""  # without its recording nothing will replace it

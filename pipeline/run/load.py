@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.config.schema import TrialName
-from pipeline.run.store import read_trial, without_frames
+from pipeline.run.store import read_trial
 from pipeline.trial.joints import joint_tables
 from pipeline.trial.residuals import (
     AXES,
@@ -91,7 +91,7 @@ def collect(folder: Path, visit: Callable[[TrialResult], None] = lambda trial: N
     for path in paths:
         trial = read_trial(path)
         visit(trial)
-        trials[trial.name] = without_frames(trial)
+        trials[trial.name] = read_trial(path, frames=False)
         name = trial.condition
         of_residuals = residual_table(trial, name), _curves(trial), cycles_of(trial, name)
         tables.append((*of_residuals, *joint_tables(trial, name)))
@@ -138,8 +138,8 @@ def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:
 
 def _rows_of(table: pd.DataFrame, wanted: Collection[TrialName]) -> pd.DataFrame:
     """Give a table's rows of some trials."""
-    keys = zip(table["subject"], table["condition"], table["recording"], strict=True)
-    return table[np.array([key in wanted for key in keys], bool)].reset_index(drop=True)
+    names = pd.MultiIndex.from_frame(table[[*TrialName._fields]])
+    return table[names.isin([*wanted])].reset_index(drop=True)
 
 
 def _subjects(trials: Mapping[TrialName, TrialResult]) -> pd.DataFrame:

@@ -32,6 +32,8 @@ KEPT_BYTES: Final = 2**30
 """Of freed memory that a process keeps: arrays of a long trial, again and again."""
 MAX_KEPT_ARRAY_BYTES: Final = 2**28
 """All markers of half an hour at 100 Hz; larger arrays are few."""
+STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
+"""What asks a process to end, and lets it say so."""
 MANAGER: Final = "ExecutorManagerThread"
 """How loky names the thread that manages workers."""
 Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
@@ -91,7 +93,7 @@ def in_processes(
             started.callback(remove_leftovers, folder)
         # a process whose memory has grown is replaced; where this one is stopped, tasks are left
         warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
-        with _held(signal.SIGINT, signal.SIGTERM), _interrupts_blocked():
+        with _requests_held(), _interrupts_blocked():
             results = started.enter_context(closing(parallel(tasks)))
         yield from results
 
@@ -109,26 +111,38 @@ def _ignore_failing_manager() -> None:
 
 
 @contextmanager
-def _held(*numbers: signal.Signals) -> Iterator[None]:
-    """Hold signals back that Python handles, until all is done; then the first of them acts.
+def recorded_requests() -> Iterator[list[int]]:
+    """Give a list that requests to stop append their signals to; only a kill interrupts the work.
 
-    A signal that this thread blocks reaches its handler by way of another thread, so handlers are
-    replaced too.
+    An exception could come while an earlier one is handled, when nothing would wait for the end. A
+    signal that this thread blocks reaches its handler by way of another thread, so handlers are
+    replaced.
     """
+    requests: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, frame: requests.append(number))
+        for number in STOPPING
+    }
+    try:
+        yield requests
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)  # of no Python code, it is unknown
+
+
+@contextmanager
+def _requests_held() -> Iterator[None]:
+    """Hold requests to stop back until all is done; then the first of them acts."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    received: list[int] = []
-    handlers = {number: old for number in numbers if callable(old := signal.getsignal(number))}
-    for number in handlers:
-        signal.signal(number, lambda number, frame: received.append(number))
+    requests: list[int] = []
     try:
-        yield
+        with recorded_requests() as requests:
+            yield
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        if received:
-            signal.raise_signal(received[0])
+        if requests:
+            signal.raise_signal(requests[0])
 
 
 @contextmanager

@@ -215,23 +215,12 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
 
 def _each_once(values: Iterable[Item]) -> tuple[Item, ...]:
     """Give values without repetition, in order of their first occurrence."""
-    different: list[Item] = []
-    for value in values:
-        if value not in different:
-            different.append(value)
-    return tuple(different)
+    return tuple({repr(value): value for value in values}.values())
 
 
 def input_digests(study: Study) -> dict[str, str]:
     """Give the SHA-256 of every file that a study is made of, in order of their names."""
-    names = {path.name for path in study.folder.glob("*.toml")}
-    names |= {name for person in study.subjects.values() for name in person.files}
-    names |= {
-        name for trial in study.trials.values() if trial.exclude is None for name in trial.files
-    }
-    names |= {*study.file.treadmill.files}
-    if study.file.plates.calibration:
-        names.add(study.file.plates.calibration)
+    names = {path.name for path in study.folder.glob("*.toml")} | {*study.files}
     beside = [(name, file.name) for name in names for file in plate_files(study.path(name))]
     names |= {Path(name).with_name(file).as_posix() for name, file in beside}
     return {name: file_digest(study.path(name)) for name in sorted(names)}

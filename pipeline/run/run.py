@@ -1,16 +1,12 @@
 """A whole study: every trial once, in parallel, resumable, nothing half-written."""
 
-import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from datetime import timedelta
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 from joblib import delayed
 
@@ -32,11 +28,9 @@ from pipeline.run.job import (
     trial_key,
 )
 from pipeline.run.processes import in_processes, one_thread
-from pipeline.run.store import record_run, recorded_speed
+from pipeline.run.store import record_run
 from pipeline.trial.study_files import read_study_laboratory
 
-HASHED_AT_ONCE: Final = 2
-"""Files; more are not read any faster."""
 Announce = Callable[[str], None]
 """Called with a sentence when something takes long."""
 
@@ -115,22 +109,16 @@ def plan(
     subject or condition is unknown, or that nothing is left to process.
     """
     folder, out = study.folder.resolve(), out.resolve()
-    variants = {name: replace(own, folder=folder) for name, own in study.variants.items()}
+    variants = {name: replace(variant, folder=folder) for name, variant in study.variants.items()}
     absolute = replace(study, folder=folder, variants=variants)
-    trials = study.to_process(subjects or (), conditions or ())
-    with ThreadPoolExecutor(HASHED_AT_ONCE) as pool:
-        keys = [*pool.map(lambda name: trial_key(absolute, name), trials)]
 
-    def job(own: Study, name: TrialName, folder: Path, key: str) -> Job:
-        return Job(own, name, folder / "trials" / f"{name.stem}.parquet", key)
+    def job(way: Study, name: TrialName, results: Path) -> Job:
+        return Job(way, name, results / "trials" / f"{name.stem}.parquet", trial_key(way, name))
 
     jobs = []
-    for name, key in zip(trials, keys, strict=True):
-        of_variants = {
-            variant: job(own, name, variant_folder(out, variant), trial_key(own, name))
-            for variant, own in absolute.variants.items()
-        }
-        jobs.append(replace(job(absolute, name, out, key), variants=of_variants))
+    for name in study.to_process(subjects or (), conditions or ()):
+        of_variants = {v: job(way, name, variant_folder(out, v)) for v, way in variants.items()}
+        jobs.append(replace(job(absolute, name, out), variants=of_variants))
     return jobs
 
 
@@ -155,45 +143,17 @@ def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Forecast:
-    """What a run is going to do.
-
-    Attributes
-    ----------
-    new, kept
-        Trials without a result, and those whose result is up to date.
-    outdated
-        Why results are not up to date -> how many trials.
-    seconds
-        How long it will take by the last run into the same folder; None without one.
-    """
-
-    new: int
-    kept: int
-    outdated: Mapping[str, int]
-    seconds: float | None
-
-    def __str__(self) -> str:
-        parts = [f"{self.new} new"] * bool(self.new)
-        parts += [f"{count} outdated ({reason})" for reason, count in self.outdated.items()]
-        parts += [f"{self.kept} up to date"] * bool(self.kept)
-        time_s = "" if self.seconds is None else f"; about {timedelta(seconds=round(self.seconds))}"
-        return f"trials: {', '.join(parts)}{time_s}"
-
-
-def forecast(planned: Sequence[Job], out: Path, workers: int = 1) -> Forecast:
-    """Say what a run of planned trials into a folder is going to do, and how long it will take."""
-    kept = [job for job in planned if stored_outcome(job) is not None]
-    todo = [job for job in planned if job not in kept]
+def forecast(planned: Sequence[Job]) -> str:
+    """Say how many planned trials are new, outdated, and why, and up to date."""
+    todo = [job for job in planned if stored_outcome(job) is None]
     reasons = Counter[str]()
     for job in todo:
         of_each = map(outdated, (job, *job.variants.values()))
         reasons.update([*filter(None, of_each)][:1])
-    count = sum(job.size * (1 + len(job.variants)) for job in todo)
-    speed = recorded_speed(out)
-    seconds = count / speed / max(1, min(workers, len(todo))) if todo and speed else None
-    return Forecast(len(todo) - reasons.total(), len(kept), dict(reasons), seconds)
+    states = {"new": len(todo) - reasons.total()}
+    states |= {f"outdated ({reason})": count for reason, count in reasons.items()}
+    states["up to date"] = len(planned) - len(todo)
+    return f"trials: {', '.join(f'{count} {state}' for state, count in states.items() if count)}"
 
 
 def run_planned(
@@ -215,11 +175,8 @@ def run_planned(
     record_run(out, study.folder)
     kernels(announce)
     trials = [str(name) for name, trial in study.trials.items() if trial.exclude is None]
-    start, done, workers = time.monotonic(), 0, 1 if scheduler else jobs
     try:
         for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
-            if outcome.state == "done":
-                done += outcome.job.size * (1 + len(outcome.job.variants))
             with suppress(OSError):  # of a full disk the outcome tells too
                 record_failure(outcome.job.target, outcome.job.name, outcome.failure)
             yield outcome
@@ -227,8 +184,6 @@ def run_planned(
         with suppress(OSError):
             for folder in folders:
                 collect_failures(folder, trials)
-            if done:
-                record_run(out, study.folder, done / (time.monotonic() - start) / workers)
 
 
 def run_jobs(

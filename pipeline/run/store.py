@@ -10,7 +10,7 @@ import mmap
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -169,24 +169,6 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
         if not (result.shortage or result.span or any(map(len, result.cycles.values()))):
             raise _DamagedError("it has residuals without the gait cycles or span that they are of")
         return result
-
-
-def without_frames(result: TrialResult) -> TrialResult:
-    """Give a trial without its frames, of which there is room for a whole study."""
-    frames = len(result.motion.time)
-    return replace(result, **{name: _cut(getattr(result, name), frames) for name in OF_FRAMES})
-
-
-def _cut(value: Any, frames: int) -> Any:
-    """Leave out all frames of arrays, in whatever holds them."""
-    if isinstance(value, np.ndarray):
-        return value[:0] if len(value) == frames else value
-    if isinstance(value, Mapping):
-        return {key: _cut(own, frames) for key, own in value.items()}
-    if is_dataclass(value) and not isinstance(value, type):
-        own = {field.name: _cut(getattr(value, field.name), frames) for field in fields(value)}
-        return replace(value, **own)
-    return value
 
 
 def _metadata(result: TrialResult) -> bytes:
@@ -409,34 +391,20 @@ def _readable(path: Path) -> Iterator[None]:
         raise ValueError(f"{name}: {reason}; {again}") from error
 
 
-def record_run(folder: Path, study: Path, bytes_per_s: float | None = None) -> None:
-    """Note in a results folder where its study is, relative to the folder, and how fast it ran.
-
-    The speed is that of one process; without one, that of the run before remains.
-    """
+def record_run(folder: Path, study: Path) -> None:
+    """Note in a results folder where its study is, relative to the folder."""
     try:
         where = os.path.relpath(study.resolve(), folder.resolve())
-    except ValueError:
+    except ValueError:  # on another drive
         where = str(study.resolve())
-    speed = bytes_per_s or recorded_speed(folder)
-    write_text(json.dumps({"study": where, "bytes_per_s": speed}), folder / RUN)
+    write_text(json.dumps({"study": where}), folder / RUN)
 
 
 def recorded_study_folder(folder: Path) -> Path | None:
     """Give the study that a results folder comes from; None if it is unknown or gone."""
-    study = Path(os.path.normpath(folder / str(_recorded(folder).get("study"))))
-    return study if (study / "study.toml").is_file() else None
-
-
-def recorded_speed(folder: Path) -> float | None:
-    """Give how fast one process got through recordings [bytes/s]; None where it is unknown."""
-    speed = _recorded(folder).get("bytes_per_s")
-    return speed if isinstance(speed, float) and speed > 0 else None
-
-
-def _recorded(folder: Path) -> dict[str, object]:
-    """Give what `record_run` noted; empty where that is damaged or not there."""
     try:
-        return dict(json.loads(read_text(folder / RUN)))
-    except (OSError, ValueError, TypeError, RecursionError):
-        return {}
+        where = dict(json.loads(read_text(folder / RUN)))["study"]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return None
+    study = Path(os.path.normpath(folder / str(where)))
+    return study if (study / "study.toml").is_file() else None

@@ -213,7 +213,16 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
         ["calibration", "fit", str(study / "empty.c3d"), "-o", str(file), *STATED],
         ["calibration", "check", str(file), str(empty_again)],
         ["residuals", str(trial), "--calibration", str(file), "--out", str(tmp_path / "out")],
-        ["export", str(trial), "--c3d", str(tmp_path / "c"), "--calibration", str(file)],
+        [
+            "export",
+            str(trial),
+            "--format",
+            "c3d",
+            "--out",
+            str(tmp_path / "c"),
+            "--calibration",
+            str(file),
+        ],
     ):
         assert main(command) == 0
         assert BEYOND in " ".join(capsys.readouterr().out.split())

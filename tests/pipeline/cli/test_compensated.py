@@ -20,7 +20,16 @@ def trial(moving_study):
 
 def test_a_trial_is_written_under_its_own_name(trial, calibration, tmp_path, capsys):
     out = tmp_path / "compensated"
-    command = ["export", str(trial), "--c3d", str(out), "--calibration", str(calibration)]
+    command = [
+        "export",
+        str(trial),
+        "--format",
+        "c3d",
+        "--out",
+        str(out),
+        "--calibration",
+        str(calibration),
+    ]
     assert main(command) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert (
@@ -30,7 +39,7 @@ def test_a_trial_is_written_under_its_own_name(trial, calibration, tmp_path, cap
     done = read_c3d(out / trial.name).compensation
     assert done.calibration == "lab.json"
     again = ["export", str(out / trial.name), "--calibration", str(calibration)]
-    assert main([*again, "--c3d", str(tmp_path / "twice")]) == 2
+    assert main([*again, "--format", "c3d", "--out", str(tmp_path / "twice")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("hbm: error: sub01_pitch.c3d: its plates are compensated already, by h")
     assert not (tmp_path / "twice").exists()
@@ -39,7 +48,10 @@ def test_a_trial_is_written_under_its_own_name(trial, calibration, tmp_path, cap
 @pytest.mark.slow
 def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, tmp_path, capsys):
     out = tmp_path / "compensated"
-    assert main(["export", str(moving_study), "--c3d", str(out), "--frame", "lab"]) == 0
+    assert (
+        main(["export", str(moving_study), "--format", "c3d", "--out", str(out), "--frame", "lab"])
+        == 0
+    )
     assert "6 recordings with compensated plates" in capsys.readouterr().out
     assert sorted(path.name for path in out.iterdir()) == sorted(
         path.name for path in moving_study.glob("sub0*.c3d")
@@ -47,7 +59,10 @@ def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, t
     content = (out / "sub01_sway.c3d").read_bytes()
     (out / "sub02_sway.c3d").write_bytes(b"mine")
     (out / "sub02_pitch.c3d").unlink()
-    assert main(["export", str(moving_study), "--c3d", str(out), "--frame", "lab"]) == 1
+    assert (
+        main(["export", str(moving_study), "--format", "c3d", "--out", str(out), "--frame", "lab"])
+        == 1
+    )
     printed = " ".join(capsys.readouterr().out.split())
     assert "FAILED sub02_sway.c3d:" in printed
     assert "is another file; nothing is overwritten" in printed

@@ -153,7 +153,7 @@ def test_two_trials_with_the_same_result_file_are_refused(write):
     study = "[conditions.c]\n[conditions.b_c]\n"
     one = 'id = "a_b"\n[trials.c]\nfile = "walk.c3d"\n'
     other = 'id = "A"\n[trials.b_c]\nfile = "walk.c3d"\n'
-    assert "would both be called" in only_fault_of(write(study, one=one, other=other))
+    assert "trial A b_c: files of results" in only_fault_of(write(study, one=one, other=other))
 
 
 @pytest.mark.parametrize(

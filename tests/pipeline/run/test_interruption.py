@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.cli.app import main
-from pipeline.cli.stopping import recorded_requests
+from pipeline.run.processes import recorded_requests
 from tests.campaign.kills import environment, kills, undisturbed
 from tests.pipeline.fake_results import write_fake_results
 
@@ -128,7 +128,7 @@ STOPPED_AS_IT_WRITES = """
 import os, signal, sys, time
 from pathlib import Path
 from pipeline.cli.app import main
-from pipeline.cli.stopping import recorded_requests
+from pipeline.run.processes import recorded_requests
 number, suffix, *words = sys.argv[1:]
 replace = Path.replace
 def stop(self, target):

@@ -85,14 +85,14 @@ def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypa
     assert "cutoff_8" in (out / "variants.csv").read_text(encoding="utf-8")
 
 
-def test_a_run_says_what_is_new_what_is_outdated_and_why_and_how_long_it_takes(study, tmp_path):
+def test_a_run_says_what_is_new_what_is_outdated_and_why(study, tmp_path):
     out = tmp_path / "out"
 
     def said():
-        return str(forecast(plan(read_study(study), out), out))
+        return forecast(plan(read_study(study), out))
 
     assert said() == "trials: 1 new"
     list(run_study(read_study(study), out))
     assert said() == "trials: 1 up to date"
     edit(study / "study.toml", "cutoff_hz = 12", "cutoff_hz = 13")
-    assert said().startswith("trials: 1 outdated (cutoff_hz 12.0 → 13.0); about 0:00:")
+    assert said() == "trials: 1 outdated (cutoff_hz 12.0 → 13.0)"
