@@ -22,8 +22,8 @@ from pipeline.live.cycles import ConditionSoFar, GaitTracker, LiveCycle
 from pipeline.live.ground import Channels
 from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Key, Kind, light
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.checks import MAX_REST_N, rest_level
 from pipeline.trial.findings.raw import LEAST_LIMIT
+from pipeline.trial.findings.zeros import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
@@ -212,8 +212,8 @@ def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = Fal
     """Find whether a plate is not zero without load, or saturated, ten seconds at a time.
 
     Its samples are (N, 6), in its own axes. Both are judged as of trials
-    (`pipeline.trial.checks.rest_level`, `hbm.signals.converters.find_limits`). The plate's z axis
-    points up (1) or down (-1). What it reads without load on a platform that moves is the
+    (`pipeline.trial.findings.zeros.rest_level`, `hbm.signals.converters.find_limits`). The plate's
+    z axis points up (1) or down (-1). What it reads without load on a platform that moves is the
     platform's inertia and weight.
     """
     plate = (str(number),)

@@ -1,6 +1,6 @@
-"""Checks of a trial's markers, motion and plates: what is wrong, or cannot be."""
+"""Checks of a trial's markers and motion: what is wrong, or cannot be."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,10 +19,8 @@ from hbm.plausibility.labels import (
 )
 from hbm.plausibility.motion import impossible_angles, large_marker_errors, undetermined_notes
 from hbm.signals.samples import stretches
-from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, Mask, rotate_wrench, shift_wrench
-from hbm.spelling import written
+from hbm.spatial import Mask
 from pipeline.io.recording import Recording
-from pipeline.trial.subject import TENTH_S, common_tenths, tenths
 
 LENGTHS: Final = {
     "pelvis width": ((("LASIS", "RASIS"),), 0.010),
@@ -279,128 +277,15 @@ def check_motion(
     return tuple(notes), misfits
 
 
-MAX_REST_SHARE: Final = 0.1
-"""Of body weight that a plate without load may read; more is taken as load."""
-REST_SPREAD_N: Final = 6.0
-"""Means of a tenth of a second of an unloaded plate lie this close together: noise and creep."""
-MIN_REST_S: Final = 0.3
-"""In all, so that a foot that lands or leaves does not count as rest: one swing of a foot."""
-MAX_REST_N: Final = 10.0
-"""About 1 kg: plates drift by less between two zeroings."""
-MAX_TOTAL_REST_N: Final = 20.0
-"""Of all plates together: 3 % of the weight of a light adult."""
-
-MAX_REST: Final = np.array([10.0, 10.0, np.inf, 5.0, 5.0, 5.0])
-"""Of an unloaded plate, moments about its centre [N, N·m]; real plates, zeroed before the session,
-read a few newtons. The vertical force is judged by itself."""
-MIN_ZERO: Final = np.array([5.0, 5.0, 1.0, 2.5, 2.5, 2.5])
-"""Smaller readings of an unloaded plate need no correction [N, N·m]."""
-MIN_LOADED: Final = 0.05
-"""Of body weight: below it a foot lands or leaves, and a plate with a dead band reads zero."""
-MAX_HELD_S: Final = 0.005
-MIN_BESIDE: Final = 0.05
-"""Of a component's largest value, on both sides of samples that are exactly zero for so short a
-time: a foot lands and leaves slowly enough for a plate to read what is in between."""
-
-BEYOND_NOISE: Final = 8.0
-"""By the usual change from sample to sample: nearer to zero, noise passes through it."""
-
 MIN_SHARED_TIME: Final = 0.9
 """Of the markers' time that the plates must cover: recordings end some frames apart."""
 
 
-class WrongZeros(NamedTuple):
-    """What unloaded plates read [N], other components that are far from zero, what corrects it."""
+def plates_apart(recording: Recording) -> tuple[Note, ...]:
+    """Say where plates and markers were recorded, if not at the same time.
 
-    rest_n: Mapping[str, float]
-    components: tuple[str, ...]
-    mendings: tuple[str, ...]
-
-    def note(self, remedy: str, body_kg: float) -> Note:
-        """Give the note about it."""
-        total_n, components = sum(self.rest_n.values()), self.components or ["none"]
-        sizes = {"total_n": total_n, "mass_kg": total_n / GRAVITY_MPS2, "body_kg": body_kg}
-        words = {"components": components, "remedy": remedy}
-        return Note.of("plates_not_zeroed", rest_n=self.rest_n, **sizes, **words)
-
-
-def check_plates(
-    recording: Recording, wrenches: Sequence[Array], mass_kg: float
-) -> tuple[WrongZeros | None, tuple[Note, ...]]:
-    """Find plates that are not zero when nobody is on them, or that lost samples or time.
-
-    Parameters
-    ----------
-    recording
-        The trial.
-    wrenches
-        Per plate, action on the subject in lab axes at the markers' times, without what a moving
-        platform adds, (T, 6) [N, N·m].
-    mass_kg
-        Body mass.
-
-    Returns
-    -------
-    WrongZeros or None
-        Where an unloaded plate reads more than 10 N either way, all together more than 20 N, or
-        another component is more than 10 N or 5 N·m from zero then.
-    tuple of Note
-        ``plate_samples_zero`` where samples of a loaded plate are exactly zero;
-        ``plates_apart`` where the plates cover less than 0.9 of the markers' time.
+    ``plates_apart`` where the plates cover less than 0.9 of the markers' time.
     """
-    time, weight_n = recording.markers.time, mass_kg * GRAVITY_MPS2
-    rest_n, others, zeros = dict[str, float](), list[str](), list[str]()
-    for plate, wrench in zip(recording.plates, wrenches, strict=True):
-        name = f"plate {plate.number}"
-        usual = zero_of(shift_wrench(wrench, plate.center), time, weight_n)
-        if usual is not None:
-            rest_n[name] = usual[2]
-            far = np.flatnonzero(np.abs(usual) > MAX_REST)
-            others += [f"{name} {WRENCH_COMPONENTS[k]} {written(usual[k], '+.0f')}" for k in far]
-            zero = rotate_wrench(usual, plate.rotation.T)
-            zeros += [
-                f"{plate.number}: zero {component} {reads:.1f}"
-                for component, reads, least in zip(WRENCH_COMPONENTS, zero, MIN_ZERO, strict=True)
-                if abs(reads) > least
-            ]
-    wrong_zeros = None
-    largest_n, total_n = max(map(abs, rest_n.values()), default=0), sum(rest_n.values())
-    if others or largest_n > MAX_REST_N or abs(total_n) > MAX_TOTAL_REST_N:
-        wrong_zeros = WrongZeros(rest_n, tuple(others), tuple(zeros))
-    lost = _zero_samples(recording, rest_n, MIN_LOADED * weight_n)
-    return wrong_zeros, (*lost, *_apart(recording))
-
-
-def _zero_samples(
-    recording: Recording, rest_n: Mapping[str, float], loaded_n: float
-) -> tuple[Note, ...]:
-    """Name plates of which single samples are exactly zero between loaded ones."""
-    notes = []
-    for plate in recording.plates:
-        at_rest = abs(rest_n.get(f"plate {plate.number}", 0.0))
-        load = np.abs(np.abs(plate.wrench_in_plate[:, 2]) - at_rest)
-        zero = np.zeros(len(plate.time), bool)
-        longest = round(MAX_HELD_S / float(np.median(np.diff(plate.time))))
-        for component in plate.wrench_in_plate.T:
-            least = MIN_BESIDE * np.nanmax(np.abs(component), initial=0.0)
-            least = max(least, BEYOND_NOISE * float(np.nanmedian(np.abs(np.diff(component)))))
-            runs = stretches(component == 0)
-            brief = (runs[:, 0] > 0) & (runs[:, 1] < len(component))
-            runs = runs[brief & (np.diff(runs)[:, 0] <= longest)]
-            beside = runs - (1, 0)  # samples before and after
-            held = (np.abs(component[beside]) > least).all(axis=1)
-            held &= (load[beside] > loaded_n).all(axis=1)
-            held &= component[beside].prod(axis=1) > 0  # else it passes zero
-            for start, stop in runs[held]:
-                zero[start:stop] = True
-        if zero.any():
-            size = {"samples": zero.sum(), "first_s": plate.time[np.argmax(zero)]}
-            notes.append(Note.of("plate_samples_zero", plate=plate.number, **size))
-    return tuple(notes)
-
-
-def _apart(recording: Recording) -> tuple[Note, ...]:
-    """Say where plates and markers were recorded, if not at the same time."""
     start_s, stop_s = recording.markers.time[[0, -1]]
     first_s = max(plate.time[0] for plate in recording.plates)
     last_s = min(plate.time[-1] for plate in recording.plates)
@@ -408,46 +293,3 @@ def _apart(recording: Recording) -> tuple[Note, ...]:
         return ()
     times = {"first_s": first_s, "last_s": last_s, "start_s": start_s, "stop_s": stop_s}
     return (Note.of("plates_apart", **times),)
-
-
-def zero_of(wrench: Array, time: Array, weight_n: float) -> Array | None:
-    """Give what a plate reads when nobody is on it, (6,), of its wrench about its centre, (T, 6).
-
-    None where it is always loaded; the other components are zero where they are not known.
-    """
-    level = rest_level(wrench[:, 2], time, weight_n)
-    if level is None:
-        return None
-    means = tenths(wrench, time, *common_tenths(time))
-    at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
-    zero = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
-    zero[2] = level
-    return zero
-
-
-def rest_level(vertical: Array, time: Array, weight_n: float) -> float | None:
-    """Give what a plate reads when nobody is on it.
-
-    Parameters
-    ----------
-    vertical
-        Vertical force, (T,) [N].
-    time
-        (T,) [s].
-    weight_n
-        Body weight.
-
-    Returns
-    -------
-    float or None
-        The level, below a tenth of the body weight, at which the plate is most often [N]: the mean
-        over those tenths of a second that lie closest together. None where the plate is never
-        at rest for 0.3 s in all: somebody stands on it throughout.
-    """
-    means = tenths(vertical, time, *common_tenths(time))
-    low = np.sort(means[means < MAX_REST_SHARE * weight_n])
-    within = np.searchsorted(low, low + REST_SPREAD_N, side="right") - np.arange(len(low))
-    if TENTH_S * max(within, default=0) < MIN_REST_S:
-        return None
-    start = int(np.argmax(within))
-    return float(low[start : start + within[start]].mean())

@@ -12,6 +12,7 @@ from pipeline.trial.chain import Chain
 from pipeline.trial.findings.evidence import LOADED, Evidence
 from pipeline.trial.findings.finding import MAX_WORSE, Correction, Finding
 from pipeline.trial.findings.judge import LIMIT, Fitted, View, fit
+from pipeline.trial.findings.zeros import wrong_zeros
 
 MIN_MOVE_M: Final = 0.005
 """Shorter parts of a move are not typed."""
@@ -34,7 +35,7 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     Each is corrected on the chain before the next one is looked for; what cannot be told from
     others, or cannot be corrected, ends the search.
     """
-    findings, done = [*_of_samples(chain)], tuple[str, ...]()
+    findings, done = [*_of_samples(chain), *_of_zeros(chain)], tuple[str, ...]()
     most = len(findings) + MOST_FAULTS
     while len(findings) < most and chain.judged:
         first, *rivals = chain.judged
@@ -68,6 +69,16 @@ def _of_samples(chain: Chain) -> Iterator[Finding]:
         unwrap = [f"{plate}: unwrap {fault.channel}" for fault in channels]
         correction = try_mendings(chain, unwrap, certain=True) if kind == "wraps" else None
         yield Finding(kind, (plate,), channels=channels, correction=correction)
+
+
+def _of_zeros(chain: Chain) -> Iterator[Finding]:
+    """Give plates that are not zero without load, and what subtracting it does."""
+    wrenches = chain.ground.variants[chain.ground.best]
+    wrong = wrong_zeros(chain.trial.plates, wrenches, chain.time, chain.mass.mass_kg)
+    if wrong is not None:
+        finding, mendings = wrong
+        correction = try_mendings(chain, mendings) if mendings else None
+        yield replace(finding, correction=correction)
 
 
 def finding_of(fitted: Fitted, plates: Sequence[Plate]) -> Finding:

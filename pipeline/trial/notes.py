@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 from hbm.notes import Note
 from hbm.plausibility.motion import implausible
 from pipeline.trial.chain import Chain
-from pipeline.trial.checks import check_motion, check_plates, other_person
-from pipeline.trial.corrections import finding_of, try_mendings
+from pipeline.trial.checks import check_motion, other_person, plates_apart
+from pipeline.trial.corrections import finding_of
 from pipeline.trial.findings.finding import Finding
 from pipeline.trial.findings.judge import Fitted, instead_of_mass
-from pipeline.trial.findings.words import note_of, remedy_of
+from pipeline.trial.findings.words import note_of
 from pipeline.trial.gait.contact import ambiguous_contacts, far_from_feet
 from pipeline.trial.ground.wrenches import uncertainty_notes
 from pipeline.trial.plate_units import reversed_plates
@@ -34,7 +34,8 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
     loads, ground = chain.loads, chain.ground
     support, in_part = carried_notes(chain.quality, time, loads.need, loads.measured)
     yield from trial.notes
-    named = {number for finding in faults for number in finding.plates}
+    of_load = [finding for finding in faults if finding.of_load]
+    named = {number for finding in of_load for number in finding.plates}
     yield from (fact.note for k, fact in reversed_plates(trial).items() if k not in named)
     yield mass.note
     yield from implausible(body)
@@ -46,23 +47,19 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
         yield from (*chain.labels.distances, *misfits)
     yield from ground.notes
     yield from chain.moves
-    zeros, others = check_plates(trial, ground.variants[ground.best], mass.mass_kg)
-    if zeros is not None:
-        tried = try_mendings(chain, zeros.mendings) if zeros.mendings else None
-        yield zeros.note(remedy_of(tried), mass.mass_kg)
-    yield from others
+    yield from plates_apart(trial)
     if chain.uncertainty is not None:
         yield from uncertainty_notes(chain.uncertainty[chain.counts])
     yield from support
     yield from ambiguous_contacts(loads.shared, time)
-    if not faults:
+    if not of_load:
         yield from (*far_from_feet(loads.shared), *in_part)
     yield from _of_delay(chain)
     yield from (note_of(finding, trial.plates, time) for finding in faults)
     if chain.carried_kg is not None:
         yield Note.of("mass_carried", mass_kg=chain.carried_kg)
     if not other:
-        yield from _of_masses(chain, None if faults else chain.carried_kg)
+        yield from _of_masses(chain, None if of_load else chain.carried_kg)
     yield from chain.gait.doubts
     yield from chain.window.notes
 

@@ -23,7 +23,8 @@ from hbm.signals.filtering import acceleration_lag_s, longest_gap_s, low_pass, o
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import PlateContact, Settings
-from pipeline.trial.checks import OF_LEGS, known_frames, rest_level, shown_frames
+from pipeline.trial.checks import OF_LEGS, known_frames, shown_frames
+from pipeline.trial.findings.zeros import rest_level
 from pipeline.trial.gait.carried import Support, places_of
 from pipeline.trial.gait.contact import (
     FEET,

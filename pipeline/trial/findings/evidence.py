@@ -15,7 +15,7 @@ from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.trial.checks import zero_of
+from pipeline.trial.findings.zeros import zero_of
 from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import FEET
 

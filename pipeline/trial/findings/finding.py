@@ -10,7 +10,7 @@ JudgedKind = Literal[
     "gain", "reversed", "turned", "exchanged", "moved", "askew", "late", "all_late", "mass"
 ]
 """What may be wrong with plates that motion and feet judge, or with the body mass."""
-Kind = RawKind | JudgedKind
+Kind = RawKind | JudgedKind | Literal["zero"]
 MAX_WORSE: Final = 1.05
 """Of the RMS of an axis, that a correction may leave."""
 
@@ -74,13 +74,15 @@ class Finding:
     plates
         Numbers of the plates.
     component
-        The channel of a gain or sign, or the angle of a turn [°].
+        The channel of a gain or sign, the angle of a turn [°], or what else is not zero besides the
+        vertical force.
     size, interval
         What corrects it, and half of its 95 % interval: factor of the channel less one, metres
-        along x and y of the plate, radians, or seconds; empty for faults without a size.
+        along x and y of the plate, radians, or seconds; empty for faults without a size. Of zeros
+        what each plate reads [N], without an interval.
     evidence
         By how much it is likelier than none: twice the logarithm of the odds; None where raw
-        samples show it.
+        samples or unloaded plates show it.
     channels
         Those of which raw samples show it.
     rivals
@@ -98,3 +100,8 @@ class Finding:
     channels: tuple[RawFault, ...] = ()
     rivals: tuple["Finding", ...] = ()
     correction: Correction | None = None
+
+    @property
+    def of_load(self) -> bool:
+        """Whether the plate measures its load wrongly, beyond zero and single samples."""
+        return self.kind not in ("zero", "lost")

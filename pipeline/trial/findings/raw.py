@@ -12,7 +12,7 @@ from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, Mask, shift_wrench
 from pipeline.io.mended_plates import channels_about, find_overflows
 from pipeline.io.recording import Plate
 
-RawKind = Literal["dead", "wraps", "clipped", "jumps"]
+RawKind = Literal["dead", "wraps", "clipped", "jumps", "lost"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +27,12 @@ class RawFault:
         "Fx" to "Mz", moments about the transducer or the centre of the surface.
     kind
         "dead": constant, or noise while others are loaded; "wraps": overflows; "clipped": stays at
-        a limit; "jumps": changes at once.
+        a limit; "jumps": changes at once; "lost": is exactly zero between loaded samples.
     size
         Of "dead" the usual value, of "wraps" the period, of "clipped" the limit, of "jumps" the
-        largest one [N or N·m].
+        largest one [N or N·m]; zero of "lost".
     count
-        Samples that are dead or clipped, overflows, or jumps.
+        Samples that are dead, clipped or lost, overflows, or jumps.
     spans_s
         Where it is, from and to, in order, at least one [s].
     """
@@ -61,6 +61,14 @@ LEAST_LOAD_N: Final = 200.0
 """On a plate that somebody is on, of a small child; where nobody is, jumps change no residual."""
 MERGED_S: Final = 0.02
 """Between spans that are given as one."""
+MIN_LOADED: Final = 0.05
+"""Of the largest load: below it a foot lands or leaves, and a plate with a dead band reads zero."""
+MAX_LOST_S: Final = 0.005
+MIN_BESIDE: Final = 0.05
+"""Of a channel's largest value, on both sides of samples that are exactly zero for so short a time:
+a foot lands and leaves slowly enough for a plate to read what is in between."""
+BEYOND_NOISE: Final = 8.0
+"""By the usual change from sample to sample: nearer to zero, noise passes through it."""
 
 
 def raw_faults(plates: Sequence[Plate]) -> tuple[RawFault, ...]:
@@ -93,7 +101,7 @@ def _of_plate(plate: Plate, largest_n: float) -> Iterator[RawFault]:
     time, step_s = plate.time, 1 / plate.rate_hz
     limits, overflows = _limits(plate, step_s), find_overflows(plate)[1]
     channels = shift_wrench(plate.wrench_in_plate, plate.transducer)
-    dead = _dead(channels)
+    dead, lost = _dead(channels), _lost(plate, largest_n, step_s)
     for axis, name in enumerate(WRENCH_COMPONENTS):
         channel, of = channels[:, axis], (plate.number, name)
         least = LEAST_JUMP[axis] * largest_n * (STRIKES * step_s if step_s > FAST_S else 1.0)
@@ -105,9 +113,12 @@ def _of_plate(plate: Plate, largest_n: float) -> Iterator[RawFault]:
             yield RawFault(*of, "wraps", wraps.period, len(wraps.at), _at(time, wraps.at))
         elif axis in limits:
             level, at = limits[axis]
-            known = stretches(without_short_gaps(at, time, MERGED_S))
-            spans = tuple((float(time[a]), float(time[b - 1])) for a, b in known)
-            yield RawFault(*of, "clipped", level, int(np.count_nonzero(at)), spans)
+            spans = stretches(without_short_gaps(at, time, MERGED_S))
+            count = int(np.count_nonzero(at))
+            yield RawFault(*of, "clipped", level, count, _spans(time, spans))
+        elif len(lost[axis]):
+            spans, count = lost[axis], int(np.diff(lost[axis]).sum())
+            yield RawFault(*of, "lost", 0.0, count, _spans(time, spans))
         elif largest_n > LEAST_LOAD_N and len((jumps := find_jumps(channel, least)).at):
             size = float(np.abs(jumps.size).max())
             yield RawFault(*of, "jumps", size, len(jumps.at), _at(time, jumps.at))
@@ -115,6 +126,28 @@ def _of_plate(plate: Plate, largest_n: float) -> Iterator[RawFault]:
 
 def _at(time: Array, at: Indices) -> tuple[tuple[float, float], ...]:
     return tuple((float(time[k]), float(time[k + 1])) for k in at)
+
+
+def _spans(time: Array, runs: Indices) -> tuple[tuple[float, float], ...]:
+    """Give first and last time of runs of samples, (N, 2)."""
+    return tuple((float(time[start]), float(time[stop - 1])) for start, stop in runs)
+
+
+def _lost(plate: Plate, largest_n: float, step_s: float) -> list[Indices]:
+    """Find the runs of samples of each channel that are zero between loaded ones, (N, 2) each."""
+    loaded = np.abs(plate.wrench_in_plate[:, 2]) > MIN_LOADED * largest_n
+    every = []
+    for channel in plate.wrench_in_plate.T:
+        least = MIN_BESIDE * np.abs(channel).max()
+        least = max(least, BEYOND_NOISE * float(np.median(np.abs(np.diff(channel)))))
+        runs = stretches(channel == 0)
+        inside = (runs[:, 0] > 0) & (runs[:, 1] < len(channel))
+        runs = runs[inside & (np.diff(runs)[:, 0] <= round(MAX_LOST_S / step_s))]
+        around = runs - (1, 0)  # samples before and after
+        lost = loaded[around].all(axis=1) & (np.abs(channel[around]) > least).all(axis=1)
+        lost &= channel[around].prod(axis=1) > 0  # else it passes zero
+        every.append(runs[lost])
+    return every
 
 
 def _limits(plate: Plate, step_s: float) -> dict[int, tuple[float, Mask]]:

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hbm.notes import Note
-from hbm.spatial import WRENCH_COMPONENTS, Array
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from hbm.spelling import written
 from pipeline.io.recording import Plate
 from pipeline.io.stated import correction
@@ -60,7 +60,9 @@ def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
     elif tried is not None and not tried.helps:
         effect = f"not advised: {effect}"
     _, what, sizes = zip(*(_said(one, plates, time) for one in _rivals(finding)), strict=True)
-    if finding.evidence is None:
+    if finding.kind == "zero":
+        evidence = "readings without load"
+    elif finding.evidence is None:
         first_s = min(fault.first_s for fault in finding.channels)
         samples = sum(fault.count for fault in finding.channels)
         evidence = f"raw samples: {samples}, first at {first_s:.3f} s"
@@ -111,6 +113,17 @@ def _said(
         case "wraps":
             note = of_jumps("plate_wraps", sizes=sizes, remedy=remedy)
             return note, f"{plate}: {channels} overflows", f"by {larger}"
+        case "lost":
+            samples = max(fault.count for fault in finding.channels)
+            note = of_plate("plate_samples_zero", samples=samples, first_s=first_s)
+            return note, f"{plate}: samples of {channels} lost", f"{samples} exactly zero"
+        case "zero":
+            rest_n = {f"plate {k}": force for k, force in zip(finding.plates, size, strict=True)}
+            total = {"total_n": sum(size), "mass_kg": sum(size) / GRAVITY_MPS2}
+            words = {"components": name or "none", "remedy": remedy}
+            note = Note.of("plates_not_zeroed", rest_n=rest_n, **total, **words)
+            forces = (f"{k} Fz {written(force, '+.0f')}" for k, force in rest_n.items())
+            return note, "plates: not zero without load", "\n".join([*forces, *name.split(", ")])
         case "jumps":
             note = of_jumps("plate_jumps", sizes=sizes)
             return note, f"{plate}: {channels} jumps", f"by {larger}"

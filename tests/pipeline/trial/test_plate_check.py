@@ -8,7 +8,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hbm.signals.resampling import resample
-from pipeline.trial.checks import check_plates, rest_level
+from pipeline.trial.checks import plates_apart
+from pipeline.trial.findings.finding import Finding
+from pipeline.trial.findings.raw import raw_faults
+from pipeline.trial.findings.words import note_of
+from pipeline.trial.findings.zeros import rest_level, wrong_zeros
 from tests.pipeline.trial.standing import WEIGHT_N, standing
 
 MASS_KG = 80.0
@@ -31,16 +35,16 @@ def walking(duration_s=10.0, *, rest_n=(0.0, 0.0), noise_n=3.0):
     )
 
 
-def all_notes(recording):
-    time = recording.markers.time
-    wrenches = [resample(plate.time, plate.wrench, time) for plate in recording.plates]
-    zeros, notes = check_plates(recording, wrenches, MASS_KG)
-    return notes if zeros is None else (zeros.note(" ".join(zeros.mendings), MASS_KG), *notes)
-
-
 def check(recording):
-    """The warnings."""
-    return tuple(note for note in all_notes(recording) if note.level == "warning")
+    """What is found of plates at rest, of their samples, and of their times."""
+    time, plates = recording.markers.time, recording.plates
+    wrenches = [resample(plate.time, plate.wrench, time) for plate in plates]
+    zeros = wrong_zeros(plates, wrenches, time, MASS_KG)
+    findings = [] if zeros is None else [zeros[0]]
+    lost = [fault for fault in raw_faults(plates) if fault.kind == "lost"]
+    findings += [Finding(fault.kind, (fault.plate,), channels=(fault,)) for fault in lost]
+    notes = (note_of(finding, plates, time) for finding in findings)
+    return (*notes, *plates_apart(recording))
 
 
 def codes(recording):
@@ -70,10 +74,10 @@ def test_any_component_that_is_not_zero_when_nobody_is_on_the_plate_is_named(com
     added = np.zeros(6)
     added[component] = offset
     shifted = replace(plate, wrench_in_plate=plate.wrench_in_plate + added)
-    notes = all_notes(replace(recording, plates=(recording.plates[0], shifted)))
+    notes = check(replace(recording, plates=(recording.plates[0], shifted)))
     assert bool(notes) == (abs(offset) > 10)
     for note in notes:
-        (found,) = note.values["components"]
+        found = note.values["components"]
         assert found.startswith("plate 2 ")
         assert abs(float(found.split()[-1].replace("−", "-"))) == pytest.approx(abs(offset), abs=1)
 
