@@ -35,7 +35,12 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     Each is corrected on the chain before the next one is looked for; what cannot be told from
     others, or cannot be corrected, ends the search.
     """
-    findings, done = [*_of_samples(chain), *_of_zeros(chain)], tuple[str, ...]()
+    findings = [*_of_samples(chain)]
+    tried = (finding.correction for finding in findings)
+    done = tuple(mending for one in tried if one and one.helps for mending in one.mendings)
+    if done:  # what overflows is judged once that is undone
+        chain = chain.mended(done)
+    findings += _of_zeros(chain)
     most = len(findings) + MOST_FAULTS
     while len(findings) < most and chain.judged:
         first, *rivals = chain.judged

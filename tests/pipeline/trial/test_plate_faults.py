@@ -121,6 +121,14 @@ def test_a_fault_is_named_and_what_its_note_states_mends_it(laboratory, code, fa
         assert np.allclose(one.wrench, other.wrench, atol=2.0 if code == "plate_wraps" else 1e-6)
 
 
+def test_behind_an_overflow_another_fault_is_named_with_what_mends_both(laboratory):
+    faulty = amplified(channel(laboratory.walk, 1, 4, overflowing(0.6)), 2, 0, -1.0)
+    wraps, reverses = doubts(laboratory, faulty)
+    assert (wraps.code, reverses.code) == ("plate_wraps", "plate_reversed")
+    assert "unwrap My" in reverses.values["remedy"]
+    assert "reverse Fx" in reverses.values["remedy"]
+
+
 def test_a_weak_channel_is_sized(laboratory):
     (note,) = doubts(laboratory, amplified(laboratory.walk, 1, 0, 0.35))
     assert (note.code, note.values["plate"], note.values["component"]) == ("plate_gain", 2, "Fx")
