@@ -111,7 +111,11 @@ def _rest(channel: Array, period: float) -> float:
     """
     ordered, width = np.sort(channel), 2 * REST * period
     first = int(np.argmax(np.searchsorted(ordered, ordered + width) - np.arange(len(ordered))))
-    usual = ordered[first : np.searchsorted(ordered, ordered[first] + width)]
+    near = (channel >= ordered[first]) & (channel <= ordered[first] + width)
+    # of its longest stretch the middle half, in which a load neither comes nor goes
+    begin, end = max(stretches(near), key=np.ptp)
+    quarter = (end - begin) // 4
+    usual = channel[begin + quarter : end - quarter]
     start = channel[:REST_SAMPLES]
     return float(np.median(start if start.std() < usual.std() else usual))
 

@@ -199,7 +199,9 @@ def _tried(
         after=tuple(after),
         held_out_before=tuple(held_out[0]),
         held_out_after=tuple(held_out[1]),
-        helps=bool(corrected_there <= (1 - least_fall) * there and not worse.any()),
+        helps=bool(
+            counts.any() and corrected_there <= (1 - least_fall) * there and not worse.any()
+        ),
     )
 
 

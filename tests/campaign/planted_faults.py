@@ -128,7 +128,8 @@ def named(chain: Chain, notes: Sequence[Note]) -> set[Named]:
                 Accusation(f.kind, frozenset(f.plates), f.component) for f in (one, *one.rivals)
             )
             for one in findings
-            if not one.channels  # what raw samples show is named above, by channel
+            # what raw samples show is named above, by channel, and zeros below, by their note
+            if one.of_load and not one.channels
         ),
         *(frozenset({Accusation(note.code)}) for note in notes if note.code in CODES),
         *_masses(chain, notes, sum(bool(each.rivals) for each in findings)),

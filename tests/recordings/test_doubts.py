@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject
+from pipeline.io.mended_plates import mended_plates
 from pipeline.trial.process import process_recording
-from tests.campaign.plants import amplified, channel, moved
+from tests.campaign.plants import amplified, channel, moved, overflowing, raw
 from tests.hbm.motions import exchanged, relabelled
 from tests.recordings.recorded import (
     TESTS,
@@ -132,6 +133,15 @@ def test_of_two_steps_one_fault_is_named_with_its_plate(shared_data, fault, code
             continue
         assert named == {code}
         assert found[code].values.get("plate") == plate
+
+
+def test_a_load_that_overflows_is_undone_where_the_recording_begins_during_a_step(shared_data):
+    walk, known = recorded(treadmill, shared_data)
+    faulty = raw(walk, 0, 2, overflowing(0.6))
+    (note,) = doubts(faulty, **known).values()
+    assert note.code == "plate_wraps"
+    (mended, _) = mended_plates(faulty.plates, ("1: unwrap Fz",))
+    np.testing.assert_allclose(mended.wrench_in_plate, walk.plates[0].wrench_in_plate, atol=0.1)
 
 
 @pytest.mark.parametrize("delay_s", [-0.025, 0.025])

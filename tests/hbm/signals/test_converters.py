@@ -55,13 +55,16 @@ def test_the_load_of_a_foot_with_any_impact_neither_jumps_nor_wraps(load, noise,
     share=st.floats(0.2, 0.9),
     noise=st.floats(0.0, 0.005),
     sign=st.sampled_from([-1.0, 1.0]),
-    first=st.sampled_from([0, 500, 700]),
+    creep=st.floats(0.0, 0.03),
+    first=st.integers(0, 1000),
 )
 def test_a_channel_that_overflows_is_undone_also_where_noise_crosses_its_limit_often(
-    share, noise, sign, first
+    share, noise, sign, creep, first
 ):
-    """The recording may begin with an unloaded plate, or during a step."""
-    load = (sign * with_noise(steps(), noise * PEAK) + 1e-6)[first:]
+    """The recording may begin with an unloaded plate, or during a step, behind which it creeps."""
+    behind_s = TIME[:, None] - [1.1, 2.3, 3.5]
+    creeps = np.where(behind_s > 0, np.exp(-np.abs(behind_s) / 0.1), 0.0).sum(axis=1)
+    load = (sign * with_noise(steps() + creep * PEAK * creeps, noise * PEAK) + 1e-6)[first:]
     limit = share * np.abs(load).max()
     wraps = find_wraps((load + limit) % (2 * limit) - limit, 1.0)
     assert wraps.period == pytest.approx(2 * limit, rel=0.02)
