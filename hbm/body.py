@@ -19,7 +19,7 @@ from hbm.calibration_pose.anatomy import (
     straight_elbows,
 )
 from hbm.calibration_pose.landmarks import locate_anatomy, stand_trunk
-from hbm.calibration_pose.shape import average, shape_of
+from hbm.calibration_pose.shape import shape_of
 from hbm.coordinates import COORDINATES, LAST_Q, LIMBS, MOVING, SEGMENTS, SIDES, support
 from hbm.ik.problem import undetermined
 from hbm.ik.tracking import solve_ik
@@ -159,13 +159,12 @@ def build_body(
     static_markers, jumps = without_jumps(static_markers, used)
     frames, speed = _select_frames(static_markers, used, window_s)
     calibration = _take(static_markers, used, frames)
-    poses = [dict(zip(used, p, strict=True)) for p in calibration.position]
-    poses = [{name: p for name, p in at.items() if not np.isnan(p[0])} for at in poses]
+    # in the frames that were selected a marker is always seen, or never
+    at = dict(zip(used, np.moveaxis(calibration.position, 1, 0), strict=True))
+    at = {name: position for name, position in at.items() if not np.isnan(position[0, 0])}
     try:
-        anatomies = [
-            locate_anatomy({mark: at[n] for mark, n in landmark.items() if n in at}, measures)
-            for at in poses
-        ]
+        landmarks = {mark: at[name] for mark, name in landmark.items() if name in at}
+        anatomy = locate_anatomy(landmarks, measures)
     except MissingLandmark as error:
         labels = [chosen.landmark[name] for name in error.names if name in chosen.landmark]
         wanted = f" with {', '.join(labels)}" if labels else " that has them"
@@ -175,23 +174,18 @@ def build_body(
             f"{error}; give a static recording{wanted} (--static), or rename markers (--rename); "
             f"the set is {chosen.name}{others}"
         ) from error
-    by_legs_m = float(np.mean([_stature(a) for a in anatomies]))
+    by_legs_m = float(_stature(anatomy).mean())
     if not MIN_STATURE_M <= by_legs_m <= MAX_STATURE_M:
         raise ImplausibleLegs(
             f"the markers show the legs of a person of {by_legs_m:.2f} m, expected "
             f"{MIN_STATURE_M} to {MAX_STATURE_M} m: their unit is wrong"
         )
     stature_m = by_legs_m if height_m is None else height_m
-    unlocated = _unlocated_segments(anatomies[0])
-    rules: dict[str, str] = {}
-    shapes = []
-    for at, anatomy in zip(poses, anatomies, strict=True):
-        rules |= anatomy.rules
-        at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
-        if "thorax" not in anatomy.frames:
-            stand_trunk(anatomy, stature_m, sex)
-        shapes.append(shape_of(anatomy, table, stature_m, at, segment))
-    shape = average(shapes)
+    unlocated = _unlocated_segments(anatomy)
+    at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
+    if "thorax" not in anatomy.frames:
+        stand_trunk(anatomy, stature_m, sex)
+    shape = shape_of(anatomy, table, stature_m, at, segment)
     markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
     segments = tuple(segment[name] for name in markers)
     shown = {i for s in set(segments) for i in support(LAST_Q[s])}
@@ -206,11 +200,10 @@ def build_body(
         height_m=stature_m,
         source="by the length of the legs" if height_m is None else "as given",
     )
-    notes = [pose, *jumps, *dict.fromkeys(n for a in anatomies for n in a.notes)]
-    notes += straight_elbows(anatomies)
+    notes = [pose, *jumps, *anatomy.notes, *straight_elbows(anatomy)]
     if overrides:
         notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
-    lengths = {s: distance(proximal, distal) for s, (proximal, distal, _) in shape.ends.items()}
+    lengths = {s: float(distance(*ends[:2])) for s, ends in shape.ends.items()}
     overrides = dict(overrides or {})
     if shoe_mass_kg:
         notes.append(Note.of("shoes_stated", mass_kg=shoe_mass_kg, sole_height_m=sole_height_m))
@@ -223,7 +216,7 @@ def build_body(
             overrides[foot] = replace(override, worn=shoe)
     elif shoe_mass_kg is None and overrides.keys().isdisjoint(FEET):
         notes.append(Note.of("no_shoes"))
-    landmark_rules = tuple(f"{missing} ({rule})" for missing, rule in rules.items())
+    landmark_rules = tuple(f"{missing} ({rule})" for missing, rule in anatomy.rules.items())
     if landmark_rules:
         notes.append(Note.of("landmarks_substituted", rules=landmark_rules))
     body = Body(
@@ -274,8 +267,8 @@ def _take(markers: Markers, names: list[str], frames: Indices) -> Markers:
     return Markers(markers.time[frames], tuple(names), markers.position[frames][:, columns])
 
 
-def _stature(anatomy: Anatomy) -> float:
-    """Estimate stature [m] from the mean length of the legs.
+def _stature(anatomy: Anatomy) -> Array:
+    """Estimate stature in each frame, (F,) [m], from the mean length of the legs.
 
     De Leva's mean lengths are not used: the women's thigh ends at a different hip centre than the
     men's.
@@ -285,7 +278,7 @@ def _stature(anatomy: Anatomy) -> float:
         for side in SIDES
         for a, b in (("hip", "knee"), ("knee", "ankle"))
     ]
-    return sum(legs) / 2 / LEGS_PER_STATURE
+    return np.asarray(np.sum(legs, axis=0) / 2 / LEGS_PER_STATURE)
 
 
 def _unlocated_segments(anatomy: Anatomy) -> set[str]:

@@ -5,7 +5,6 @@ A wrench is ``[fx fy fz mx my mz]``. Unless a suffix says otherwise it is expres
 dimensions and broadcasts them.
 """
 
-import math
 from typing import Final, Literal
 
 import numpy as np
@@ -188,35 +187,51 @@ def fit_rotation(covariance: ArrayLike) -> Array:
     return rotation
 
 
+def dot(a: Array, b: Array) -> Array:
+    """Give the product of vectors along each other, (..., 1): it multiplies vectors as it is."""
+    return np.asarray((a * b).sum(axis=-1, keepdims=True))
+
+
 def unit(vector: Array) -> Array:
-    """Give a vector's direction, (3,)."""
-    return np.asarray(vector / math.sqrt(vector @ vector))
+    """Give the direction of vectors, (..., 3)."""
+    return np.asarray(vector / np.sqrt(dot(vector, vector)))
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Give the cross product of two vectors, (3,); np.cross takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    """Give the cross product of vectors, (..., 3); np.cross takes longer."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        product[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return product
 
 
 def perpendicular(vector: Array, to: Array) -> Array:
-    """Give the direction of the part of a vector that is perpendicular to another, (3,)."""
+    """Give the direction of the part of vectors that is perpendicular to others, (..., 3)."""
     along = unit(to)
-    return unit(vector - (vector @ along) * along)
+    return unit(vector - dot(vector, along) * along)
 
 
 def axes_from(left: Array, up: Array, exact: Literal["left", "up"]) -> Array:
-    """Give a rotation (columns: forward, left, up) from two directions, one of them exact."""
+    """Give rotations (columns: forward, left, up) from two directions, one of them exact."""
     if exact == "left":
         y = unit(left)
         z = perpendicular(up, y)
     else:
         z = unit(up)
         y = perpendicular(left, z)
-    return np.column_stack([cross(y, z), y, z])
+    return np.stack(np.broadcast_arrays(cross(y, z), y, z), axis=-1)
 
 
-def distance(a: Array, b: Array) -> float:
-    """Give the distance between two points [m]."""
-    apart = a - b
-    return math.sqrt(apart @ apart)
+def in_lab_axes(rotation: Array, vector: Array) -> Array:
+    """Give vectors of frames, (..., 3), in the axes in which the frames are, (..., 3, 3)."""
+    return np.asarray((rotation @ vector[..., None])[..., 0])
+
+
+def in_axes_of(rotation: Array, vector: Array) -> Array:
+    """Give vectors, (..., 3), in the axes of frames, (..., 3, 3)."""
+    return in_lab_axes(np.swapaxes(rotation, -1, -2), vector)
+
+
+def distance(a: Array, b: Array) -> Array:
+    """Give the distance between points [m], (...)."""
+    return np.asarray(np.sqrt(dot(a - b, a - b))[..., 0])

@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hbm.coordinates import SIDES
 from hbm.notes import Note
 from hbm.segments import Sex
-from hbm.spatial import Array, cross, distance, perpendicular, unit
+from hbm.spatial import Array, cross, distance, dot, perpendicular, unit
 
 HipRule = Literal["harrington", "bell"]
 MEDIAL_SIGN: Final = {"right": 1.0, "left": -1.0}
@@ -77,21 +78,21 @@ class Measures:
 
 @dataclass(slots=True)
 class Anatomy:
-    """Joint centres, axes and segment ends of a subject in the calibration pose.
+    """Joint centres, axes and segment ends of a subject in F frames of the calibration pose.
 
     Attributes
     ----------
     points
-        Positions by name, such as ``right_knee`` or ``neck``, (3,) [m]. Absent for a trunk, head or
-        arms without markers.
+        Positions by name, such as ``right_knee`` or ``neck``, (F, 3) [m]. Absent for a trunk, head
+        or arms without markers.
     axes
-        Unit vectors by name, such as ``right_knee``; all point to the subject's left in the
+        Unit vectors by name, such as ``right_knee``, (F, 3); all point to the subject's left in the
         anatomical position.
     frames
-        Orientations of pelvis, thorax and head (columns: forward, left, up), (3, 3). Absent for a
-        trunk or head without markers.
+        Orientations of pelvis, thorax and head (columns: forward, left, up), (F, 3, 3). Absent for
+        a trunk or head without markers.
     markers
-        Landmarks that a device shows in place of their markers, (3,) [m].
+        Landmarks that a device shows in place of their markers, (F, 3) [m].
     rules
         Missing landmark -> the rule that replaced it.
     notes
@@ -153,7 +154,8 @@ def locate_hinge(
     """
     s, joint, purpose = SIDES[side], f"{side}_{part}", f"the {side} {part}"
     lateral, other = (s + name for name in LATERAL_AND_MEDIAL[part])
-    half_width = measures.to_center(getattr(measures.limb(side), f"{part}_width_m"))
+    width_m = getattr(measures.limb(side), f"{part}_width_m")
+    half_width: ArrayLike | None = measures.to_center(width_m)
     if half_width is None and {s + "LEK", s + "LM"} <= at.keys():
         half_width = HALF_WIDTH_PER_SHANK[part] * distance(at[s + "LEK"], at[s + "LM"])
     if other in at or half_width is None:
@@ -168,18 +170,18 @@ def locate_hinge(
     anatomy.axes[joint] = MEDIAL_SIGN[side] * unit(center - outer)
 
 
-def chord(marker: Array, proximal: Array, medial: Array, offset: float, joint: str) -> Array:
+def chord(marker: Array, proximal: Array, medial: Array, offset: ArrayLike, joint: str) -> Array:
     """Give a joint's centre: at a given distance from a marker, at a right angle to the bone.
 
     ``proximal`` is the bone's other end, ``medial`` the direction from the marker towards the
     joint, of which the part along the bone does not count. A ValueError where the offset is longer
     than the bone. Kadaba et al. 1990 (J Orthop Res 8:383), Davis et al. 1991 (Hum Mov Sci 10:575).
     """
-    up = unit(proximal - marker)
-    share = offset / distance(proximal, marker)
-    if share >= 1:
+    up, offset = unit(proximal - marker), np.asarray(offset)[..., None]
+    share = offset / distance(proximal, marker)[..., None]
+    if (share >= 1).any():
         raise ValueError(
-            f"the {joint} would be {offset * 1000:.0f} mm from its lateral marker, farther "
+            f"the {joint} would be {1000 * offset.max():.0f} mm from its lateral marker, farther "
             "than the next joint; check the widths and the markers' names"
         )
     inward = perpendicular(medial, up)
@@ -218,7 +220,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         return
     shoulder = _shoulder(anatomy, at, measures, side)
     wrist, lateral = np.mean(ends, axis=0), at[s + "LEE"]
-    half_width = measures.to_center(limb.elbow_width_m)
+    half_width: ArrayLike | None = measures.to_center(limb.elbow_width_m)
     if half_width is None:
         half_width = HALF_WIDTH_PER_FOREARM * distance(lateral, wrist)
 
@@ -252,7 +254,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
 
 
 def elbow_center(
-    shoulder: Array, lateral: Array, wrist: Array, half_width: float, side: str
+    shoulder: Array, lateral: Array, wrist: Array, half_width: ArrayLike, side: str
 ) -> Array:
     """Give the centre of an elbow that has a lateral marker only.
 
@@ -274,31 +276,31 @@ def elbow_center(
     takes the perpendicular to the plane with the elbow so found as its axis. The two planes are 10
     to 30° apart, so that this axis is not quite the one that leads to the marker.
     """
-    along = unit(wrist - shoulder)
+    along, half_width = unit(wrist - shoulder), np.asarray(half_width)[..., None]
     outward = lateral - shoulder
-    outward = outward - (outward @ along) * along
-    share = min(half_width / float(np.linalg.norm(outward)), 1.0)
+    outward = outward - dot(outward, along) * along
+    share = np.minimum(half_width / np.linalg.norm(outward, axis=-1, keepdims=True), 1.0)
     outward = unit(outward)
     across = MEDIAL_SIGN[side] * cross(along, outward)
     return np.asarray(lateral + half_width * (np.sqrt(1 - share**2) * across - share * outward))
 
 
-def straight_elbows(anatomies: list[Anatomy]) -> list[Note]:
+def straight_elbows(anatomy: Anatomy) -> list[Note]:
     """Name elbows without medial marker that are almost straight, on average over the frames."""
     notes = []
     for side, s in SIDES.items():
-        if s + "MEE" in anatomies[0].rules:
-            flexion = float(np.mean([_flexion(anatomy, side) for anatomy in anatomies]))
+        if s + "MEE" in anatomy.rules:
+            flexion = float(_flexion(anatomy, side).mean())
             if flexion < STRAIGHT_ELBOW_RAD:
                 found = {"marker": s + "MEE", "flexion_deg": np.degrees(flexion)}
                 notes.append(Note.of("elbow_axis_uncertain", side=side, **found))
     return notes
 
 
-def _flexion(anatomy: Anatomy, side: str) -> float:
+def _flexion(anatomy: Anatomy, side: str) -> Array:
     shoulder, elbow, wrist = (anatomy.points[f"{side}_{j}"] for j in ("shoulder", "elbow", "wrist"))
-    cosine = unit(elbow - shoulder) @ unit(wrist - elbow)
-    return float(np.arccos(np.clip(cosine, -1, 1)))
+    cosine = dot(unit(elbow - shoulder), unit(wrist - elbow))
+    return np.asarray(np.arccos(np.clip(cosine, -1, 1)))
 
 
 def _shoulder(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, side: str) -> Array:
@@ -312,15 +314,15 @@ def _shoulder(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, sid
     acromion, thorax = at[SIDES[side] + "SHO"], anatomy.frames["thorax"]
     offset = measures.limb(side).shoulder_offset_m
     if offset is not None and "JN" in at:
-        notch = at["JN"] - measures.marker_offset_m * thorax[:, 0]
-        down = MEDIAL_SIGN[side] * cross(notch - acromion, thorax[:, 0])
+        notch = at["JN"] - measures.marker_offset_m * thorax[..., 0]
+        down = MEDIAL_SIGN[side] * cross(notch - acromion, thorax[..., 0])
         reach = offset + measures.marker_offset_m
         return chord(acromion, notch, down, reach, f"{side} shoulder")
     if {"LSHO", "RSHO"} <= set(at):
         width = distance(at["LSHO"], at["RSHO"])
     else:
-        width = 2 * abs(float((acromion - anatomy.points["trunk_top"]) @ thorax[:, 1]))
-    return np.asarray(acromion - SHOULDER_DROP_PER_WIDTH * width * thorax[:, 2])
+        width = 2 * np.abs(dot(acromion - anatomy.points["trunk_top"], thorax[..., 1]))[..., 0]
+    return np.asarray(acromion - SHOULDER_DROP_PER_WIDTH * width[..., None] * thorax[..., 2])
 
 
 def _palmar(thumb: Array, along: Array, side: str) -> Array:
@@ -351,7 +353,7 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     these markers and tibial torsion, which a file may state, are not used.
     """
     s, sign = SIDES[side], MEDIAL_SIGN[side]
-    hip, pelvis_left = anatomy.points[f"{side}_hip"], anatomy.frames["pelvis"][:, 1]
+    hip, pelvis_left = anatomy.points[f"{side}_hip"], anatomy.frames["pelvis"][..., 1]
     medial = hip - at[s + "GTRO"] if s + "GTRO" in at else sign * pelvis_left
     corner = alignment_corner(at, s, hip)
     if corner is not None:
@@ -363,7 +365,7 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     knee, knee_axis = anatomy.points[f"{side}_knee"], anatomy.axes[f"{side}_knee"]
     locate_hinge(anatomy, at, measures, side, "ankle", knee, sign * knee_axis)
     for joint, axis, end in (("knee", pelvis_left, "EK"), ("ankle", knee_axis, "M")):
-        if anatomy.axes[f"{side}_{joint}"] @ axis < 0:
+        if (dot(anatomy.axes[f"{side}_{joint}"], axis) < 0).any():
             raise ValueError(
                 f"the {side} {joint}'s lateral marker lies on its medial side; left and right, or "
                 f"medial and lateral markers (landmarks {s}L{end}, {s}M{end}), are probably swapped"
@@ -383,10 +385,10 @@ def alignment_corner(at: Mapping[str, Array], letter: str, hip: Array) -> Array 
         return None
     a, b, c, ankle = (at[name] for name in names)
     span = (distance(a, b) + distance(b, c) + distance(c, a)) / 3
-    normal = unit(cross(b - a, c - a))
-    corners = ((a + b + c) / 3 + way * span / np.sqrt(6) * normal for way in (1, -1))
-    nearer: Array = min(corners, key=lambda p: distance(p, hip) + distance(p, ankle))
-    return nearer
+    height = span[..., None] / np.sqrt(6) * unit(cross(b - a, c - a))
+    corner, other = ((a + b + c) / 3 + way * height for way in (1, -1))
+    apart, others = (distance(p, hip) + distance(p, ankle) for p in (corner, other))
+    return np.asarray(np.where((apart <= others)[..., None], corner, other))
 
 
 def _locate_foot(anatomy: Anatomy, at: Mapping[str, Array], side: str) -> None:
@@ -410,11 +412,11 @@ def _locate_foot(anatomy: Anatomy, at: Mapping[str, Array], side: str) -> None:
     anatomy.axes[f"{side}_foot"] = along
     if len(ball) == 2:
         axis = MEDIAL_SIGN[side] * unit(ball[0] - ball[1])
-        if axis @ anatomy.axes[f"{side}_ankle"] < 0:
+        if (dot(axis, anatomy.axes[f"{side}_ankle"]) < 0).any():
             anatomy.notes.append(Note.of("metatarsals_swapped", side=side))
         anatomy.points[f"{side}_toes"] = (ball[0] + ball[1]) / 2
         anatomy.axes[f"{side}_toes"] = axis
     else:
         middle = at.get(s + "MT5", heel + BALL_PER_FOOT * (tip - heel))
-        anatomy.points[f"{side}_toes"] = heel + ((middle - heel) @ along) * along
+        anatomy.points[f"{side}_toes"] = heel + dot(middle - heel, along) * along
         anatomy.axes[f"{side}_toes"] = perpendicular(anatomy.axes[f"{side}_ankle"], along)

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hbm.calibration_pose.anatomy import (
     MEDIAL_SIGN,
@@ -27,7 +28,16 @@ from hbm.calibration_pose.anatomy import (
 )
 from hbm.coordinates import SIDES, UP
 from hbm.segments import SAMPLE_STATURE_M, Sex, columns_of
-from hbm.spatial import Array, axes_from, cross, distance, perpendicular, unit
+from hbm.spatial import (
+    Array,
+    axes_from,
+    cross,
+    distance,
+    dot,
+    in_lab_axes,
+    perpendicular,
+    unit,
+)
 
 
 def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatomy:
@@ -36,7 +46,8 @@ def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatom
     Parameters
     ----------
     landmarks
-        Landmark -> position in the calibration pose, (3,) [m], lab axes; absent where missing.
+        Landmark -> position in F frames of the calibration pose, (F, 3) [m], lab axes; absent
+        where missing.
     measures
         Properties of the subject that the markers do not show.
 
@@ -103,21 +114,24 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
         if knee is not None and ankle is not None:  # the same when the knee is flexed
             leg = distance(spines[letter + "ASIS"], knee) + distance(knee, ankle)
         if leg is None or letter + "MM" not in landmarks:
-            leg = measures.limb(side).leg_length_m or leg
-        anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
+            stated_m = measures.limb(side).leg_length_m
+            leg = np.asarray(stated_m) if stated_m else leg
+        center = hip_center(side, width, depth, leg, measures)
+        anatomy.points[f"{side}_hip"] = origin + in_lab_axes(R, center)
         if leg is None and measures.hip == "harrington":
             rule = "hip centre by Harrington's single measures"
             anatomy.rules[f"the {side} leg length"] = rule
     anatomy.points["pelvis"] = (anatomy.points["right_hip"] + anatomy.points["left_hip"]) / 2
     forward, up = LUMBAR_PER_PELVIS_WIDTH[measures.sex]
-    anatomy.points["lumbar"] = origin + R @ (width * np.array([forward, 0.0, up]))
+    lumbar = width[..., None] * np.array([forward, 0.0, up])
+    anatomy.points["lumbar"] = origin + in_lab_axes(R, lumbar)
 
 
 def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, dict[str, str]]:
     """Give the pelvis frame from ASIS and PSIS.
 
-    Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; missing
-    landmark -> rule that replaced it.
+    Orientation (columns: forward, left, up), (..., 3, 3); mid-ASIS and mid-PSIS, (..., 3) [m];
+    missing landmark -> rule that replaced it.
     """
     at, rules = _iliac_spines(landmarks)
     left, right = need(
@@ -143,17 +157,17 @@ def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], dic
                     normal = unit(at["R" + b] - at["L" + b])
                     middle = (at["L" + b] + at["R" + b]) / 2
                     point = at[other + a]
-                    at[side + a] = point - 2 * ((point - middle) @ normal) * normal
+                    at[side + a] = point - 2 * dot(point - middle, normal) * normal
                     rules[side + a] = f"the mirror image of {other + a}"
     return at, rules
 
 
 def hip_center(
-    side: str, width: float, depth: float, leg: float | None, measures: Measures
+    side: str, width: ArrayLike, depth: ArrayLike, leg: ArrayLike | None, measures: Measures
 ) -> Array:
     """Give a hip centre in the pelvis frame.
 
-    From mid-ASIS: forward, left, up, (3,) [m]. It depends on the distances between the ASIS
+    From mid-ASIS: forward, left, up, (..., 3) [m]. It depends on the distances between the ASIS
     (``width``) and from mid-ASIS to mid-PSIS (``depth``), and on the leg length from ASIS to medial
     malleolus, None where unknown [m].
 
@@ -163,7 +177,7 @@ def hip_center(
     best single measures where leg length is unknown. Bell et al. 1990 (J Biomech 23:617). Both
     refer to bone, so that the marker offset is subtracted from the forward coordinate.
     """
-    outward = -MEDIAL_SIGN[side]
+    outward, width, depth = -MEDIAL_SIGN[side], np.asarray(width), np.asarray(depth)
     if isinstance(measures.hip, Mapping):
         if side not in measures.hip:
             raise ValueError(f"functional hip centres must name right and left, {side} is missing")
@@ -176,10 +190,11 @@ def hip_center(
             out, up = 0.33 * width + 0.0073, -0.30 * width - 0.0109
         else:
             out = 0.28 * depth + 0.16 * width + 0.0079
-            up = -0.16 * width - 0.04 * leg - 0.0071
+            up = -0.16 * width - 0.04 * np.asarray(leg) - 0.0071
     else:
         raise ValueError(f"hip must be 'harrington' or 'bell', got {measures.hip!r}")
-    return np.array([ahead - measures.marker_offset_m, outward * out, up])
+    center = ahead - measures.marker_offset_m, outward * out, up
+    return np.stack(np.broadcast_arrays(*center), axis=-1)
 
 
 def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) -> None:
@@ -197,9 +212,9 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = axes_from(cross(top - bottom, forward), top - bottom, exact="up")
-        length = NECK_PER_C7_TO_NOTCH[measures.sex] * float(np.linalg.norm(forward))
+        length = NECK_PER_C7_TO_NOTCH[measures.sex] * distance(at["JN"], at["C7"])[..., None]
         angle, ahead = np.radians(NECK_ELEVATION_DEG[measures.sex]), unit(forward)
-        above = perpendicular(R[:, 2], forward)
+        above = perpendicular(R[..., 2], forward)
         neck = at["C7"] + length * (np.cos(angle) * ahead + np.sin(angle) * above)
     elif "LSHO" in at and "RSHO" in at:
         top = neck = (at["LSHO"] + at["RSHO"]) / 2
@@ -208,7 +223,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     elif low and "JN" in at:
         root = anatomy.points["lumbar"]
         up = unit(bottom - root)
-        top = neck = root + ((at["JN"] - root) @ up) * up
+        top = neck = root + dot(at["JN"] - root, up) * up
         R = axes_from(cross(up, at["XIPH"] - at["T10"]), up, exact="up")
         rules["C7"] = "trunk axis from the lumbar joint to the level of JN"
     else:
@@ -219,7 +234,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
             )
         return
     pelvis = anatomy.frames["pelvis"]
-    if R[:, 0] @ pelvis[:, 0] < 0 or R[:, 2] @ pelvis[:, 2] < 0:
+    if any((dot(R[..., k], pelvis[..., k]) < 0).any() for k in (0, 2)):
         raise ValueError(
             "trunk and pelvis face opposite directions; front and back markers (C7, T10 against "
             "JN, XIPH; ASIS against PSIS) or left and right are probably swapped"
@@ -282,7 +297,7 @@ def with_spine(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> dict[str,
         anatomy.rules["T10"] = "T8 stands in for it"
     if {"T2", "JN"} <= set(at) and "C7" not in at:
         up = unit((at["T2"] + at["JN"]) / 2 - anatomy.points["lumbar"])
-        notch, second = ((at[name] - anatomy.points["pelvis"]) @ up for name in ("JN", "T2"))
+        notch, second = (dot(at[name] - anatomy.points["pelvis"], up) for name in ("JN", "T2"))
         found["C7"] = at["T2"] + (notch / height_per_cervicale("notch", sex) - second) * up
         anatomy.rules["C7"] = "T2 stands in for it"
     return found
@@ -301,12 +316,12 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
     Where the Human Body Model ends the parts of the trunk is not known.
     tests/validation/trunk_ends.md compares these ends with others on recordings.
     """
-    up = anatomy.frames["thorax"][:, 2]
+    up = anatomy.frames["thorax"][..., 2]
     top, hips = anatomy.points["trunk_top"], anatomy.points["pelvis"]
-    hips_on_axis = top + ((hips - top) @ up) * up
+    hips_on_axis = top + dot(hips - top, up) * up
 
-    def height(point: Array) -> float:
-        return float((point - hips) @ up)
+    def height(point: Array) -> Array:
+        return dot(point - hips, up)
 
     if "C7" in at:
         cervicale = height(at["C7"])
@@ -314,7 +329,7 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
         cervicale = height(at["JN"]) / height_per_cervicale("notch", sex)
         anatomy.rules["C7 (cervicale)"] = "its level on the trunk's axis follows from JN"
     else:
-        drop = SHOULDER_DROP_PER_WIDTH * distance(at["LSHO"], at["RSHO"])
+        drop = SHOULDER_DROP_PER_WIDTH * distance(at["LSHO"], at["RSHO"])[..., None]
         shoulders = height((at["LSHO"] + at["RSHO"]) / 2) - drop
         cervicale = shoulders / height_per_cervicale("mid_shoulders", sex)
         anatomy.rules["C7 (cervicale)"] = "its level on the trunk's axis follows from the acromions"
@@ -323,10 +338,11 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
     else:
         xiphoid = height_per_cervicale("xiphoid", sex) * cervicale
         anatomy.rules["XIPH"] = "its level on the trunk's axis follows from the cervicale"
-    if not 0 < xiphoid < cervicale:
+    if not ((xiphoid > 0) & (xiphoid < cervicale)).all():
+        lower_mm, upper_mm = 1000 * np.mean(xiphoid), 1000 * np.mean(cervicale)
         raise ValueError(
-            f"along the trunk, the xiphoid lies {1000 * xiphoid:.0f} mm and the cervicale "
-            f"{1000 * cervicale:.0f} mm above the hips; check the labels XIPH, C7 and JN"
+            f"along the trunk, the xiphoid lies {lower_mm:.0f} mm and the cervicale "
+            f"{upper_mm:.0f} mm above the hips; check the labels XIPH, C7 and JN"
         )
     mid_shoulders = height_per_cervicale("mid_shoulders", sex) * cervicale
     levels = {"cervicale": cervicale, "mid_shoulders": mid_shoulders, "xiphoid": xiphoid}
@@ -345,9 +361,9 @@ def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
     ahead of the hips; in a third with iliac spines marked at very different heights, 23 mm ahead.
     """
     pelvis, hips = anatomy.frames["pelvis"], anatomy.points["pelvis"]
-    upright = axes_from(cross(np.array(UP), pelvis[:, 0]), np.array(UP), exact="up")
+    upright = axes_from(cross(np.array(UP), pelvis[..., 0]), np.array(UP), exact="up")
     for level in ("cervicale", "mid_shoulders", "xiphoid"):
         share = mean_height(level, sex, lambda column: 1000 * SAMPLE_STATURE_M[column])
-        anatomy.points[level] = hips + share * height_m * upright[:, 2]
+        anatomy.points[level] = hips + share * height_m * upright[..., 2]
     anatomy.points["neck"] = anatomy.points["cervicale"]
     anatomy.frames["thorax"] = upright

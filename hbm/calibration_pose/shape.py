@@ -18,7 +18,17 @@ import numpy as np
 from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy
 from hbm.coordinates import DOWN, FIXED_TO, FORWARD, LEFT, PARENT, SIDES
 from hbm.segments import Proportions
-from hbm.spatial import Array, axes_from, cross, perpendicular, rotation_about, unit
+from hbm.spatial import (
+    Array,
+    axes_from,
+    cross,
+    dot,
+    in_axes_of,
+    in_lab_axes,
+    perpendicular,
+    rotation_about,
+    unit,
+)
 
 SUBTALAR_INCLINATION_RAD: Final = np.radians(42.0)
 SUBTALAR_DEVIATION_RAD: Final = np.radians(16.0)
@@ -59,25 +69,26 @@ def shape_of(
     markers: Mapping[str, Array],
     segment: Mapping[str, str],
 ) -> Shape:
-    """Give the subject's shape in one frame of the recording.
+    """Give the subject's shape: the mean of F frames of the recording.
 
     Parameters
     ----------
     anatomy
-        Joint centres and axes in that frame, lab axes.
+        Joint centres and axes in these frames, lab axes.
     table
         Segment proportions, for the parts that no marker shows.
     height_m
         Stature, for the same parts [m].
     markers
-        Marker -> position in that frame, (3,) [m], lab axes.
+        Marker -> position in these frames, (F, 3) [m], lab axes.
     segment
         Marker -> segment.
 
     Returns
     -------
     Shape
-        In segment frames. A trunk, head and arms that no marker shows are in the neutral position.
+        In segment frames; axes are unit vectors. A trunk, head and arms that no marker shows are
+        in the neutral position.
 
     Notes
     -----
@@ -97,29 +108,23 @@ def shape_of(
     shape = build.shape
     for s, parent in PARENT.items():
         R, o = build.frames[parent]
-        shape.offsets[s] = R.T @ (build.frames[s][1] - o)
+        shape.offsets[s] = in_axes_of(R, build.frames[s][1] - o)
     for name, position in markers.items():
         R, o = build.frames[segment[name]]
-        shape.markers[name] = R.T @ (position - o)
-    return shape
+        shape.markers[name] = in_axes_of(R, position - o)
+
+    def means(of_frames: Mapping[str, Array]) -> dict[str, Array]:
+        return {name: values.mean(axis=0) for name, values in of_frames.items()}
+
+    axes = {name: unit(axis) for name, axis in means(shape.axes).items()}
+    return Shape(means(shape.offsets), axes, means(shape.ends), means(shape.markers))
 
 
-def average(shapes: list[Shape]) -> Shape:
-    """Average the shapes of several frames; axes stay unit vectors."""
-
-    def mean(kind: str) -> dict[str, Array]:
-        parts = [getattr(shape, kind) for shape in shapes]
-        names = dict.fromkeys(name for part in parts for name in part)
-        return {n: np.mean([part[n] for part in parts if n in part], axis=0) for n in names}
-
-    axes = {name: unit(axis) for name, axis in mean("axes").items()}
-    return Shape(mean("offsets"), axes, mean("ends"), mean("markers"))
-
-
-def _angle_about(axis: Array, zero: Array, direction: Array) -> float:
-    """Give the angle about an axis from one direction to another, both projected along it."""
-    across = axis @ cross(zero, direction)
-    return float(np.arctan2(across, zero @ direction - (axis @ zero) * (axis @ direction)))
+def _angle_about(axis: Array, zero: Array, direction: Array) -> Array:
+    """Give the angle about axes from one direction to another, both projected along them, (F,)."""
+    across = dot(axis, cross(zero, direction))
+    along = dot(zero, direction) - dot(axis, zero) * dot(axis, direction)
+    return np.asarray(np.arctan2(across, along)[..., 0])
 
 
 def _subtalar(along: Array, medial: float) -> Array:
@@ -145,13 +150,13 @@ class _Builder:
         self.frames["thorax"] = anatomy.frames["thorax"], self.at["lumbar"]
         head = anatomy.frames.get("head", anatomy.frames["thorax"])
         self.frames["head"] = head, self.at["neck"]
-        self.head_up = head[:, 2]
+        self.head_up = head[..., 2]
         self.shape = Shape()
 
     def ends(self, segment: str, proximal: Array, distal: Array, left: Array) -> None:
         """Store the ends that a segment's inertia is scaled to, in its frame."""
         R, o = self.frames[FIXED_TO.get(segment, segment)]
-        self.shape.ends[segment] = np.array([proximal - o, distal - o, left]) @ R
+        self.shape.ends[segment] = np.stack([proximal - o, distal - o, left], axis=-2) @ R
 
     def trunk_and_head(self) -> None:
         at, length = self.at, self.length
@@ -159,20 +164,20 @@ class _Builder:
         lower, middle = length["lower_trunk"], length["mid_trunk"]
         navel = xiphoid + middle / (middle + lower) * (hips - xiphoid)
         pelvis, thorax, head = (self.frames[s][0] for s in ("pelvis", "thorax", "head"))
-        self.ends("pelvis", navel, hips, pelvis[:, 1])
-        self.ends("mid_trunk", xiphoid, navel, thorax[:, 1])
-        self.ends("thorax", cervicale, xiphoid, thorax[:, 1])
+        self.ends("pelvis", navel, hips, pelvis[..., 1])
+        self.ends("mid_trunk", xiphoid, navel, thorax[..., 1])
+        self.ends("thorax", cervicale, xiphoid, thorax[..., 1])
         up = self.head_up
         below = at.get("mid_head", cervicale)
-        below = below + ((cervicale - below) @ up) * up
+        below = below + dot(cervicale - below, up) * up
         vertex = at.get("vertex", below + length["head"] * up)
-        self.ends("head", vertex, cervicale, head[:, 1])
+        self.ends("head", vertex, cervicale, head[..., 1])
 
     def hanging_arm(self, side: str) -> None:
         """Place an arm that no marker shows: hanging from its shoulder, in the neutral pose."""
         s, sign, length = SIDES[side], MEDIAL_SIGN[side], self.length
         thorax, _ = self.frames["thorax"]
-        ahead, left, up = thorax.T
+        ahead, left, up = (thorax[..., k] for k in range(3))
         joints = [self.at["mid_shoulders"] - sign * self.shoulder_width * left]
         parts = [f"{side}_{part}" for part in ("upper_arm", "forearm", "hand")]
         self.frames[f"{side}_shoulder"] = thorax, joints[0]
@@ -182,7 +187,7 @@ class _Builder:
             self.ends(part, joints[-2], joints[-1], left)
         axes = {"ElbowFlexion": -left, "ForeArmPronation": sign * up}
         axes |= {"WristFlexion": -left, "HandAbduction": -sign * ahead}
-        self.shape.axes |= {s + name: thorax.T @ axis for name, axis in axes.items()}
+        self.shape.axes |= {s + n: in_axes_of(thorax, axis) for n, axis in axes.items()}
 
     def arm(self, side: str) -> None:
         if f"{side}_elbow" not in self.at:
@@ -200,18 +205,19 @@ class _Builder:
         self.frames[f"{side}_shoulder"] = thorax, shoulder
         self.frames[arm] = R, shoulder
 
-        bend = -R.T @ elbow_axis
-        R = R @ rotation_about(bend, _angle_about(bend, np.array(DOWN), R.T @ unit(wrist - elbow)))
-        up = R.T @ unit(elbow - wrist)
-        R = R @ rotation_about(up, _angle_about(up, R.T @ elbow_axis, R.T @ wrist_axis))
+        bend, along = -in_axes_of(R, elbow_axis), in_axes_of(R, unit(wrist - elbow))
+        R = R @ rotation_about(bend, _angle_about(bend, np.array(DOWN), along))
+        up, axis = in_axes_of(R, unit(elbow - wrist)), in_axes_of(R, elbow_axis)
+        R = R @ rotation_about(up, _angle_about(up, axis, in_axes_of(R, wrist_axis)))
         self.frames[forearm] = R, elbow
         axes[f"{s}ElbowFlexion"], axes[f"{s}ForeArmPronation"] = bend, sign * up
 
-        left = perpendicular(R.T @ wrist_axis, up)
+        left = perpendicular(in_axes_of(R, wrist_axis), up)
         ahead = cross(left, up)
         axes[f"{s}WristFlexion"], axes[f"{s}HandAbduction"] = -left, -sign * ahead
-        tip = wrist - self.length["hand"] * (R @ up) if knuckle is None else knuckle
-        x, y, z = np.stack([ahead, left, up]) @ R.T @ unit(tip - wrist)
+        tip = wrist - self.length["hand"] * in_lab_axes(R, up) if knuckle is None else knuckle
+        along = in_axes_of(R, unit(tip - wrist))
+        x, y, z = (dot(axis, along)[..., 0] for axis in (ahead, left, up))
         R = R @ rotation_about(-left, np.arctan2(x, -z))
         R = R @ rotation_about(-sign * ahead, sign * np.arcsin(-y))
         self.frames[hand] = R, wrist
@@ -229,18 +235,19 @@ class _Builder:
 
         R = axes_from(knee_axis, hip - knee, exact="up")
         self.frames[thigh] = R, hip
-        bend = R.T @ knee_axis
-        R = R @ rotation_about(bend, _angle_about(bend, np.array(DOWN), R.T @ unit(ankle - knee)))
+        bend, along = in_axes_of(R, knee_axis), in_axes_of(R, unit(ankle - knee))
+        R = R @ rotation_about(bend, _angle_about(bend, np.array(DOWN), along))
         self.frames[shank] = R, knee
         axes[f"{s}KneeFlexion"] = bend
 
-        bend, along = R.T @ ankle_axis, self.axes[f"{side}_foot"]
-        R = R @ rotation_about(bend, _angle_about(bend, np.array(FORWARD), R.T @ along))
+        bend, foot_axis = in_axes_of(R, ankle_axis), self.axes[f"{side}_foot"]
+        along = in_axes_of(R, foot_axis)
+        R = R @ rotation_about(bend, _angle_about(bend, np.array(FORWARD), along))
         self.frames[foot] = R, ankle
         self.frames[toes] = R, at[f"{side}_toes"]
         axes[f"{s}AnklePlantarFlexion"] = bend
-        axes[f"{s}FootPronation"] = -sign * _subtalar(R.T @ along, sign)
-        axes[f"{s}ToeFlexion"] = R.T @ self.axes[f"{side}_toes"]
+        axes[f"{s}FootPronation"] = -sign * _subtalar(in_axes_of(R, foot_axis), sign)
+        axes[f"{s}ToeFlexion"] = in_axes_of(R, self.axes[f"{side}_toes"])
 
         self.ends(thigh, hip, knee, knee_axis)
         self.ends(shank, knee, ankle, knee_axis)

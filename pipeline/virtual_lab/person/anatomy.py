@@ -12,12 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
+from math import dist
 from typing import Final
 
 import numpy as np
 
 from hbm.segments import Sex
-from hbm.spatial import Array, axes_from, distance, perpendicular, rotation_about, unit
+from hbm.spatial import Array, axes_from, perpendicular, rotation_about, unit
 from pipeline.virtual_lab.person.body import LINKS, PARENT
 
 SIDES: Final = {"right": 1.0, "left": -1.0}
@@ -286,14 +287,14 @@ def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) ->
     front, back = points["mid_asis"], points["mid_psis"]
     across = at["LASIS"] - at["RASIS"]
     R = axes_from(across, np.cross(front - back, across), exact="left")
-    width, depth = float(np.linalg.norm(across)), distance(front, back)
+    width, depth = float(np.linalg.norm(across)), dist(front, back)
     for side, medial in SIDES.items():
         s = side[0].upper()
         knee, ankle = (
             at[s + (inner if s + inner in shown else outer)]
             for inner, outer in (("MEK", "LEK"), ("MM", "LM"))
         )
-        leg = distance(at[s + "ASIS"], knee) + distance(knee, ankle)
+        leg = dist(at[s + "ASIS"], knee) + dist(knee, ankle)
         hip = [
             -0.24 * depth - 0.0099 - SKIN_M,
             -medial * (0.28 * depth + 0.16 * width + 0.0079),
@@ -345,7 +346,7 @@ def _trunk_and_head(anatomy: Anatomy, at: Landmarks, sex: Sex, navel: float) -> 
 def _arm(anatomy: Anatomy, at: Landmarks, side: str, axes: Mapping[str, Array]) -> None:
     points, s, medial = anatomy.points, side[0].upper(), SIDES[side]
     thorax = anatomy.rotations["thorax"]
-    width = distance(at["LSHO"], at["RSHO"])
+    width = dist(at["LSHO"], at["RSHO"])
     shoulder = points[f"{side}_shoulder"] = at[s + "SHO"] - SHOULDER_DROP * width * thorax[:, 2]
     elbow, wrist, knuckle = points[f"{side}_elbow"], points[f"{side}_wrist"], at[s + "FIN"]
     points[f"{side}_knuckle"] = knuckle
@@ -394,7 +395,7 @@ def _leg(
     points, s, medial = anatomy.points, side[0].upper(), SIDES[side]
     pelvis, hip = anatomy.rotations["pelvis"], points[f"{side}_hip"]
     axis = {joint: unit(axes[f"{side}_{joint}"]) for joint in ("knee", "ankle", "toes")}
-    half = distance(at[s + "LEK"], at[s + "LM"])
+    half = dist(at[s + "LEK"], at[s + "LM"])
     if s + "MEK" not in shown:
         inward = hip - at[s + "GTRO"]
         points[f"{side}_knee"] = inside(at[s + "LEK"], hip, inward, KNEE_WIDTH * half)
@@ -453,7 +454,7 @@ def inside(marker: Array, proximal: Array, inward: Array, offset: float) -> Arra
     Kadaba et al. 1990 (J Orthop Res 8:383).
     """
     up = unit(proximal - marker)
-    share = offset / distance(proximal, marker)
+    share = offset / dist(proximal, marker)
     return np.asarray(
         marker + offset * (share * up + np.sqrt(1 - share**2) * perpendicular(inward, up))
     )

@@ -10,6 +10,7 @@ of their values (Rao et al. 2006, J Biomech 39:1531; Dumas et al. 2007, J Biomec
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from math import dist
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -19,7 +20,7 @@ import pandas as pd
 from hbm.coordinates import COORDINATES, INDEX, N_Q
 from hbm.markers import marker_sets
 from hbm.segments import Inertia, Sex
-from hbm.spatial import Array, axes_from, distance, rotation_about
+from hbm.spatial import Array, axes_from, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person import body
 from pipeline.virtual_lab.person.anatomy import (
@@ -149,7 +150,7 @@ third axis, which points outward, is."""
 def _de_leva(anatomy: Anatomy, segment: str) -> Placed:
     proximal, distal, lateral = anatomy.ends[segment]
     frame = axes_from(lateral, proximal - distal, exact="up")
-    return proximal, frame, distance(distal, proximal), "right"
+    return proximal, frame, dist(distal, proximal), "right"
 
 
 def _dumas(anatomy: Anatomy, segment: str, pelvis_m: float) -> Placed:
@@ -162,12 +163,12 @@ def _dumas(anatomy: Anatomy, segment: str, pelvis_m: float) -> Placed:
         origin, ahead = points[f"{side}_ankle"], tip - heel
         left = axes_from(lateral, np.cross(ahead, lateral), exact="up")[:, 1]
         frame = axes_from(left, np.cross(ahead, left), exact="up")
-        return origin, frame, distance(points[f"{side}_toes"], origin), side
+        return origin, frame, dist(points[f"{side}_toes"], origin), side
     if side in SIDES:
         _, distal, lateral = anatomy.ends[segment]
         origin = anatomy.origin(segment)
         frame = axes_from(lateral, origin - distal, exact="up")
-        return origin, frame, distance(distal, origin), side
+        return origin, frame, dist(distal, origin), side
     upper, lower = {
         "head": (points["vertex"], points["neck"]),
         "thorax": (points["neck"], points["mid_trunk"]),
@@ -175,7 +176,7 @@ def _dumas(anatomy: Anatomy, segment: str, pelvis_m: float) -> Placed:
     }[segment]
     frame = axes_from(anatomy.rotations[segment][:, 1], upper - lower, exact="up")
     origin = lower if segment == "head" else upper
-    return origin, frame, distance(upper, lower), "right"
+    return origin, frame, dist(upper, lower), "right"
 
 
 def _scaled(
