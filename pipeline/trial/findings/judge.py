@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hbm.coordinates import UP
+from hbm.signals.samples import median_of
 from hbm.spatial import (
     WRENCH_COMPONENTS,
     Array,
@@ -23,7 +24,7 @@ from hbm.spatial import (
     rotation_about,
     shift_wrench,
 )
-from pipeline.io.mended_plates import of_channels, reversing, turning
+from pipeline.io.mended_plates import reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
 from pipeline.trial.findings.finding import JudgedKind
 from pipeline.trial.ground.platform import QUANTILE_95
@@ -175,6 +176,12 @@ class View:
         Of each plate, with the numbers of their frames within ``frames``.
     wrenches
         Of each plate in its own axes about the centre of its surface, (U, 6).
+    to_lab
+        Of each plate: matrix by which these are multiplied, for lab axes about the lab origin.
+    to_residual
+        Of each plate, and each of the F frames, (F, 6, 6): for residuals in standard deviations.
+    to_channels, from_channels
+        Of each plate: about its transducer, where channels are, and back.
     whiten
         By which a residual (6,) about the pelvis has unit variance, (6, 6).
     mass_sd
@@ -188,6 +195,10 @@ class View:
     of_motion: Indices
     stances: tuple[Stances, ...]
     wrenches: tuple[Array, ...]
+    to_lab: tuple[Array, ...]
+    to_residual: tuple[Array, ...]
+    to_channels: tuple[Array, ...]
+    from_channels: tuple[Array, ...]
     whiten: Array
     mass_sd: float
     independent: float
@@ -209,13 +220,25 @@ class View:
             Stances.joined([stance for stance in stances if stance.plate == k], every)
             for k in range(len(evidence.plates))
         ]
+        whiten *= np.sqrt(independent / max(len(carried), 1))
+        places, pelvis = evidence.plates, evidence.pelvis[carried]
+        # wrenches are rows, so that what is done to those of unit size is the matrix of it
+        units = [rotate_wrench(np.eye(6), place.rotation) for place in places]
+        to_pelvis = [
+            shift_wrench(unit, (pelvis - place.center)[:, None])
+            for unit, place in zip(units, places, strict=True)
+        ]
         view = cls(
             evidence=evidence,
             frames=every,
             of_motion=np.searchsorted(every, carried),
             stances=tuple(of_plates),
             wrenches=(),
-            whiten=whiten * np.sqrt(independent / max(len(carried), 1)),
+            to_lab=tuple(shift_wrench(u, -p.center) for u, p in zip(units, places, strict=True)),
+            to_residual=tuple(shifted @ whiten for shifted in to_pelvis),
+            to_channels=tuple(shift_wrench(np.eye(6), place.transducer) for place in places),
+            from_channels=tuple(shift_wrench(np.eye(6), -place.transducer) for place in places),
+            whiten=whiten,
             mass_sd=MASS_SD[mass_is_stated],
             independent=6 * independent,
         )
@@ -236,10 +259,7 @@ class View:
 
     def measured(self, plate: int, wrench: Array) -> Array:
         """Give what a plate adds to that, (6 F,), of its wrench in its own axes, (U, 6)."""
-        rows, place = self.of_motion, self.evidence.plates[plate]
-        pelvis = self.evidence.pelvis[self.frames[rows]]
-        in_lab = rotate_wrench(wrench[rows], place.rotation)
-        return np.asarray((shift_wrench(in_lab, pelvis - place.center) @ self.whiten).ravel())
+        return np.asarray((wrench[self.of_motion, None] @ self.to_residual[plate]).ravel())
 
     def feet(self, plate: int, wrench: Array, signal: int | None = None) -> Array:
         """Give how far the pressure on a plate is from the feet, in standard deviations.
@@ -247,12 +267,10 @@ class View:
         Along, across and up, of the median stance of each foot. The stances are those at which the
         plate is loaded, or another one whose signal it has.
         """
-        place, weight_n = self.evidence.plates[plate], self.evidence.weight_n
         stances = self.stances[plate if signal is None else signal]
         if not len(stances.feet):
             return np.zeros(0)
-        in_lab = rotate_wrench(wrench[stances.rows], place.rotation)
-        in_lab = shift_wrench(in_lab, -place.center)
+        in_lab = wrench[stances.rows] @ self.to_lab[plate]
         apart = pressure(in_lab, stances.expected[:, 2]) - stances.expected
         # light loads have their pressure anywhere
         load = np.maximum(in_lab[:, 2], 1.0)
@@ -260,9 +278,9 @@ class View:
             stances.sums(load * (apart * axis).sum(axis=1)) / stances.sums(load) / deviation
             for axis, deviation in zip((stances.along, stances.left), FOOT_SD, strict=True)
         ]
-        away.append(stances.means(np.minimum(in_lab[:, 2] / weight_n, 0.0)) / DOWN_SD)
-        medians = [np.median(np.array(away)[:, stances.feet == k], axis=1) for k in {*stances.feet}]
-        deviations = np.nan_to_num(np.concatenate(medians))
+        away.append(stances.means(np.minimum(in_lab[:, 2] / self.evidence.weight_n, 0.0)) / DOWN_SD)
+        of_foot = (np.array(away)[:, stances.feet == k] for k in {*stances.feet})
+        deviations = np.nan_to_num([median_of(side) for values in of_foot for side in values])
         return np.asarray(np.clip(deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS))
 
 
@@ -365,28 +383,35 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
 
 def corrected(view: View, hypothesis: Hypothesis, size: Array) -> dict[int, Array]:
     """Give what the plates of a fault would measure without it, in their own axes, (U, 6)."""
-    if not hypothesis.plates:
-        return {}
-    k, what = hypothesis.plates[0], hypothesis.what
-    plate, wrench = view.evidence.plates[k], view.wrenches[k]
     match hypothesis.kind:
-        case "gain":
-            one = np.diag([float(name == what) for name in WRENCH_COMPONENTS])
-            return {k: of_channels(plate, np.eye(6) + size[0] * one, wrench)}
-        case "reversed":
-            return {k: of_channels(plate, reversing(what), wrench)}
-        case "turned":
-            return {k: of_channels(plate, turning(what), wrench)}
+        case "mass":
+            return {}
         case "exchanged":
             i, j = hypothesis.plates
             return {i: view.wrenches[j], j: view.wrenches[i]}
+        case "late" | "all_late":
+            return {k: view.at(k, float(size[0])) for k in hypothesis.plates}
+    (k,) = hypothesis.plates
+    return {k: view.wrenches[k] @ correcting(view, hypothesis, size)}
+
+
+def correcting(view: View, hypothesis: Hypothesis, size: Array) -> Array:
+    """Give the matrix by which the wrenches of a plate lose its fault, (6, 6)."""
+    (k,), what = hypothesis.plates, hypothesis.what
+    match hypothesis.kind:
         case "moved":
             # the same wrench acts at another place: its moment about the old one
-            return {k: shift_wrench(wrench, -np.array([*size, 0.0]))}
+            return shift_wrench(np.eye(6), -np.array([*size, 0.0]))
         case "askew":
-            turn = rotation_about(plate.rotation.T @ UP, float(size[0]))
-            return {k: rotate_wrench(wrench, turn)}
-    return {k: view.at(k, float(size[0])) for k in hypothesis.plates}
+            upright = view.evidence.plates[k].rotation.T @ UP
+            return rotate_wrench(np.eye(6), rotation_about(upright, float(size[0])))
+        case "gain":
+            channels = np.diag([1 + size[0] * (name == what) for name in WRENCH_COMPONENTS])
+        case "reversed":
+            channels = reversing(what)
+        case _:
+            channels = turning(what)
+    return np.asarray(view.to_channels[k] @ channels.T @ view.from_channels[k])
 
 
 def fit(view: View, hypothesis: Hypothesis) -> Fitted:
@@ -429,12 +454,12 @@ class _Comparison:
         values = self.view.independent + sum(map(len, self.feet))
         return float((values + FREEDOM) * np.log1p(score / FREEDOM))
 
-    def _left(self, hypothesis: Hypothesis | None, x: Array) -> Array:
-        """Give residual and feet with a body that is heavier by a share, and a fault of a size."""
-        residual = (1 + x[0]) * self.needed - self.together
+    def _left(self, hypothesis: Hypothesis | None, size: Array) -> Array:
+        """Give residual and feet without a fault of a size."""
+        residual = self.needed - self.together
         if hypothesis is None or not hypothesis.plates:
             return np.asarray(residual)
-        of_plates, view = corrected(self.view, hypothesis, x[1:]), self.view
+        of_plates, view = corrected(self.view, hypothesis, size), self.view
         for k in hypothesis.plates:
             residual = residual + self.measured[k] - view.measured(k, of_plates[k])
         signals = hypothesis.plates[::-1] if hypothesis.kind == "exchanged" else hypothesis.plates
@@ -452,19 +477,22 @@ class _Comparison:
         if hypothesis is not None and hypothesis.kind == "mass":
             mass_sd = WRONG_MASS_SD
         sd = np.array([mass_sd, *(() if hypothesis is None else hypothesis.sd)])
-        x = np.zeros(len(sd))
+        x, small = np.zeros(len(sd)), np.diag(1e-3 * sd[1:])
+        plain = self._left(hypothesis, x[1:])
+        # a body that is heavier by a share needs as much more; the feet stay
+        heavier = np.pad(self.needed, (0, len(plain) - len(self.needed)))
         for _ in range(STEPS if len(sd) > 1 else 1):
-            here = self._left(hypothesis, x)
-            small = np.diag(1e-3 * sd)
-            slopes = np.stack(
-                [(self._left(hypothesis, x + step) - here) / step.sum() for step in small], axis=1
-            )
+            slopes = [heavier]
+            for step in small:
+                slopes.append((self._left(hypothesis, x[1:] + step) - plain) / step.sum())
+            columns, here = np.stack(slopes, axis=1), plain + x[0] * heavier
             # Gauss and Newton, with what is usual before anything is seen
-            information = slopes.T @ slopes + np.diag(sd**-2.0)
-            step = np.linalg.solve(information, slopes.T @ here + x / sd**2)
+            information = columns.T @ columns + np.diag(sd**-2.0)
+            step = np.linalg.solve(information, columns.T @ here + x / sd**2)
             x = x - np.clip(step, -3 * sd, 3 * sd)
-        left = self._left(hypothesis, x)
+            plain = self._left(hypothesis, x[1:]) if len(sd) > 1 else plain
+        left = plain + x[0] * heavier
         score = float(left @ left + np.sum((x / sd) ** 2)) + others
         # a fault that may have many sizes is less likely to have this one
         spread = float(np.linalg.slogdet(information * np.outer(sd, sd))[1])
-        return x[1:], np.linalg.inv(information)[1:, 1:], score, spread
+        return x[1:], np.asarray(np.linalg.inv(information))[1:, 1:], score, spread
