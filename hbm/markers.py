@@ -5,9 +5,9 @@ Sets are tables, shipped with the package or a user's own, and are recognised by
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from itertools import groupby
 from os.path import commonprefix
 from shlex import quote
@@ -406,7 +406,12 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
     ValueError
         If the labels match no set; the message lists labels and the two nearest sets.
     """
-    names = list(names)
+    return _recognised(tuple(names))
+
+
+@lru_cache
+def _recognised(names: tuple[str, ...]) -> MarkerSet:
+    """Recognise the set of labels; the files of a study have the same ones."""
     if not names:
         raise ValueError("there are no markers; export the file again with their trajectories")
     sets = marker_sets().values()
@@ -443,7 +448,7 @@ def _short_of(chosen: MarkerSet, names: Iterable[str], part: str = LOWER_BODY) -
     return len(_absent(needed, names)) > (1 - MIN_SHARE_OF_PART) * len(needed) or not needed
 
 
-def _mismatch(names: list[str]) -> str:
+def _mismatch(names: Sequence[str]) -> str:
     """Say which labels there are, what the two nearest sets lack, and what to do."""
     sets = [each for each in marker_sets().values() if _legs_shown(each, names)]
     nearest: list[MarkerSet] = []
@@ -463,7 +468,7 @@ def _mismatch(names: list[str]) -> str:
     return f"{seen}; {found}; {' '.join(['try', *options]) if options else REMEDY}"
 
 
-def _lacking(chosen: MarkerSet, names: list[str]) -> str:
+def _lacking(chosen: MarkerSet, names: Sequence[str]) -> str:
     """Say how many markers of a set's pelvis and legs are there, and which are not."""
     needed = _needed(chosen)
     absent = sorted(marker.labels[0] for marker in _absent(needed, names))
@@ -530,18 +535,24 @@ def _meanings() -> Mapping[str, set[tuple[str, str | None]]]:
 
 def usual_landmarks(names: Iterable[str]) -> dict[str, str]:
     """Give landmark -> label of three letters or more, as a set means one with the same letters."""
-    usual: dict[str, str] = {}
-    for label, meanings in _meanings().items():
-        for landmark in sorted(mark for _, mark in meanings if mark and len(label) > 2):
-            usual.setdefault(_letters(label), landmark)
     marked: dict[str, str] = {}
     for name in names:
-        if mark := usual.get(_letters(name)):
+        if mark := _landmark_of_letters().get(_letters(name)):
             marked.setdefault(mark, name)
     return marked
 
 
-def _completed(chosen: MarkerSet, names: list[str]) -> MarkerSet:
+@cache
+def _landmark_of_letters() -> dict[str, str]:
+    """Give the letters of labels -> the landmark that sets mean by them."""
+    usual: dict[str, str] = {}
+    for label, meanings in _meanings().items():
+        for landmark in sorted(mark for _, mark in meanings if mark and len(label) > 2):
+            usual.setdefault(_letters(label), landmark)
+    return usual
+
+
+def _completed(chosen: MarkerSet, names: Sequence[str]) -> MarkerSet:
     """Add other sets' markers of trunk, head and arms where the chosen set's are not there."""
     parts = {part for part in UPPER_PARTS.values() if _short_of(chosen, names, part)}
     known = {label.casefold() for marker in chosen.markers for label in marker.labels}
