@@ -16,6 +16,7 @@ from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 
 QUANTILE_95: Final = 1.96
+"""Half of a 95 % interval, in standard deviations."""
 RIGID_DIRECTIONS: Final = 5
 """Of sway and pitch: ``f₀``, the angular acceleration and the angular velocity squared."""
 NOISE_BAND: Final = (2.0, 0.4)

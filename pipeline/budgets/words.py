@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import Array
 from hbm.spelling import listed, written
 from pipeline.explain.budget import (
-    NORMAL_95,
     Budget,
     EstimatedCause,
     SharedCause,
@@ -99,7 +99,7 @@ def how_to_tell_apart(names: Sequence[str]) -> tuple[str, ...]:
 def size_in_words(cause: EstimatedCause) -> str:
     """Give the size of a cause with its 95 % interval, such as "9.1 ± 5.7 ms"."""
     factor, unit = SHOWN_UNITS.get(cause.unit, (1.0, cause.unit))
-    size, half = factor * cause.size, factor * NORMAL_95 * cause.deviation
+    size, half = factor * cause.size, factor * QUANTILE_95 * cause.deviation
     digits = 2 if half < 0.95 else 1 if half < 9.5 else 0
     return f"{written(size, f'z.{digits}f')} ± {half:.{digits}f} {unit}"
 
@@ -277,7 +277,7 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
 
 def _share(share: float, deviation: float) -> str:
     """Write a share with its 95 % interval, where that is not 0."""
-    half, text = 100 * NORMAL_95 * deviation, written(100 * share, "z.0f")
+    half, text = 100 * QUANTILE_95 * deviation, written(100 * share, "z.0f")
     return f"{text} ± {half:.0f}" if half >= 0.5 else text
 
 
@@ -293,7 +293,7 @@ def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
         named = listed(sorted(unknown))
         yield f"Not determined by this trial, {count} of {len(faults)} possible faults: {named}."
     for group in budget.groups:
-        surely = group.share - NORMAL_95 * group.deviation
+        surely = group.share - QUANTILE_95 * group.deviation
         axis = int(surely.argmax())
         if {*group.groups} <= UNSEEN and surely[axis] > 0:
             name, share = group_name(group.groups), _share(group.share[axis], group.deviation[axis])

@@ -8,6 +8,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator
 
+from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import Array, Indices, read_only
 from pipeline.explain.sizes import Evidence, Stored
 from pipeline.trial.residuals import AXES
@@ -30,8 +31,6 @@ def _of_axes(stored: object) -> Array:
 
 ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
 """Numbers of the six axes, (6,), or of N draws, (N, 6); in JSON they are named."""
-NORMAL_95: Final = 1.96
-"""Half of a 95 % interval, in standard deviations."""
 TOLD: Final = (0.8, 3.0)
 """Of a usual size, to which the deviation of what is usually there and of a fault has to shrink:
 of a fault half of it before the trial is looked at. What is usually there, as soft tissue is, would
@@ -94,7 +93,7 @@ class EstimatedCause:
     @property
     def is_certain(self) -> bool:
         """Whether it is there, its 95 % interval excludes zero, and the trial tells so."""
-        there = self.chance > CERTAIN and abs(self.size) > NORMAL_95 * self.deviation
+        there = self.chance > CERTAIN and abs(self.size) > QUANTILE_95 * self.deviation
         return there and (self.is_told or self.group == "delay")
 
 
@@ -113,8 +112,8 @@ def alike_in_plates(causes: Iterable[EstimatedCause]) -> dict[str, list[Estimate
 
 def _alike(causes: list[EstimatedCause]) -> bool:
     """Whether each is likely, and the 95 % intervals of all have a part in common."""
-    low = max(cause.size - NORMAL_95 * cause.deviation for cause in causes)
-    high = min(cause.size + NORMAL_95 * cause.deviation for cause in causes)
+    low = max(cause.size - QUANTILE_95 * cause.deviation for cause in causes)
+    high = min(cause.size + QUANTILE_95 * cause.deviation for cause in causes)
     return low <= high and all(cause.chance > LIKELY for cause in causes)
 
 

@@ -7,9 +7,10 @@ from typing import Final
 
 import numpy as np
 
+from compensation.inertia.sensors import QUANTILE_95
 from hbm.notes import Note
 from hbm.spatial import Array
-from pipeline.explain.budget import NORMAL_95, Budget, EstimatedCause, GroupShare
+from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from pipeline.explain.cause import OF_PERSON
 from pipeline.explain.joint import trial_evidence
 from pipeline.explain.linearise import (
@@ -76,7 +77,7 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
 
     residual, effects = chain.residual[counts], model.effects[:, counts]
     whole, middle = rms(residual), uncertainty[-1].rms
-    half = NORMAL_95 * uncertainty[-1].deviation
+    half = QUANTILE_95 * uncertainty[-1].deviation
     groups, unexplained = _shares(model, posterior, residual, left[counts])
     estimated = [
         EstimatedCause(
@@ -257,7 +258,7 @@ def indistinct(shares: Shares, together: Sequence[Sequence[int]]) -> list[list[i
         covariance = joined.covariance.mean(axis=0)
         spread = np.sqrt(np.diag(covariance))
         size = np.sqrt((joined.share**2).mean(axis=1))
-        unsure = np.where(size < NORMAL_95 * spread, spread, 0.0)
+        unsure = np.where(size < QUANTILE_95 * spread, spread, 0.0)
         doubted = np.minimum.outer(unsure, unsure) > MIN_DOUBT
         product = np.maximum(np.outer(spread, spread), MIN_DOUBT**2)
         correlation = np.where(doubted, covariance / product, 0.0)

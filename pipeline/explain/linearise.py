@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
+from compensation.inertia.sensors import QUANTILE_95
 from hbm.segments import SegmentOverride
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import Array, Mask
-from pipeline.explain.budget import NORMAL_95
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.body import body_causes, soft_tissue_causes
 from pipeline.explain.causes.markers import marker_causes
@@ -240,7 +240,7 @@ def explained_part(
     if not len(phases):
         phases = np.array([[spans[0, 0], spans[0, 0] + CYCLE_S]])
     causes = (
-        *plate_causes(chain, (result.delay_s, result.delay_uncertainty_s / NORMAL_95)),
+        *plate_causes(chain, (result.delay_s, result.delay_uncertainty_s / QUANTILE_95)),
         *platform_causes(chain),
         *compensation_causes(chain),
         *body_causes(chain),

@@ -4,8 +4,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import Array
-from pipeline.explain.budget import NORMAL_95, Bands
+from pipeline.explain.budget import Bands
 from pipeline.figures.residuals import label_panels, legend_below, six_panels
 from pipeline.figures.style import BAND_OPACITY, PALETTE, STYLE
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
@@ -31,7 +32,7 @@ def bands_figure(bands: Bands, name: str) -> Figure:
     spans = _spans(bands)
     mean, between = mean_and_sd(normalise(bands.time, bands.residual, spans))
     variance = normalise(bands.time, bands.deviation**2, spans)
-    half = NORMAL_95 * np.sqrt(np.nanmean(variance, axis=0))
+    half = QUANTILE_95 * np.sqrt(np.nanmean(variance, axis=0))
     percent = np.linspace(0, 100, len(mean))
     with mpl.rc_context(STYLE):
         figure, panels = six_panels()

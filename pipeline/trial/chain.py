@@ -30,6 +30,7 @@ from pipeline.trial.checks import MarkerChecks, check_markers
 from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 from pipeline.trial.findings.judge import Fitted, judge_plates
 from pipeline.trial.findings.raw import RawFault, raw_faults
+from pipeline.trial.findings.zeros import readings_without_load
 from pipeline.trial.gait.detection import detect_events, foot_motion, plate_events
 from pipeline.trial.gait.events import FoundEvents, Swings, choose_method, foot_swings
 from pipeline.trial.ground.laboratory import (
@@ -81,10 +82,11 @@ DEPENDS_ON: Final[Mapping[str, str]] = {
     "moves": "trial body laboratory",
     "loads": f"body pose ground contacts settings.contact_threshold_n {FILTER}",
     "settling": f"laboratory {FILTER}",
-    "quality": f"body pose ground loads settling settings.contact_threshold_n {FILTER}",
+    "unloaded": "body ground recording.markers",
+    "quality": f"body pose ground loads unloaded settling settings.contact_threshold_n {FILTER}",
     "labels": "body trial static.markers",
     "delay": f"loads ground quality {FILTER}",
-    "evidence": f"body pose ground loads quality {FILTER}",
+    "evidence": f"body pose ground loads unloaded quality {FILTER}",
     "raw_faults": "recording.plates",
     "judged": "mass evidence ground moves labels raw_faults",
     "carried_kg": "judged evidence",
@@ -286,6 +288,13 @@ class Chain:
             self.body, self.pose, self.ground, self.settings, contacts, self.jobs
         )
 
+    @cached_property
+    def unloaded(self) -> tuple[Array | None, ...]:
+        """What each plate reads when nobody is on it, (6,), lab axes about its centre."""
+        ground, weight_n = self.ground, self.body.mass * GRAVITY_MPS2
+        best = ground.variants[ground.best]
+        return readings_without_load(ground.plates, best, self.time, weight_n)
+
     # What of it is known
 
     @cached_property
@@ -296,7 +305,7 @@ class Chain:
     @cached_property
     def quality(self) -> Indices:
         """In which frames pose and support are known and filters have settled, (T,)."""
-        stages = self.body, self.pose, self.ground, self.loads
+        stages = self.body, self.pose, self.ground, self.loads, self.unloaded
         return frame_quality(*stages, self.settings, self.settling)
 
     @property
@@ -319,8 +328,17 @@ class Chain:
         """What motion and feet say about the load of the plates."""
         ground, pose = self.ground, self.pose
         residual = self.loads.dynamics[ground.best].residual
-        loaded = ground.plates, ground.variants[ground.best], residual, self.counts
-        return Evidence.of(self.body, pose.motion, pose.solved, *loaded, self.settings)
+        return Evidence.of(
+            self.body,
+            pose.motion,
+            pose.solved,
+            ground.plates,
+            ground.variants[ground.best],
+            self.unloaded,
+            residual,
+            self.counts,
+            self.settings,
+        )
 
     @cached_property
     def raw_faults(self) -> tuple[RawFault, ...]:

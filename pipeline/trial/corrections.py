@@ -78,8 +78,7 @@ def _of_samples(chain: Chain) -> Iterator[Finding]:
 
 def _of_zeros(chain: Chain) -> Iterator[Finding]:
     """Give plates that are not zero without load, and what subtracting it does."""
-    wrenches = chain.ground.variants[chain.ground.best]
-    wrong = wrong_zeros(chain.trial.plates, wrenches, chain.time, chain.mass.mass_kg)
+    wrong = wrong_zeros(chain.trial.plates, chain.unloaded)
     if wrong is not None:
         finding, mendings = wrong
         correction = try_mendings(chain, mendings) if mendings else None

@@ -21,10 +21,9 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.signals.filtering import acceleration_lag_s, longest_gap_s, low_pass, over_short_gaps
 from hbm.signals.samples import without_short_gaps
-from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
+from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import PlateContact, Settings
 from pipeline.trial.checks import OF_LEGS, known_frames, shown_frames
-from pipeline.trial.findings.zeros import rest_level
 from pipeline.trial.gait.carried import Support, places_of
 from pipeline.trial.gait.contact import (
     FEET,
@@ -136,6 +135,7 @@ def frame_quality(
     pose: Pose,
     ground: Ground,
     loads: Loads,
+    unloaded: Sequence[Array | None],
     settings: Settings,
     settling: tuple[float, float],
 ) -> Indices:
@@ -153,7 +153,7 @@ def frame_quality(
             Quality.POSE_UNKNOWN: ~known & ~lost,
             Quality.LIMB_UNSEEN: held,
             Quality.FORCES_UNKNOWN: ~ground.known,
-            Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, settings),
+            Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, unloaded, settings),
             Quality.SETTLING: ~settled_frames(gapless, motion.time, settling),
             Quality.FOOT_UNCERTAIN: _foot_uncertain(ground, loads, settings, motion.time),
             Quality.BRIDGED: lost,
@@ -175,15 +175,21 @@ def _foot_uncertain(ground: Ground, loads: Loads, settings: Settings, time: Arra
     return np.asarray(filtered > MAX_UNCERTAIN_N)
 
 
-def _carried(body: Body, motion: Motion, ground: Ground, loads: Loads, settings: Settings) -> Mask:
+def _carried(
+    body: Body,
+    motion: Motion,
+    ground: Ground,
+    loads: Loads,
+    unloaded: Sequence[Array | None],
+    settings: Settings,
+) -> Mask:
     """Find the frames in which the plates carry the subject, (T,), by `Support`.
 
     What plates read at rest does not count, but in real time.
     """
     best, at_rest = ground.variants[ground.best], None
     if settings.filter != "realtime":
-        weight_n = body.mass * GRAVITY_MPS2
-        at_rest = np.array([rest_level(w[:, 2], motion.time, weight_n) or 0.0 for w in best])
+        at_rest = np.array([0.0 if zero is None else zero[2] for zero in unloaded])
     support = Support(body, [plate.corners for plate in ground.plates], settings, at_rest)
     platform = None if ground.pose is None else (ground.pose.rotation, ground.pose.position)
     feet = support.feet(motion.time, places_of(body, motion.q), platform)

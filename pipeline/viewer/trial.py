@@ -9,11 +9,12 @@ import numpy as np
 import pandas as pd
 import rerun as rr
 
+from compensation.inertia.sensors import QUANTILE_95
 from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from hbm.notes import provenance, warnings_of
 from hbm.spatial import Array
-from pipeline.explain.budget import NORMAL_95, Bands
+from pipeline.explain.budget import Bands
 from pipeline.figures.joints import LEG
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import in_style
@@ -183,7 +184,7 @@ def _ends_of_bands(bands: Bands, time: Array) -> dict[str, Array]:
     ends = {}
     for name, sign in (("95 % low", -1), ("95 % high", 1)):
         ends[name] = np.full((len(time), len(AXES)), np.nan)
-        ends[name][frames] = bands.residual + sign * NORMAL_95 * bands.deviation
+        ends[name][frames] = bands.residual + sign * QUANTILE_95 * bands.deviation
     return ends
 
 

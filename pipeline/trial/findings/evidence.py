@@ -15,7 +15,6 @@ from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.trial.findings.zeros import zero_of
 from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import FEET
 
@@ -97,6 +96,7 @@ class Evidence:
         solved: Motion,
         plates: Sequence[Plate],
         wrenches: Sequence[Array],
+        unloaded: Sequence[Array | None],
         residual: Array,
         carried: Mask,
         settings: Settings,
@@ -110,8 +110,7 @@ class Evidence:
         needed = residual + shift_wrench(filtered.sum(axis=0), pelvis)
         known = carried & np.isfinite(needed).all(axis=1)
         # what plates read without load is judged by itself
-        for plate, raw, wrench in zip(plates, every, filtered, strict=True):
-            zero = zero_of(shift_wrench(raw, plate.center), time, weight_n)
+        for plate, zero, wrench in zip(plates, unloaded, filtered, strict=True):
             if zero is not None:
                 wrench -= shift_wrench(zero, -plate.center)
         deviation = weight_n * HEALTHY_SD * np.repeat([1.0, body.height_m], 3)

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from compensation.inertia.sensors import QUANTILE_95
 from hbm.coordinates import UP
 from hbm.signals.samples import median_of
 from hbm.spatial import (
@@ -27,7 +28,6 @@ from hbm.spatial import (
 from pipeline.io.mended_plates import reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
 from pipeline.trial.findings.finding import JudgedKind
-from pipeline.trial.ground.platform import QUANTILE_95
 
 LIMIT: Final = 7.0
 """Fall of the score that names a fault (twice a logarithm of odds): of 61 healthy recordings none

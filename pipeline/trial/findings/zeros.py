@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, rotate_wrench, shift_wrench
+from hbm.spatial import WRENCH_COMPONENTS, Array, rotate_wrench, shift_wrench
 from hbm.spelling import written
 from pipeline.io.recording import Plate
 from pipeline.trial.findings.finding import Finding
@@ -29,7 +29,7 @@ MIN_ZERO: Final = np.array([5.0, 5.0, 1.0, 2.5, 2.5, 2.5])
 
 
 def wrong_zeros(
-    plates: Sequence[Plate], wrenches: Sequence[Array], time: Array, mass_kg: float
+    plates: Sequence[Plate], readings: Sequence[Array | None]
 ) -> tuple[Finding, tuple[str, ...]] | None:
     """Find plates that are not zero when nobody is on them.
 
@@ -37,13 +37,8 @@ def wrong_zeros(
     ----------
     plates
         Of the trial.
-    wrenches
-        Per plate, action on the subject in lab axes at T times, without what a moving platform
-        adds, (T, 6) [N, N·m].
-    time
-        (T,) [s].
-    mass_kg
-        Body mass.
+    readings
+        Of each, as `readings_without_load` gives them.
 
     Returns
     -------
@@ -53,8 +48,7 @@ def wrong_zeros(
         or another component is more than 10 N or 5 N·m from zero.
     """
     rest_n, others, mendings = dict[int, float](), list[str](), list[str]()
-    for plate, wrench in zip(plates, wrenches, strict=True):
-        reading = zero_of(shift_wrench(wrench, plate.center), time, mass_kg * GRAVITY_MPS2)
+    for plate, reading in zip(plates, readings, strict=True):
         if reading is not None:
             rest_n[plate.number] = float(reading[2])
             others += _components(plate, reading)
@@ -79,11 +73,20 @@ def _mendings(plate: Plate, reading: Array) -> Iterator[str]:
         yield f"{plate.number}: zero {WRENCH_COMPONENTS[k]} {in_plate[k]:.1f}"
 
 
-def zero_of(wrench: Array, time: Array, weight_n: float) -> Array | None:
-    """Give what a plate reads when nobody is on it, (6,), of its wrench about its centre, (T, 6).
+def readings_without_load(
+    plates: Sequence[Plate], wrenches: Sequence[Array], time: Array, weight_n: float
+) -> tuple[Array | None, ...]:
+    """Give what each plate reads when nobody is on it, (6,), lab axes about its centre.
 
-    None where it is always loaded; the other components are zero where they are not known.
+    None where it is always loaded; other components are zero where only the vertical force is
+    known. The wrenches are the action on the subject in lab axes at T times, without what a moving
+    platform adds, (T, 6) [N, N·m].
     """
+    about_centers = (shift_wrench(w, p.center) for p, w in zip(plates, wrenches, strict=True))
+    return tuple(_reading(wrench, time, weight_n) for wrench in about_centers)
+
+
+def _reading(wrench: Array, time: Array, weight_n: float) -> Array | None:
     level = rest_level(wrench[:, 2], time, weight_n)
     if level is None:
         return None

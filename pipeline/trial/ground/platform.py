@@ -8,6 +8,7 @@ import numpy as np
 
 import compensation
 from compensation import Delay, PlatformPose
+from compensation.inertia.sensors import QUANTILE_95
 from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.signals.samples import stretches, without_short_gaps
@@ -224,7 +225,6 @@ def _commanded_pose(
     return PlatformPose(rotation, position), (Note.of("platform_pose", source=source),)
 
 
-QUANTILE_95: Final = 1.96
 MAX_ERROR_S: Final = 0.002
 """Standard error above which a delay is not worth stating."""
 MIN_BEYOND_S: Final = 0.001

@@ -21,10 +21,10 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from compensation.inertia.sensors import QUANTILE_95
 from hbm.coordinates import INDEX, TREE
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Settings, Treadmill
-from pipeline.explain.budget import NORMAL_95
 from pipeline.explain.causes.markers import BELOW_TRUNK, marker_causes
 from pipeline.explain.linearise import CYCLE_S, explained_part, result_chain, rms
 from pipeline.explain.uncertainty import measured_uncertainty, noise_of_samples
@@ -88,10 +88,10 @@ def row(base: Base) -> dict[str, Array]:
     residual, marked = chain.residual[frames], more.residual[frames]
     seen = np.isfinite(marked).all(axis=1)
     by_causes = changed_by_causes(chain, more, cycles)[frames][seen]
-    within = np.abs(rms(marked[seen]) - interval.rms) <= NORMAL_95 * interval.deviation
+    within = np.abs(rms(marked[seen]) - interval.rms) <= QUANTILE_95 * interval.deviation
     return {
         "frames whose band holds, %": 100
-        * (np.abs(residual) <= NORMAL_95 * bands.deviation).mean(axis=0),
+        * (np.abs(residual) <= QUANTILE_95 * bands.deviation).mean(axis=0),
         "walks whose RMS holds, %": 100.0 * within,
         "changed, by the causes": (unit * rms(np.nan_to_num(by_causes))) ** 2,
         "changed, truly": (unit * rms(residual[seen] - marked[seen])) ** 2,

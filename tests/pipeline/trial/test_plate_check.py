@@ -12,7 +12,7 @@ from pipeline.trial.checks import plates_apart
 from pipeline.trial.findings.finding import Finding
 from pipeline.trial.findings.raw import raw_faults
 from pipeline.trial.findings.words import note_of
-from pipeline.trial.findings.zeros import rest_level, wrong_zeros
+from pipeline.trial.findings.zeros import readings_without_load, rest_level, wrong_zeros
 from tests.pipeline.trial.standing import WEIGHT_N, standing
 
 MASS_KG = 80.0
@@ -39,7 +39,7 @@ def check(recording):
     """What is found of plates at rest, of their samples, and of their times."""
     time, plates = recording.markers.time, recording.plates
     wrenches = [resample(plate.time, plate.wrench, time) for plate in plates]
-    zeros = wrong_zeros(plates, wrenches, time, MASS_KG)
+    zeros = wrong_zeros(plates, readings_without_load(plates, wrenches, time, WEIGHT_N))
     findings = [] if zeros is None else [zeros[0]]
     lost = [fault for fault in raw_faults(plates) if fault.kind == "lost"]
     findings += [Finding(fault.kind, (fault.plate,), channels=(fault,)) for fault in lost]
