@@ -1,5 +1,6 @@
 """The delay of force plates behind markers, from the motion of the subject's own body."""
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -7,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from compensation.delay import Delay
 from hbm.signals.filtering import oscillation
-from hbm.signals.resampling import interpolate
+from hbm.signals.resampling import interpolant
 from hbm.spatial import Array, Mask
 
 MAX_DELAY_S: Final = 0.15
@@ -118,9 +119,9 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     tissue = soft_tissue(motion, time)
     wanted = motion + tissue
     delay_s = step_s * _nearest_lag(plate, wanted, int(MAX_DELAY_S // step_s))
-    scale = np.full(3, np.inf)
+    plate_at, scale = interpolant(time, plate), np.full(3, np.inf)
     for _ in range(MAX_STEPS):
-        step, error_s, scale = _step(plate, wanted, tissue, time, delay_s, scale)
+        step, error_s, scale = _step(plate_at, wanted, tissue, time, delay_s, scale)
         delay_s += float(np.clip(step, -step_s, step_s))
         if abs(step) < STEP_TOLERANCE * step_s or abs(delay_s) > MAX_DELAY_S - step_s:
             break
@@ -172,7 +173,12 @@ def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
 
 
 def _step(
-    plate: Array, wanted: Array, tissue: Array, time: Array, delay_s: float, scale: Array
+    plate_at: Callable[[Array], Array],
+    wanted: Array,
+    tissue: Array,
+    time: Array,
+    delay_s: float,
+    scale: Array,
 ) -> tuple[float, float, Array]:
     """Give how much later the plates are than `delay_s` says [s].
 
@@ -181,7 +187,7 @@ def _step(
     """
     step_s = float(np.median(np.diff(time)))
     around = delay_s + SLOPE_STEP * step_s * np.array([-1.0, 0.0, 1.0])
-    before, late, after = np.moveaxis(interpolate(time, plate, time[:, None] + around), 1, 0)
+    before, late, after = np.moveaxis(plate_at(time[:, None] + around), 1, 0)
     used = np.isfinite(before + late + after + wanted).all(axis=1)
     independent = _independent(used, step_s)
     left = (wanted - late)[used]
