@@ -167,8 +167,8 @@ def _exact_limit(side: Array, step_s: float) -> Mask | None:
     top = float(side.max())
     # converters know a channel in steps, no longer than the shortest from sample to sample
     values = np.round(side / (FINEST * top))
-    changes = np.abs(np.diff(values))
-    longest = FINEST * top * float(changes[changes > 0].min())
+    between = np.abs(np.diff(values))
+    longest = FINEST * top * float(between[between > 0].min())
     if np.count_nonzero(side >= top - 1.5 * longest) < min(FLAT_SAMPLES):
         return None
     step = FINEST * top * float(np.diff(np.unique(values)).min())
@@ -221,8 +221,8 @@ def _blurred_limit(side: Array, step_s: float) -> Mask | None:
         inside = np.searchsorted(high, high + 2 * width) - np.arange(len(high))
         level = high[int(np.argmax(inside))] + width
         runs = stretches(side > level / 2)
-        inside = (runs[:, 0] > 0) & (runs[:, 1] < len(side))
-        runs = runs[inside & (np.diff(runs)[:, 0] * step_s < STANDS_S)]
+        whole = (runs[:, 0] > 0) & (runs[:, 1] < len(side))
+        runs = runs[whole & (np.diff(runs)[:, 0] * step_s < STANDS_S)]
         # samples of each contact that are at the limit and near it
         away = np.abs(side - level)
         at, near = away <= width, away <= 4 * width
