@@ -197,11 +197,9 @@ def _step(
     left, columns = (x - _mean(x, weight)[..., None, :] for x in (left, columns))
     scale = _size(left) if np.isinf(scale).all() else scale
     per_frame = weight * independent / len(left) / np.maximum(scale, NOISE_FLOOR_N) ** 2
-    information = np.einsum("itk,jtk,tk->ij", columns, columns, per_frame)
-    information += np.diag(USUAL**-2.0)
-    score = np.einsum("itk,tk,tk->ik", columns, left, per_frame)
-    covariance = np.linalg.inv(information)
-    size = covariance @ score.sum(axis=1)
+    flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
+    covariance = np.linalg.inv(weighted @ flat.T + np.diag(USUAL**-2.0))
+    size = covariance @ (weighted @ left.ravel())
     rest = left - np.tensordot(size, columns, 1)
     alone = np.tensordot(covariance[0] / covariance[0, 0], columns, 1)
     of_axis = np.einsum("tk,tk->k", alone**2, per_frame)

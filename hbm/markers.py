@@ -175,7 +175,11 @@ class MarkerSet:
         """
         spelt = _spelling(names)
         shown = [(m, next(filter(None, map(spelt, m.labels)), None)) for m in self.markers]
-        markers = tuple(replace(m, labels=(label,)) for m, label in shown if label is not None)
+        markers = tuple(
+            m if m.labels == (label,) else replace(m, labels=(label,))
+            for m, label in shown
+            if label is not None
+        )
         return replace(self, markers=markers)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -88,6 +89,12 @@ def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sit
     The set is by default the shipped one that the labels belong to; usual labels show the landmarks
     that it lacks.
     """
+    return _sites(tuple(names), marker_set)
+
+
+@lru_cache
+def _sites(names: tuple[str, ...], marker_set: MarkerSet | None) -> Sites:
+    """Find the sites; the recordings of a study have the same labels."""
     column, no_set = {name: k for k, name in enumerate(names)}, ""
     try:
         of_set = (marker_set or recognise_marker_set(names)).present(names).landmark
