@@ -120,8 +120,9 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     wanted = motion + tissue
     delay_s = step_s * _nearest_lag(plate, wanted, int(MAX_DELAY_S // step_s))
     plate_at, scale = interpolant(time, plate), np.full(3, np.inf)
+    of_frames = [x[np.isfinite(wanted).all(axis=1)] for x in (wanted, tissue, time)]
     for _ in range(MAX_STEPS):
-        step, error_s, scale = _step(plate_at, wanted, tissue, time, delay_s, scale)
+        step, error_s, scale = _step(plate_at, *of_frames, step_s, delay_s, scale)
         delay_s += float(np.clip(step, -step_s, step_s))
         if abs(step) < STEP_TOLERANCE * step_s or abs(delay_s) > MAX_DELAY_S - step_s:
             break
@@ -162,12 +163,12 @@ def _independent(used: Mask, step_s: float) -> float:
 
 def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
     """Give the lag of the plates, in frames, at which forces (T, 3) agree best but for offsets."""
-    spreads = {}
+    spreads, known = {}, np.count_nonzero(np.isfinite(plate + wanted).all(axis=1))
     for lag in sorted(range(-reach, reach + 1), key=abs):  # of those that agree alike, the shortest
         late = plate[max(lag, 0) : len(plate) + min(lag, 0)]
         difference = late - wanted[max(-lag, 0) : len(wanted) - max(lag, 0)]
         difference = difference[np.isfinite(difference).all(axis=1)]
-        if 2 * len(difference) > np.count_nonzero(np.isfinite(plate + wanted).all(axis=1)):
+        if 2 * len(difference) > known:
             spreads[lag] = np.abs(difference - np.median(difference, axis=0)).mean()
     return min(spreads, key=spreads.__getitem__)
 
@@ -177,6 +178,7 @@ def _step(
     wanted: Array,
     tissue: Array,
     time: Array,
+    step_s: float,
     delay_s: float,
     scale: Array,
 ) -> tuple[float, float, Array]:
@@ -185,7 +187,6 @@ def _step(
     With its standard error [s], and the size of what is left in each axis, (3,) [N], which the next
     step is given; infinite in the first.
     """
-    step_s = float(np.median(np.diff(time)))
     around = delay_s + SLOPE_STEP * step_s * np.array([-1.0, 0.0, 1.0])
     before, late, after = np.moveaxis(plate_at(time[:, None] + around), 1, 0)
     used = np.isfinite(before + late + after + wanted).all(axis=1)

@@ -5,7 +5,7 @@ than human posture does: it holds the coordinate near neutral, the trunk near up
 There the optimum is the most probable pose; elsewhere no prior pulls.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
