@@ -1,6 +1,5 @@
 """The delay of force plates behind markers, from the motion of the subject's own body."""
 
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -8,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from compensation.delay import Delay
 from hbm.signals.filtering import oscillation
-from hbm.signals.resampling import interpolant
+from hbm.signals.resampling import Signal, interpolant
 from hbm.spatial import Array, Mask
 
 MAX_DELAY_S: Final = 0.15
@@ -119,10 +118,14 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     tissue = soft_tissue(motion, time)
     wanted = motion + tissue
     delay_s = step_s * _nearest_lag(plate, wanted, int(MAX_DELAY_S // step_s))
-    plate_at, scale = interpolant(time, plate), np.full(3, np.inf)
-    of_frames = [x[np.isfinite(wanted).all(axis=1)] for x in (wanted, tissue, time)]
+    scale, spline = np.full(3, np.inf), interpolant(time, plate)
+    wanted, tissue, seen_at = (x[np.isfinite(wanted).all(axis=1)] for x in (wanted, tissue, time))
+
+    def plate_at(later_s: Array) -> Array:
+        return spline(seen_at[:, None] + later_s)
+
     for _ in range(MAX_STEPS):
-        step, error_s, scale = _step(plate_at, *of_frames, step_s, delay_s, scale)
+        step, error_s, scale = _step(plate_at, wanted, tissue, step_s, delay_s, scale)
         delay_s += float(np.clip(step, -step_s, step_s))
         if abs(step) < STEP_TOLERANCE * step_s or abs(delay_s) > MAX_DELAY_S - step_s:
             break
@@ -174,13 +177,7 @@ def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
 
 
 def _step(
-    plate_at: Callable[[Array], Array],
-    wanted: Array,
-    tissue: Array,
-    time: Array,
-    step_s: float,
-    delay_s: float,
-    scale: Array,
+    plate_at: Signal, wanted: Array, tissue: Array, step_s: float, delay_s: float, scale: Array
 ) -> tuple[float, float, Array]:
     """Give how much later the plates are than `delay_s` says [s].
 
@@ -188,7 +185,7 @@ def _step(
     step is given; infinite in the first.
     """
     around = delay_s + SLOPE_STEP * step_s * np.array([-1.0, 0.0, 1.0])
-    before, late, after = np.moveaxis(plate_at(time[:, None] + around), 1, 0)
+    before, late, after = np.moveaxis(plate_at(around), 1, 0)
     used = np.isfinite(before + late + after + wanted).all(axis=1)
     independent = _independent(used, step_s)
     left = (wanted - late)[used]

@@ -28,6 +28,9 @@ TRANSITION_WIDTH: Final = 0.2
 """Transition band of the anti-aliasing filter, as a share of the new rate: from 0.4 to 0.6 of
 it."""
 
+Signal = Callable[[Array], Array]
+"""Values at any times."""
+
 MIN_DECIMATION: Final = 0.99
 """New rate as share of the old one, from which on rates count as equal and nothing can alias."""
 
@@ -108,7 +111,7 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
     return interpolant(time, values)(np.asarray(at, float))
 
 
-def interpolant(time: ArrayLike, values: ArrayLike) -> Callable[[Array], Array]:
+def interpolant(time: ArrayLike, values: ArrayLike) -> Signal:
     """Give `interpolate` of the wanted times alone, for samples that are evaluated many times."""
     values = np.asarray(values, float)
     time = sample_times(time, values)
@@ -160,7 +163,7 @@ def delayed(time: Array, values: Array, delay_s: float) -> Array:
     return np.asarray(np.where(np.isnan(later), values, later))
 
 
-def _spline(time: Array, samples: Array) -> Callable[[Array], Array]:
+def _spline(time: Array, samples: Array) -> Signal:
     """Give the spline through (N, K) samples; at their times it is the samples themselves."""
     step = (time[-1] - time[0]) / (len(time) - 1)
     through_samples = cache(lambda: make_interp_spline(time, samples))

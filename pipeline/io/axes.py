@@ -83,18 +83,13 @@ class Sites:
     no_set: str
 
 
-def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sites:
+@lru_cache
+def find_sites(names: tuple[str, ...], marker_set: MarkerSet | None = None) -> Sites:
     """Find the markers that show how a subject stands, by the landmarks of their set.
 
     The set is by default the shipped one that the labels belong to; usual labels show the landmarks
     that it lacks.
     """
-    return _sites(tuple(names), marker_set)
-
-
-@lru_cache
-def _sites(names: tuple[str, ...], marker_set: MarkerSet | None) -> Sites:
-    """Find the sites; the recordings of a study have the same labels."""
     column, no_set = {name: k for k, name in enumerate(names)}, ""
     try:
         of_set = (marker_set or recognise_marker_set(names)).present(names).landmark
@@ -247,7 +242,7 @@ def settle_axes(
     forward is a warning only.
     """
     position = np.asarray(position, float)
-    sites = find_sites(names, marker_set)
+    sites = find_sites(tuple(names), marker_set)
     forces = np.reshape(np.asarray(plate_forces, float), (-1, 3))
     evidence = {
         f"the load on plate {k}": force

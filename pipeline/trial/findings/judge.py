@@ -117,10 +117,6 @@ class Hypothesis(NamedTuple):
         return np.array(SD.get(self.kind, ()))
 
 
-HEALTHY: Final = Hypothesis("mass", ())
-"""Nothing but a body mass."""
-
-
 class Stances(NamedTuple):
     """The stances on one plate, N frames of S of them after each other.
 
@@ -283,17 +279,9 @@ class View:
         down = stances.sums(np.minimum(in_lab[..., 2] / self.evidence.weight_n, 0.0)) / DOWN_SD
         count = np.diff(stances.starts, append=len(stances.rows))
         away = np.concatenate([away, (down / count)[:, None]], axis=1)
-        of_foot = [np.sort(away[..., stances.feet == k]) for k in np.unique(stances.feet)]
-        # NaN are last, and then there is no median
-        medians = [
-            np.where(
-                np.isnan(each[..., -1]),
-                0.0,
-                (each[..., (each.shape[-1] - 1) // 2] + each[..., each.shape[-1] // 2]) / 2,
-            )
-            for each in of_foot
-        ]
-        deviations = np.concatenate(medians, axis=1)
+        of_foot = (away[..., stances.feet == k] for k in np.unique(stances.feet))
+        medians = [np.median(each, axis=-1) for each in of_foot]
+        deviations = np.nan_to_num(np.concatenate(medians, axis=1))
         return np.asarray(np.clip(deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS))
 
 
@@ -452,7 +440,7 @@ class _Comparison:
         feet = tuple(view.feet(k, view.wrenches[k][None])[0] for k in numbers)
         together = np.sum(measured, axis=0)
         plain = cls(view, view.needed(), measured, together, feet, 0.0, 0.0)
-        _, _, (score,), (spread,) = plain._least([HEALTHY], view.mass_sd)
+        _, _, (score,), (spread,) = plain._least([Hypothesis("mass", ())], view.mass_sd)
         return replace(plain, score=score, spread=spread)
 
     def fit(self, hypotheses: Sequence[Hypothesis]) -> list[Fitted]:
