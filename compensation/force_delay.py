@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from compensation.delay import Delay
 from hbm.signals.filtering import oscillation
-from hbm.signals.resampling import interpolate
+from hbm.signals.resampling import Signal, interpolant
 from hbm.spatial import Array, Mask
 
 MAX_DELAY_S: Final = 0.15
@@ -118,9 +118,14 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     tissue = soft_tissue(motion, time)
     wanted = motion + tissue
     delay_s = step_s * _nearest_lag(plate, wanted, int(MAX_DELAY_S // step_s))
-    scale = np.full(3, np.inf)
+    scale, spline = np.full(3, np.inf), interpolant(time, plate)
+    wanted, tissue, seen_at = (x[np.isfinite(wanted).all(axis=1)] for x in (wanted, tissue, time))
+
+    def plate_at(later_s: Array) -> Array:
+        return spline(seen_at[:, None] + later_s)
+
     for _ in range(MAX_STEPS):
-        step, error_s, scale = _step(plate, wanted, tissue, time, delay_s, scale)
+        step, error_s, scale = _step(plate_at, wanted, tissue, step_s, delay_s, scale)
         delay_s += float(np.clip(step, -step_s, step_s))
         if abs(step) < STEP_TOLERANCE * step_s or abs(delay_s) > MAX_DELAY_S - step_s:
             break
@@ -161,27 +166,26 @@ def _independent(used: Mask, step_s: float) -> float:
 
 def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
     """Give the lag of the plates, in frames, at which forces (T, 3) agree best but for offsets."""
-    spreads = {}
+    spreads, known = {}, np.count_nonzero(np.isfinite(plate + wanted).all(axis=1))
     for lag in sorted(range(-reach, reach + 1), key=abs):  # of those that agree alike, the shortest
         late = plate[max(lag, 0) : len(plate) + min(lag, 0)]
         difference = late - wanted[max(-lag, 0) : len(wanted) - max(lag, 0)]
         difference = difference[np.isfinite(difference).all(axis=1)]
-        if 2 * len(difference) > np.count_nonzero(np.isfinite(plate + wanted).all(axis=1)):
+        if 2 * len(difference) > known:
             spreads[lag] = np.abs(difference - np.median(difference, axis=0)).mean()
     return min(spreads, key=spreads.__getitem__)
 
 
 def _step(
-    plate: Array, wanted: Array, tissue: Array, time: Array, delay_s: float, scale: Array
+    plate_at: Signal, wanted: Array, tissue: Array, step_s: float, delay_s: float, scale: Array
 ) -> tuple[float, float, Array]:
     """Give how much later the plates are than `delay_s` says [s].
 
     With its standard error [s], and the size of what is left in each axis, (3,) [N], which the next
     step is given; infinite in the first.
     """
-    step_s = float(np.median(np.diff(time)))
     around = delay_s + SLOPE_STEP * step_s * np.array([-1.0, 0.0, 1.0])
-    before, late, after = np.moveaxis(interpolate(time, plate, time[:, None] + around), 1, 0)
+    before, late, after = np.moveaxis(plate_at(around), 1, 0)
     used = np.isfinite(before + late + after + wanted).all(axis=1)
     independent = _independent(used, step_s)
     left = (wanted - late)[used]
@@ -191,11 +195,9 @@ def _step(
     left, columns = (x - _mean(x, weight)[..., None, :] for x in (left, columns))
     scale = _size(left) if np.isinf(scale).all() else scale
     per_frame = weight * independent / len(left) / np.maximum(scale, NOISE_FLOOR_N) ** 2
-    information = np.einsum("itk,jtk,tk->ij", columns, columns, per_frame)
-    information += np.diag(USUAL**-2.0)
-    score = np.einsum("itk,tk,tk->ik", columns, left, per_frame)
-    covariance = np.linalg.inv(information)
-    size = covariance @ score.sum(axis=1)
+    flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
+    covariance = np.linalg.inv(weighted @ flat.T + np.diag(USUAL**-2.0))
+    size = covariance @ (weighted @ left.ravel())
     rest = left - np.tensordot(size, columns, 1)
     alone = np.tensordot(covariance[0] / covariance[0, 0], columns, 1)
     of_axis = np.einsum("tk,tk->k", alone**2, per_frame)

@@ -358,8 +358,11 @@ MAX_JUMP_SHARE: Final = 0.2
 def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[Note, ...]]:
     """Make gaps of single positions that are far from their marker's next ones, and note them."""
     position, jumps = markers.position.copy(), dict[str, int]()
-    for name in names:
-        path = position[:, markers.names.index(name)]
+    # NaN where a marker has gaps
+    farthest = np.abs(np.diff(position, axis=0)).max(axis=(0, 2), initial=0)
+    columns = {name: markers.names.index(name) for name in names}
+    for name in (name for name in names if not farthest[columns[name]] < MAX_JUMP_M / 2):
+        path = position[:, columns[name]]
         frames = np.flatnonzero(~np.isnan(path[:, 0]))
         if len(frames) < 3 or np.abs(np.diff(path[frames], axis=0)).max() < MAX_JUMP_M / 2:
             continue

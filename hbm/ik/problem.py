@@ -5,7 +5,7 @@ than human posture does: it holds the coordinate near neutral, the trunk near up
 There the optimum is the most probable pose; elsewhere no prior pulls.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
@@ -90,7 +90,8 @@ def covariance(slope: Array, seen: Mask) -> Array:
     return np.asarray(np.linalg.inv(total))
 
 
-def undetermined(body: Body, markers: Sequence[str]) -> tuple[Mask, tuple[str, ...]]:
+@lru_cache(maxsize=CACHED_BODIES)
+def undetermined(body: Body, markers: tuple[str, ...]) -> tuple[Mask, tuple[str, ...]]:
     """Find what some markers of a body, by their labels, do not determine in its neutral pose.
 
     Gives the coordinates that a prior holds near neutral, (46,), and the segments whose centre of

@@ -216,7 +216,9 @@ def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int
         usual_pivots = None
     doubted = np.flatnonzero(far)
     lower = try_start(problem, found, doubted, problem.rigid_fit(doubted))
-    look_for_lower(problem, found, frames if usual_pivots is None else doubted[lower])
+    # where no marker is, there is nothing to find
+    shown = np.flatnonzero(np.isfinite(found.error).any(axis=1))
+    look_for_lower(problem, found, shown if usual_pivots is None else doubted[lower])
     left_out = leave_limbs_out(problem, found)
     expected: Mask = np.asarray(np.isfinite(found.error).any(axis=0))
     observed = observed_by(problem, found, usual_pivots, expected) & ~left_out

@@ -102,7 +102,7 @@ def not_determined(body: Body, motion: Motion) -> tuple[Mask, tuple[str, ...]]:
     """Give what the markers that are seen in any frame do not determine, as `undetermined` does."""
     if not motion.converged.any():
         return np.zeros(N_Q, bool), ()
-    return undetermined(body, seen_markers(motion))
+    return undetermined(body, tuple(seen_markers(motion)))
 
 
 RANGE_DEG: Final = packaged_toml("hbm", "joint_ranges.toml")["possible_deg"]
@@ -171,26 +171,24 @@ def _limits() -> tuple[Array, Array]:
 LOW, HIGH = _limits()
 
 
-def _excess(angle: Array) -> Array:
-    """Give how far coordinates, (F, 46), are beyond their ranges [rad]; 0 within."""
-    return np.maximum(0, np.maximum(LOW - angle, angle - HIGH))
+def _excess(angle: Array, of: slice = slice(None)) -> Array:
+    """Give how far all or some coordinates, (F, n), are beyond their ranges [rad]; 0 within."""
+    return np.maximum(0, np.maximum(LOW[of] - angle, angle - HIGH[of]))
 
 
 def _nearest_to_ranges(q: Array) -> Array:
     """Give equivalent coordinates, (F, 46), that are as little beyond their ranges as can be."""
     best = _within_a_turn(q)
-    for i in BALL_JOINTS:
-        other = best.copy()
-        other[:, i : i + 3] = other_set(best[:, i : i + 3])
-        other = _within_a_turn(other)
-        nearer = _excess(other).sum(axis=1) < _excess(best).sum(axis=1)
-        best[nearer] = other[nearer]
+    for joint in (slice(i, i + 3) for i in BALL_JOINTS):
+        other = _within_a_turn(other_set(best[:, joint]), joint)
+        nearer = _excess(other, joint).sum(axis=1) < _excess(best[:, joint], joint).sum(axis=1)
+        best[nearer, joint] = other[nearer]
     return best
 
 
-def _within_a_turn(q: Array) -> Array:
+def _within_a_turn(q: Array, of: slice = slice(None)) -> Array:
     """Add the full turns that bring angles within half a turn of the middle of their range."""
-    middle = (LOW + HIGH) / 2
+    middle = (LOW[of] + HIGH[of]) / 2
     return np.asarray((q - middle + np.pi) % (2 * np.pi) - np.pi + middle)
 
 

@@ -165,9 +165,13 @@ def find_limits(channel: Array, step_s: float) -> Iterator[Limit]:
 
 def _exact_limit(side: Array, step_s: float) -> Mask | None:
     top = float(side.max())
-    # converters know a channel in steps
-    values = np.unique(np.round(side / (FINEST * top)))
-    step = FINEST * top * float(np.diff(values).min())
+    # converters know a channel in steps, no longer than the shortest from sample to sample
+    values = np.round(side / (FINEST * top))
+    between = np.abs(np.diff(values))
+    longest = FINEST * top * float(between[between > 0].min())
+    if np.count_nonzero(side >= top - 1.5 * longest) < min(FLAT_SAMPLES):
+        return None
+    step = FINEST * top * float(np.diff(np.unique(values)).min())
     band = 1.5 * step
     wider = float(np.clip(NEAR * top / band, 4.0, 64.0))
     if wider * band > 0.1 * top:  # too coarse to tell a limit from a round peak
@@ -216,21 +220,21 @@ def _blurred_limit(side: Array, step_s: float) -> Mask | None:
         width = half * top
         inside = np.searchsorted(high, high + 2 * width) - np.arange(len(high))
         level = high[int(np.argmax(inside))] + width
+        runs = stretches(side > level / 2)
+        whole = (runs[:, 0] > 0) & (runs[:, 1] < len(side))
+        runs = runs[whole & (np.diff(runs)[:, 0] * step_s < STANDS_S)]
+        # samples of each contact that are at the limit and near it
         away = np.abs(side - level)
+        at, near = away <= width, away <= 4 * width
+        count, around = (np.add.reduceat(x, runs.ravel(), dtype=int)[::2] for x in (at, near))
+        least = np.maximum(PLATEAU * np.diff(runs)[:, 0], MIN_PLATEAU_S / step_s)
         flat = np.zeros(len(side), bool)
-        for start, stop in stretches(side > level / 2):
-            at, near = away[start:stop] <= width, away[start:stop] <= 4 * width
-            count, contact = np.count_nonzero(at), stop - start
-            if (
-                start > 0
-                and stop < len(side)
-                and contact * step_s < STANDS_S
-                and count > max(PLATEAU * contact, MIN_PLATEAU_S / step_s)
-                and count > NOT_CROSSED * np.count_nonzero(near)
-                and side[start:stop].max() < OVERSHOOT * level
-                and (half == ROUNDED or _is_white(side[start:stop][near]))
+        for start, stop in runs[(count > least) & (count > NOT_CROSSED * around)]:
+            contact = slice(start, stop)
+            if side[contact].max() < OVERSHOOT * level and (
+                half == ROUNDED or _is_white(side[contact][near[contact]])
             ):
-                flat[start:stop] = at
+                flat[contact] = at[contact]
         if flat.any():
             return flat
     return None

@@ -1,6 +1,8 @@
 """Signals at other sample times: without aliasing, without delay, never across a gap."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -25,6 +27,9 @@ STOPBAND_DB: Final = 80.0
 TRANSITION_WIDTH: Final = 0.2
 """Transition band of the anti-aliasing filter, as a share of the new rate: from 0.4 to 0.6 of
 it."""
+
+Signal = Callable[[Array], Array]
+"""Values at any times."""
 
 MIN_DECIMATION: Final = 0.99
 """New rate as share of the old one, from which on rates count as equal and nothing can alias."""
@@ -103,18 +108,30 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
     ValueError
         If times do not increase or do not fit the values, or if there are fewer than 4 samples.
     """
-    values, at = np.asarray(values, float), np.asarray(at, float)
+    return interpolant(time, values)(np.asarray(at, float))
+
+
+def interpolant(time: ArrayLike, values: ArrayLike) -> Signal:
+    """Give `interpolate` of the wanted times alone, for samples that are evaluated many times."""
+    values = np.asarray(values, float)
     time = sample_times(time, values)
     require_length(time, MIN_SPLINE_SAMPLES)
-    wanted, rounding = at.ravel(), ROUNDING_STEPS / mean_rate_hz(time)
-    columns = values.reshape(len(time), -1)
-    result = unknown((len(wanted), columns.shape[1]))
-    for rows, sharing in blocks_without_gaps(columns, MIN_SPLINE_SAMPLES):
-        first, last = time[rows][[0, -1]]
-        inside = (wanted >= first - rounding) & (wanted <= last + rounding)
-        place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
-        result[place] = _spline(time[rows], columns[rows, sharing], wanted[inside])
-    return result.reshape(*at.shape, *values.shape[1:])
+    columns, rounding = values.reshape(len(time), -1), ROUNDING_STEPS / mean_rate_hz(time)
+    splines = [
+        (time[rows][[0, -1]], sharing, _spline(time[rows], columns[rows, sharing]))
+        for rows, sharing in blocks_without_gaps(columns, MIN_SPLINE_SAMPLES)
+    ]
+
+    def evaluate(at: Array) -> Array:
+        wanted = at.ravel()
+        result = unknown((len(wanted), columns.shape[1]))
+        for (first, last), sharing, spline in splines:
+            inside = (wanted >= first - rounding) & (wanted <= last + rounding)
+            place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
+            result[place] = spline(wanted[inside])
+        return result.reshape(*at.shape, *values.shape[1:])
+
+    return evaluate
 
 
 def delayed(time: Array, values: Array, delay_s: float) -> Array:
@@ -146,13 +163,18 @@ def delayed(time: Array, values: Array, delay_s: float) -> Array:
     return np.asarray(np.where(np.isnan(later), values, later))
 
 
-def _spline(time: Array, samples: Array, at: Array) -> Array:
-    """Evaluate the spline through (N, K) samples; at their times it is the samples themselves."""
+def _spline(time: Array, samples: Array) -> Signal:
+    """Give the spline through (N, K) samples; at their times it is the samples themselves."""
     step = (time[-1] - time[0]) / (len(time) - 1)
-    nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
-    if np.abs(time[nearest] - at).max(initial=0) <= MAX_ROUNDING_STEPS * step:
-        return np.asarray(samples.take(nearest, axis=0))
-    return np.asarray(make_interp_spline(time, samples)(at))
+    through_samples = cache(lambda: make_interp_spline(time, samples))
+
+    def evaluate(at: Array) -> Array:
+        nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
+        if np.abs(time[nearest] - at).max(initial=0) <= MAX_ROUNDING_STEPS * step:
+            return np.asarray(samples.take(nearest, axis=0))
+        return np.asarray(through_samples()(at))
+
+    return evaluate
 
 
 def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:

@@ -59,7 +59,9 @@ def stretches(mask: Mask) -> Indices:
     >>> stretches(np.array([True, False, True, True])).tolist()
     [[0, 1], [2, 4]]
     """
-    return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
+    between = np.zeros(len(mask) + 2, bool)  # false before and after
+    between[1:-1] = mask
+    return np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
 
 
 def median_of(values: Array) -> float:

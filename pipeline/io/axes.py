@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -82,7 +83,8 @@ class Sites:
     no_set: str
 
 
-def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sites:
+@lru_cache
+def find_sites(names: tuple[str, ...], marker_set: MarkerSet | None = None) -> Sites:
     """Find the markers that show how a subject stands, by the landmarks of their set.
 
     The set is by default the shipped one that the labels belong to; usual labels show the landmarks
@@ -240,7 +242,7 @@ def settle_axes(
     forward is a warning only.
     """
     position = np.asarray(position, float)
-    sites = find_sites(names, marker_set)
+    sites = find_sites(tuple(names), marker_set)
     forces = np.reshape(np.asarray(plate_forces, float), (-1, 3))
     evidence = {
         f"the load on plate {k}": force

@@ -306,7 +306,7 @@ class _TrialCheck:
         self.remark(there + f"; missing: {listed(absent)}" * bool(absent), contents=True)
         missing = np.isnan(self.markers.position[..., 0]).mean(axis=0)
         shares = {marker: missing[names.index(marker)] for marker in present}
-        held, _ = undetermined(body, [marker for marker, share in shares.items() if share < 1])
+        held, _ = undetermined(body, tuple(m for m, share in shares.items() if share < 1))
         if held.any():
             coordinates = tuple(np.array(COORDINATES)[held].tolist())
             self.remark(Note.of("coordinates_held", coordinates=coordinates))

@@ -208,9 +208,10 @@ def find_stances(evidence: Evidence) -> Iterator[Stance]:
 
 
 def pressure(wrench: Array, level: Array) -> Array:
-    """Give the centre of pressure at a height, (F,) [m], of wrenches in the lab, (F, 3) [m]."""
-    fx, fy, fz, mx, my, _ = wrench.T
-    return np.column_stack([(level * fx - my) / fz, (level * fy + mx) / fz, level])
+    """Give the centre of pressure at a height, (F,) [m], of wrenches in the lab, (…, F, 3) [m]."""
+    fx, fy, fz, mx, my, _ = np.moveaxis(wrench, -1, 0)
+    across = (level * fx - my) / fz, (level * fy + mx) / fz
+    return np.stack([*across, np.broadcast_to(level, fz.shape)], axis=-1)
 
 
 def weight_of_steps(evidence: Evidence) -> float | None:

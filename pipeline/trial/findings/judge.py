@@ -15,7 +15,6 @@ import numpy as np
 
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.coordinates import UP
-from hbm.signals.samples import median_of
 from hbm.spatial import (
     WRENCH_COMPONENTS,
     Array,
@@ -151,13 +150,9 @@ class Stances(NamedTuple):
         feet = np.array([stance.foot for stance in stances], int)
         return cls(np.searchsorted(frames, np.concatenate(rows)), starts, feet, *axes)
 
-    def means(self, values: Array) -> Array:
-        """Give the mean of values, (N,), over each stance, (S,)."""
-        return np.asarray(self.sums(values) / self.sums(np.ones(len(values))))
-
     def sums(self, values: Array) -> Array:
-        """Give the sums of values, (N,), over each stance, (S,)."""
-        return np.asarray(np.add.reduceat(values, self.starts))
+        """Give the sums of values, (..., N), over each stance, (..., S)."""
+        return np.asarray(np.add.reduceat(values, self.starts, axis=-1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,29 +253,35 @@ class View:
         return np.asarray((needed @ self.whiten).ravel())
 
     def measured(self, plate: int, wrench: Array) -> Array:
-        """Give what a plate adds to that, (6 F,), of its wrench in its own axes, (U, 6)."""
-        return np.asarray((wrench[self.of_motion, None] @ self.to_residual[plate]).ravel())
+        """Give what a plate adds to that, (H, 6 F), of wrenches in its own axes, (H, U, 6)."""
+        # frame by frame, so that all wrenches of a frame are one product
+        of_frames = np.swapaxes(wrench[:, self.of_motion], 0, 1) @ self.to_residual[plate]
+        return np.swapaxes(of_frames, 0, 1).reshape(len(wrench), -1)
 
     def feet(self, plate: int, wrench: Array, signal: int | None = None) -> Array:
-        """Give how far the pressure on a plate is from the feet, in standard deviations.
+        """Give how far the pressure on a plate is from the feet, in standard deviations, (H, N).
 
-        Along, across and up, of the median stance of each foot. The stances are those at which the
-        plate is loaded, or another one whose signal it has.
+        Of wrenches in its own axes, (H, U, 6). Along, across and up, of the median stance of each
+        foot. The stances are those at which the plate is loaded, or another one whose signal it
+        has.
         """
         stances = self.stances[plate if signal is None else signal]
         if not len(stances.feet):
-            return np.zeros(0)
-        in_lab = wrench[stances.rows] @ self.to_lab[plate]
+            return np.zeros((len(wrench), 0))
+        in_lab = wrench[:, stances.rows] @ self.to_lab[plate]
         apart = pressure(in_lab, stances.expected[:, 2]) - stances.expected
         # light loads have their pressure anywhere
-        load = np.maximum(in_lab[:, 2], 1.0)
-        away = [
-            stances.sums(load * (apart * axis).sum(axis=1)) / stances.sums(load) / deviation
-            for axis, deviation in zip((stances.along, stances.left), FOOT_SD, strict=True)
+        load = np.maximum(in_lab[..., 2], 1.0)
+        sums = [
+            stances.sums(load * np.vecdot(apart, axis)) for axis in (stances.along, stances.left)
         ]
-        away.append(stances.means(np.minimum(in_lab[:, 2] / self.evidence.weight_n, 0.0)) / DOWN_SD)
-        of_foot = (np.array(away)[:, stances.feet == k] for k in {*stances.feet})
-        deviations = np.nan_to_num([median_of(side) for values in of_foot for side in values])
+        away = np.stack(sums, axis=1) / (stances.sums(load)[:, None] * FOOT_SD[:, None])
+        down = stances.sums(np.minimum(in_lab[..., 2] / self.evidence.weight_n, 0.0)) / DOWN_SD
+        count = np.diff(stances.starts, append=len(stances.rows))
+        away = np.concatenate([away, (down / count)[:, None]], axis=1)
+        of_foot = (away[..., stances.feet == k] for k in np.unique(stances.feet))
+        medians = [np.median(each, axis=-1) for each in of_foot]
+        deviations = np.nan_to_num(np.concatenate(medians, axis=1))
         return np.asarray(np.clip(deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS))
 
 
@@ -340,8 +341,8 @@ def instead_of_mass(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted
     Gains of vertical forces that explain almost as much, and whatever explains far more.
     """
     plain = _Comparison.of(View.of(evidence, mass_is_stated=mass_is_stated))
-    one_mass = plain.fit(Hypothesis("mass", ())).evidence
-    fitted = [plain.fit(each) for each in hypotheses(plain.view) if each.plates]
+    one_mass = plain.fit([Hypothesis("mass", ())])[0].evidence
+    fitted = plain.fit([each for each in hypotheses(plain.view) if each.plates])
     return tuple(
         each
         for each in fitted
@@ -356,7 +357,7 @@ def _likely(view: View) -> tuple[Fitted, ...]:
     if not (len(view.of_motion) or any(len(stances.feet) for stances in view.stances)):
         return ()
     plain = _Comparison.of(view)
-    fitted = [each for each in map(plain.fit, hypotheses(view)) if each.matters]
+    fitted = [each for each in plain.fit([*hypotheses(view)]) if each.matters]
     fitted.sort(key=lambda each: -each.evidence)
     best = fitted[0].evidence if fitted else 0.0
     return tuple(each for each in fitted if best > LIMIT and each.evidence > best - TIED)
@@ -416,7 +417,7 @@ def correcting(view: View, hypothesis: Hypothesis, size: Array) -> Array:
 
 def fit(view: View, hypothesis: Hypothesis) -> Fitted:
     """Fit one hypothesis to other frames."""
-    return _Comparison.of(view).fit(hypothesis)
+    return _Comparison.of(view).fit([hypothesis])[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -435,64 +436,74 @@ class _Comparison:
     def of(cls, view: View) -> "_Comparison":
         """Compare plates as they are."""
         numbers = range(len(view.wrenches))
-        measured = tuple(view.measured(k, view.wrenches[k]) for k in numbers)
-        feet = tuple(view.feet(k, view.wrenches[k]) for k in numbers)
+        measured = tuple(view.measured(k, view.wrenches[k][None])[0] for k in numbers)
+        feet = tuple(view.feet(k, view.wrenches[k][None])[0] for k in numbers)
         together = np.sum(measured, axis=0)
         plain = cls(view, view.needed(), measured, together, feet, 0.0, 0.0)
-        *_, score, spread = plain._least(None)
+        _, _, (score,), (spread,) = plain._least([Hypothesis("mass", ())], view.mass_sd)
         return replace(plain, score=score, spread=spread)
 
-    def fit(self, hypothesis: Hypothesis) -> Fitted:
-        """Fit a hypothesis, and compare what it leaves."""
-        size, covariance, score, spread = self._least(hypothesis)
-        fall = self._unlikely(self.score) - self._unlikely(score)
-        gained = fall - (spread - self.spread) - COST[hypothesis.kind]
-        return Fitted(hypothesis, size, covariance, gained)
+    def fit(self, hypotheses: Sequence[Hypothesis]) -> list[Fitted]:
+        """Fit hypotheses, and compare what they leave; those alike in plates and sizes at once."""
+        fitted = dict[Hypothesis, Fitted]()
+        alike = dict[tuple[tuple[int, ...], int], list[Hypothesis]]()
+        for each in hypotheses:
+            alike.setdefault((each.plates, len(each.sd)), []).append(each)
+        for group in alike.values():
+            mass_sd = self.view.mass_sd if group[0].plates else WRONG_MASS_SD
+            least = zip(group, *self._least(group, mass_sd), strict=True)
+            for each, size, covariance, score, spread in least:
+                fall = self._unlikely(self.score) - self._unlikely(score)
+                gained = fall - (spread - self.spread) - COST[each.kind]
+                fitted[each] = Fitted(each, size, covariance, float(gained))
+        return [fitted[each] for each in hypotheses]
 
     def _unlikely(self, score: float) -> float:
         """Give how unlikely a sum of squares is that has a scale of its own, after Student."""
         values = self.view.independent + sum(map(len, self.feet))
         return float((values + FREEDOM) * np.log1p(score / FREEDOM))
 
-    def _left(self, hypothesis: Hypothesis | None, size: Array) -> Array:
-        """Give residual and feet without a fault of a size."""
-        residual = self.needed - self.together
-        if hypothesis is None or not hypothesis.plates:
-            return np.asarray(residual)
-        of_plates, view = corrected(self.view, hypothesis, size), self.view
-        for k in hypothesis.plates:
-            residual = residual + self.measured[k] - view.measured(k, of_plates[k])
-        signals = hypothesis.plates[::-1] if hypothesis.kind == "exchanged" else hypothesis.plates
-        feet = (
-            view.feet(k, of_plates[k], signal)
-            for k, signal in zip(hypothesis.plates, signals, strict=True)
-        )
-        return np.concatenate([residual, *feet])
+    def _left(self, alike: Sequence[Hypothesis], sizes: Array) -> Array:
+        """Give residual and feet, (H, R), without each of H faults of some sizes, (H, S)."""
+        plates, view = alike[0].plates, self.view
+        of_plates = [corrected(view, *each) for each in zip(alike, sizes, strict=True)]
+        residual = np.tile(self.needed - self.together, (len(alike), 1))
+        signals = plates[::-1] if alike[0].kind == "exchanged" else plates
+        feet = []
+        for k, signal in zip(plates, signals, strict=True):
+            wrenches = np.stack([each[k] for each in of_plates])
+            residual = residual + self.measured[k] - view.measured(k, wrenches)
+            feet.append(view.feet(k, wrenches, signal))
+        return np.concatenate([residual, *feet], axis=1)
 
-    def _least(self, hypothesis: Hypothesis | None) -> tuple[Array, Array, float, float]:
-        """Give size and covariance of the fault that leaves least, the score and its spread."""
-        changed = () if hypothesis is None else hypothesis.plates
-        others = sum(float(f @ f) for k, f in enumerate(self.feet) if k not in changed)
-        mass_sd = self.view.mass_sd
-        if hypothesis is not None and hypothesis.kind == "mass":
-            mass_sd = WRONG_MASS_SD
-        sd = np.array([mass_sd, *(() if hypothesis is None else hypothesis.sd)])
-        x, small = np.zeros(len(sd)), np.diag(1e-3 * sd[1:])
-        plain = self._left(hypothesis, x[1:])
+    def _least(
+        self, alike: Sequence[Hypothesis], mass_sd: float
+    ) -> tuple[Array, Array, Array, Array]:
+        """Give size and covariance of each fault that leave least, the scores and their spreads.
+
+        Of H faults of the same plates with as many sizes, S: (H, S), (H, S, S), (H,) and (H,).
+        """
+        others = sum(float(f @ f) for k, f in enumerate(self.feet) if k not in alike[0].plates)
+        sd = np.array([[mass_sd, *each.sd] for each in alike])
+        x, small = np.zeros(sd.shape), 1e-3 * sd[:, 1:]
+        plain = self._left(alike, x[:, 1:])
         # a body that is heavier by a share needs as much more; the feet stay
-        heavier = np.pad(self.needed, (0, len(plain) - len(self.needed)))
-        for _ in range(STEPS if len(sd) > 1 else 1):
-            slopes = [heavier]
-            for step in small:
-                slopes.append((self._left(hypothesis, x[1:] + step) - plain) / step.sum())
-            columns, here = np.stack(slopes, axis=1), plain + x[0] * heavier
+        heavier = np.pad(self.needed, (0, plain.shape[1] - len(self.needed)))
+        for _ in range(STEPS if small.size else 1):
+            slopes = [np.broadcast_to(heavier, plain.shape)]
+            for along, step in zip(np.eye(small.shape[1]), small.T, strict=True):
+                changed = self._left(alike, x[:, 1:] + along * small)
+                slopes.append((changed - plain) / step[:, None])
+            rows, here = np.stack(slopes, axis=1), plain + x[:, :1] * heavier
             # Gauss and Newton, with what is usual before anything is seen
-            information = columns.T @ columns + np.diag(sd**-2.0)
-            step = np.linalg.solve(information, columns.T @ here + x / sd**2)
-            x = x - np.clip(step, -3 * sd, 3 * sd)
-            plain = self._left(hypothesis, x[1:]) if len(sd) > 1 else plain
-        left = plain + x[0] * heavier
-        score = float(left @ left + np.sum((x / sd) ** 2)) + others
+            information = rows @ np.swapaxes(rows, 1, 2) + np.eye(sd.shape[1]) / sd[:, None] ** 2
+            step = np.linalg.solve(
+                information, (np.vecdot(rows, here[:, None]) + x / sd**2)[..., None]
+            )
+            x = x - np.clip(step[..., 0], -3 * sd, 3 * sd)
+            plain = self._left(alike, x[:, 1:]) if small.size else plain
+        left = plain + x[:, :1] * heavier
+        score = np.vecdot(left, left) + np.sum((x / sd) ** 2, axis=1) + others
         # a fault that may have many sizes is less likely to have this one
-        spread = float(np.linalg.slogdet(information * np.outer(sd, sd))[1])
-        return x[1:], np.asarray(np.linalg.inv(information))[1:, 1:], score, spread
+        spread = np.linalg.slogdet(information * sd[:, None] * sd[:, :, None])[1]
+        return x[:, 1:], np.linalg.inv(information)[:, 1:, 1:], score, spread

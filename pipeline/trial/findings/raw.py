@@ -152,12 +152,13 @@ def _lost(plate: Plate, largest_n: float, step_s: float) -> list[Indices]:
 
 def _limits(plate: Plate, step_s: float) -> dict[int, tuple[float, Mask]]:
     """Give the channels that are clipped: the limit of the larger side, and where, (N,)."""
+    axes = range(6)
     for _, channels in channels_about(plate):
         found = {}
-        for axis, channel in enumerate(channels.T):
+        for axis in axes:
             sides = [
                 limit
-                for limit in find_limits(channel, step_s)
+                for limit in find_limits(channels[:, axis], step_s)
                 if abs(limit.level) >= LEAST_LIMIT[axis]
             ]
             if sides:
@@ -165,6 +166,7 @@ def _limits(plate: Plate, step_s: float) -> dict[int, tuple[float, Mask]]:
                 found[axis] = level, np.any([side.at for side in sides], axis=0)
         if found:
             return found
+        axes = range(3, 6)  # forces are the same about any point
     return {}
 
 
