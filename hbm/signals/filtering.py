@@ -313,9 +313,9 @@ class RealtimeFilter:
         self.a, self.b = omega**2, np.sqrt(2) * omega
         self.longest_s, self.step_s = longest_gap_s(cutoff_hz), step_s
         self.value, self.velocity, self.acceleration = np.full((3, columns), np.nan)
-        self._known_s = np.full(columns, -np.inf)
+        self._all_known_s, self._known_s = -np.inf, np.full(columns, -np.inf)
         self._before = np.zeros(columns)
-        self._state = np.zeros((3, columns))
+        self._state: tuple[Array, ...] = tuple(np.zeros((3, columns)))
 
     def step(self, time: float, signal: Array) -> None:
         """Take the next sample, (K,), at its time [s].
@@ -328,27 +328,42 @@ class RealtimeFilter:
             (K,); NaN where unknown. A signal that is known again goes on, or after longer than
             `longest_gap_s` begins anew.
         """
-        known, since_s = np.isfinite(signal), time - self._known_s
+        known, step_s = np.isfinite(signal), time - self._all_known_s
+        self._all_known_s = time if (all_known := bool(known.all())) else -np.inf
+        if all_known and step_s < min(self.longest_s, 1.5 * self.step_s):  # as usual: one step
+            before, (y, v, _) = self._before, self._state
+            value, velocity = self._stepped(y, v, before + 0.5 * (signal - before), step_s)
+            self._before, self._state = signal.copy(), (value, velocity, (velocity - v) / step_s)
+            self._known_s[:] = time
+            self.value, self.velocity, self.acceleration = self._state
+            return
+        since_s = time - self._known_s
         begins = known & (since_s > self.longest_s)
         goes_on = known & ~begins
         steps = np.where(goes_on, np.maximum(np.rint(since_s / self.step_s), 1), 0)
         h = np.where(goes_on, since_s, self.step_s) / np.maximum(steps, 1)
         (y, v, acceleration), before = self._state, self._before
         change = np.where(goes_on, signal - before, 0) / np.maximum(steps, 1)
-        a, b = self.a, self.b
-        divisor = 4 + 2 * h * b + h * h * a
         for k in range(int(steps.max())):
-            x = before + (k + 0.5) * change  # the mean over the step
-            value = ((4 + 2 * h * b - h * h * a) * y + 4 * h * v + 2 * h * h * a * x) / divisor
-            velocity = (-4 * h * a * y + (4 - 2 * h * b - h * h * a) * v + 4 * h * a * x) / divisor
+            value, velocity = self._stepped(y, v, before + (k + 0.5) * change, h)
             taken = k < steps
             acceleration = np.where(taken, (velocity - v) / h, acceleration)
             y, v = np.where(taken, value, y), np.where(taken, velocity, v)
         at_rest = np.stack([signal, 0 * signal, 0 * signal])
-        self._state = np.where(begins, at_rest, [y, v, acceleration])
+        self._state = tuple(np.where(begins, at_rest, [y, v, acceleration]))
         self._before = np.where(known, signal, before)
         self._known_s = np.where(known, time, self._known_s)
-        self.value, self.velocity, self.acceleration = np.where(known, self._state, np.nan)
+        self.value, self.velocity, self.acceleration = (
+            np.where(known, x, np.nan) for x in self._state
+        )
+
+    def _stepped(self, y: Array, v: Array, x: Array, h: Array | float) -> tuple[Array, Array]:
+        """Give value and velocity a step later [s], (K,), by the signal's mean over it."""
+        a, b = self.a, self.b
+        divisor = 4 + 2 * h * b + h * h * a
+        value = ((4 + 2 * h * b - h * h * a) * y + 4 * h * v + 2 * h * h * a * x) / divisor
+        velocity = (-4 * h * a * y + (4 - 2 * h * b - h * h * a) * v + 4 * h * a * x) / divisor
+        return value, velocity
 
 
 def acceleration_lag_s(time: Array) -> float:
