@@ -233,9 +233,10 @@ def _undelayed(
     readings: Array, delays_s: Sequence[float], read: Callable[[Array, float], Array]
 ) -> Array:
     """Read each sensor ahead by its delay [s]; where all have the same one, all together."""
-    groups = len(delays_s) if len(set(delays_s)) > 1 else 1
-    parts = np.split(readings, groups, axis=1)
-    return np.hstack([read(*part) for part in zip(parts, delays_s[:groups], strict=True)])
+    if len(set(delays_s)) == 1:
+        return read(readings, delays_s[0])
+    parts = np.split(readings, len(delays_s), axis=1)
+    return np.hstack([read(*part) for part in zip(parts, delays_s, strict=True)])
 
 
 def at_plate_times(
