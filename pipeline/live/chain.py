@@ -104,7 +104,7 @@ class _Pose:
     feet: Array
     places: Array
     above: Feet | None
-    needed: tuple[Array, Array, Array]
+    needed: tuple[Array, Array, Array, Array]
     marker_error: Array
     quality: Quality
 
@@ -260,12 +260,9 @@ class LiveChain:
         if platform is not None or self.ground.platform is None:  # else it waits for its commands
             above = self.support.feet(np.array([time]), places[None], _one(platform))
         shown = (feet[:2] + feet[2:]) / 2, places, above
-        # both feet's wrenches act on the coordinates of the legs, and all they do on the pelvis
-        on_legs = motion.reshape(N_Q, 6).T[:, LEGS] * MOVES
-        to_hip = np.eye(6)
-        to_hip[:3, 3:] = skew(q[:3])
-        by_loads = np.concatenate([on_legs.reshape(12, -1), [*to_hip, *to_hip]], axis=1)
-        needed = tau.copy(), wrench @ to_hip, by_loads
+        # what a wrench under each foot does to the coordinates of the legs
+        on_legs = (motion.reshape(N_Q, 6).T[:, LEGS] * MOVES).reshape(12, -1)
+        needed = tau.copy(), wrench.copy(), on_legs, skew(q[:3])
         quality = self._quality_of_pose(time, solution)
         return _Pose(time, position, platform, q, *shown, needed, solution.marker_error, quality)
 
@@ -308,11 +305,11 @@ class LiveChain:
         self.forces.step(time, raw.ravel())
 
         loads = self.forces.value.reshape(raw.shape)
-        alone, wrench, by_loads = pose.needed
-        carried = loads.reshape(-1, 12) @ by_loads
+        alone, wrench, on_legs, to_hip = pose.needed
         tau = alone + np.zeros((len(loads), 1))
-        tau[:, LEGS] -= carried[:, :-6]
-        residual = wrench - carried[:, -6:]
+        tau[:, LEGS] -= loads.reshape(-1, 12) @ on_legs
+        residual = wrench - loads.sum(axis=1)
+        residual[:, 3:] += residual[:, :3] @ to_hip  # about mid-hip
 
         quality |= Quality.LATE * (not complete) | Quality.FOOT_UNCERTAIN * uncertain
         if platform is not None and np.isnan(platform[1][0]):
