@@ -181,10 +181,9 @@ def fit_rotation(covariance: ArrayLike) -> Array:
     J Biomech 26:1473).
     """
     u, _, vt = np.linalg.svd(np.asarray(covariance, float))
-    rotation: Array = u @ vt
-    if (reflects := np.linalg.det(rotation) < 0).any():
-        u[..., 2] *= 1 - 2 * reflects[..., None]
-        rotation = u @ vt
+    sign = np.ones((*u.shape[:-2], 3))
+    sign[..., 2] = np.sign(np.linalg.det(u @ vt))
+    rotation: Array = (u * sign[..., None, :]) @ vt
     return rotation
 
 

@@ -6,11 +6,12 @@ from itertools import cycle, groupby
 from typing import Final
 
 import numpy as np
+from scipy.linalg.lapack import dgesdd
 
 from compensation import InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
-from hbm.spatial import Array, Indices, fit_rotation, skew, transform_wrench
+from hbm.spatial import Array, Indices, skew, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.config.schema import Platform, Settings
 from pipeline.io import units
@@ -75,7 +76,9 @@ class Channels:
     @classmethod
     def joined(cls, every: Sequence["Channels"]) -> "Channels":
         """Give channels of one stream in a row."""
-        columns, factor = (np.concatenate([getattr(c, x) for c in every]) for x in ("columns", "factor"))
+        columns, factor = (
+            np.concatenate([getattr(c, x) for c in every]) for x in ("columns", "factor")
+        )
         return replace(every[0], columns=columns, factor=factor)
 
     def samples(self, start_s: float = -np.inf, stop_s: float = np.inf) -> tuple[Array, Array]:
@@ -160,7 +163,7 @@ class MarkedPlatform:
                 f"platform markers {', '.join(missing)} are not in the stream of markers; markers "
                 f"there: {', '.join(labels)}"
             )
-        self.columns = [list(labels).index(name) for name in platform.markers]
+        self.columns = np.array([list(labels).index(name) for name in platform.markers])
         self.first, self.neutral = list[Array](), np.empty((0, 3))
 
     def pose(self, position: Array) -> Pose:
@@ -174,9 +177,11 @@ class MarkedPlatform:
         if (np.abs(seen) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
             center = np.add.reduce(seen) / len(seen)
             around = seen - center
-            rotation = fit_rotation(around.T @ self.around_then)
+            u, _, vt, _ = dgesdd(around.T @ self.around_then)  # as `fit_rotation`
+            rotation = u @ vt
             error = self.around_then @ rotation.T - around
-            if np.vecdot(error, error).max() <= MAX_MARKER_ERROR_M**2:
+            fits = np.vecdot(error, error).max() <= MAX_MARKER_ERROR_M**2
+            if fits and np.linalg.det(rotation) > 0:
                 return rotation, center - rotation @ self.center_then
         try:
             pose = fit_pose(seen[None], self.neutral, MAX_MARKER_ERROR_M).pose
@@ -222,8 +227,7 @@ class CommandedPlatform:
 def _resampled(channels: Channels, how: Convolution, at: float) -> Array:
     """Give channels at an instant [s], (K,); NaN where unknown."""
     buffer = channels.buffer
-    every = how.evaluate(buffer.time, buffer.values, np.array([at]))[0]
-    return np.asarray(every[channels.columns] * channels.factor)
+    return how.at_one(buffer.time, buffer.values, at)[channels.columns] * channels.factor
 
 
 PLATE_UNITS: Final = (*[units.force_in_n] * 3, *[units.moment_in_nm] * 3)

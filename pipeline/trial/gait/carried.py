@@ -164,7 +164,7 @@ class Support:
             places = (places - pose[1][:, None]) @ pose[0]
         ankle, ball = places[:, 1:3], places[:, 3:]
         along = ball - ankle
-        tip = ankle + along * (TIP * self.length / np.sqrt((along**2).sum(axis=2))[..., None])
+        tip = ankle + along * (TIP * self.length / np.sqrt(np.vecdot(along, along))[..., None])
         points = np.concatenate([places, tip], axis=1)
         every, times = np.concatenate([self.points, points]), np.concatenate([self.time, time])
         velocity = (every[1:] - every[:-1]) / (times[1:] - times[:-1])[:, None, None]
@@ -172,7 +172,7 @@ class Support:
         heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
         sole = (heights - self.heights).min(axis=2)
         level = along[..., :2]
-        flat = level * (self.length / np.sqrt((level**2).sum(axis=2))[..., None])
+        flat = level * (self.length / np.sqrt(np.vecdot(level, level))[..., None])
         across = HALF_WIDTH * flat[..., ::-1] * TO_THE_LEFT
         above = ball[..., :2]
         outline = np.empty((len(time), 2, 5, 2))
@@ -276,7 +276,7 @@ class Support:
 
 def _within(feet: Feet) -> Mask:
     """Whether the outline of each foot is within those of the plates, (T, 2)."""
-    return np.asarray(np.all(np.any(feet.depth[:, :, :-1] > -MARGIN_M, axis=3), axis=2))
+    return np.asarray((feet.depth[:, :, :-1] > -MARGIN_M).any(axis=3).all(axis=2))
 
 
 def _grounded(feet: Feet, ground: Array) -> Mask:

@@ -314,7 +314,7 @@ class RealtimeAccelerometers:
         for lag_s in self.lags_s:
             later, earlier = (self._readings(time, readings, at + s) for s in (lag_s, -lag_s))
             kinds.append(later - 2 * now + earlier)
-        return np.hstack(kinds)
+        return np.hstack(kinds) if self.lags_s else now
 
     def _readings(self, time: Array, readings: Array, at: Array) -> Array:
         def read(of_sensors: Array, delay_s: float) -> Array:
