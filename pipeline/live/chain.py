@@ -269,7 +269,7 @@ class LiveChain:
     def _places(self, q: Array) -> Array:
         """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
         (poses,) = self.segment_poses(q)
-        return poses[OF_PLACES]
+        return np.asarray(poses[OF_PLACES])
 
     def _quality_of_pose(self, time: float, solution: FrameSolution) -> Quality:
         """Say what markers do not show in a frame."""
@@ -297,7 +297,7 @@ class LiveChain:
         wrenches, platform = self.ground.at(time, pose.platform)
         on, uncertain = self._feet_on_plates(wrenches[-1], pose.feet)
         raw = by_foot(wrenches, on)
-        unknown = np.isnan(wrenches).any(axis=(1, 2))
+        unknown = np.asarray(np.isnan(wrenches).any(axis=(1, 2)))
         raw[unknown] = np.nan
         contact = raw[-1, :, 2] > self.settings.contact_threshold_n
         if np.isnan(pose.q[0]):
