@@ -567,4 +567,4 @@ def center_of_pressure(
     loaded = fz > threshold_n
     height = np.where(loaded, np.asarray(surface_height_m, float), np.nan)
     divisor = np.where(loaded, fz, np.nan)
-    return np.column_stack([(height * fx - my) / divisor, (height * fy + mx) / divisor, height])
+    return np.array([(height * fx - my) / divisor, (height * fy + mx) / divisor, height]).T

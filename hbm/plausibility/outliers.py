@@ -207,16 +207,15 @@ class MarkerTracker:
             Measured markers in the lab, (M, 3) [m]; NaN where missing. Without any, the frame was
             lost: it is unsolved, and what follows is as if it had never come.
         """
-        if not np.isfinite(position[self.columns]).any():
+        own = position[self.columns]
+        if not np.isfinite(own).any():
             self.frozen, self.left_out = False, np.zeros(len(self.markers), bool)
             return self.tracker.solve(position)
         since_s, self.time = time - self.time, time
-        own = position[self.columns]
         seen = np.isfinite(own[:, 0])
-        repeated = (own == self.before).all(axis=1) | ~seen
-        self.before = own
-        if not (repeated.all() and seen.any()):
+        if ((own != self.before) & seen[:, None]).any() or not seen.any():
             self.moved_s = time
+        self.before = own
         self.frozen = time - self.moved_s > MIN_FROZEN_S - ROUNDING_S
         if self.frozen:
             position = np.full(position.shape, np.nan)
@@ -224,7 +223,7 @@ class MarkerTracker:
         solution = self.tracker.keep(solution, time)
         error = solution.marker_error
         largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
-        change_m = np.clip(error - self.usual_m, -largest_m, largest_m)
+        change_m = np.minimum(np.maximum(error - self.usual_m, -largest_m), largest_m)
         change_m[np.isnan(change_m)] = 0.0
         self.usual_m += change_m
         return solution
@@ -238,9 +237,10 @@ class MarkerTracker:
         if self.left_out.any():
             position = self._without_left_out(position)
         solution = self.tracker.solve(position)
-        seen = solution.marker_error[np.isfinite(solution.marker_error)]
-        if self.unfit and not (len(seen) and np.median(seen) < MAX_FITTING_M):
-            return solution
+        if self.unfit:
+            seen = solution.marker_error[np.isfinite(solution.marker_error)]
+            if not (len(seen) and np.median(seen) < MAX_FITTING_M):
+                return solution
         for _ in range(MAX_ROUNDS):
             more = farthest_outliers(solution.marker_error - 2 * self.usual_m, self.parts)
             if not more.any():
@@ -251,7 +251,7 @@ class MarkerTracker:
                     self.left_out[own] = True
             position = self._without_left_out(position)
             solution = self.tracker.solve(position)
-        self.unfit = self.left_out.mean() > MAX_SHARE_LEFT_OUT
+        self.unfit = bool(self.left_out.mean() > MAX_SHARE_LEFT_OUT)
         return solution
 
     def _without_left_out(self, position: Array) -> Array:

@@ -22,7 +22,7 @@ from hbm.signals.samples import (
     sample_times,
     unknown,
 )
-from hbm.spatial import Array, frozen
+from hbm.spatial import Array, Mask, frozen
 
 Method = Literal["realtime", "zero_phase"]
 """How coordinates and forces are filtered; `low_pass` says what each method does."""
@@ -328,27 +328,31 @@ class RealtimeFilter:
             (K,); NaN where unknown. A signal that is known again goes on, or after longer than
             `longest_gap_s` begins anew.
         """
-        known, since_s = np.isfinite(signal), time - self._known_s
-        begins = known & (since_s > self.longest_s)
-        goes_on = known & ~begins
-        steps = np.where(goes_on, np.maximum(np.rint(since_s / self.step_s), 1), 0)
-        h = np.where(goes_on, since_s, self.step_s) / np.maximum(steps, 1)
-        (y, v, acceleration), before = self._state, self._before
-        change = np.where(goes_on, signal - before, 0) / np.maximum(steps, 1)
-        a, b = self.a, self.b
+        finite = np.isfinite(signal)
+        known = slice(None) if finite.all() else finite
+        last_s = set(self._known_s[known].tolist())
+        state = np.full((3, len(signal)), np.nan)
+        for known_s in last_s:
+            these = known if len(last_s) == 1 else finite & (self._known_s == known_s)
+            state[:, these] = self._goes_on(time - known_s, these, signal[these])
+        self._state[:, known], self._before[known] = state[:, known], signal[known]
+        self._known_s[known] = time
+        self.value, self.velocity, self.acceleration = state
+
+    def _goes_on(self, since_s: float, these: Mask | slice, signal: Array) -> tuple[Array, ...]:
+        """Give the state of some signals that were known so long ago, (3, n)."""
+        if since_s > self.longest_s:
+            return signal, 0 * signal, 0 * signal
+        (y, v, acceleration), before = self._state[:, these], self._before[these]
+        steps = max(round(since_s / self.step_s), 1)
+        change, h, a, b = (signal - before) / steps, since_s / steps, self.a, self.b
         divisor = 4 + 2 * h * b + h * h * a
-        for k in range(int(steps.max())):
-            x = before + (k + 0.5) * change  # the mean over the step
-            value = ((4 + 2 * h * b - h * h * a) * y + 4 * h * v + 2 * h * h * a * x) / divisor
-            velocity = (-4 * h * a * y + (4 - 2 * h * b - h * h * a) * v + 4 * h * a * x) / divisor
-            taken = k < steps
-            acceleration = np.where(taken, (velocity - v) / h, acceleration)
-            y, v = np.where(taken, value, y), np.where(taken, velocity, v)
-        at_rest = np.stack([signal, 0 * signal, 0 * signal])
-        self._state = np.where(begins, at_rest, [y, v, acceleration])
-        self._before = np.where(known, signal, before)
-        self._known_s = np.where(known, time, self._known_s)
-        self.value, self.velocity, self.acceleration = np.where(known, self._state, np.nan)
+        for k in range(steps):
+            x, y_before, v_before = before + (k + 0.5) * change, y, v  # x: the mean over the step
+            y = ((4 + 2 * h * b - h * h * a) * y + 4 * h * v + 2 * h * h * a * x) / divisor
+            v = (-4 * h * a * y_before + (4 - 2 * h * b - h * h * a) * v + 4 * h * a * x) / divisor
+            acceleration = (v - v_before) / h
+        return y, v, acceleration
 
 
 def acceleration_lag_s(time: Array) -> float:

@@ -299,13 +299,14 @@ class Convolution:
             (T, K); NaN where a sample within reach is NaN, where the samples leave a gap, and where
             they end before the reach does.
         """
-        found = [self._at_one(time, values, each) for each in at.tolist()]
-        return np.reshape(found, (len(at), values.shape[1]))
+        found = [self.at_one(time, values, each) for each in at.tolist()]
+        return np.array(found).reshape(len(at), values.shape[1])
 
-    def _at_one(self, time: Array, values: Array, at: float) -> Array:
+    def at_one(self, time: Array, values: Array, at: float) -> Array:
         """Do the same for one instant, (K,)."""
-        start = int(time.searchsorted(at - self.reach_s, side="right"))
-        stop = int(time.searchsorted(at + self.reach_s, side="left"))
+        reach_s = self.reach_s
+        start = int(time.searchsorted(at - reach_s, side="right"))
+        stop = int(time.searchsorted(at + reach_s, side="left"))
         later = time[start:stop] - at
         if not self._is_known(later):
             return np.full(values.shape[1], np.nan)

@@ -403,10 +403,10 @@ def over_short_losses(time: Array, values: Array, rate_hz: float) -> tuple[Array
     ([0.0, 0.01, 0.02, 0.03, 0.04, 0.09], 0.04)
     """
     steps = np.rint(np.diff(time) * rate_hz).astype(int)
+    if steps.max(initial=0) <= 1:
+        return time, values
     lost = np.where(steps <= max(MAX_LOSS_S * rate_hz, 2), steps - 1, 0).clip(0)
     before = np.repeat(np.arange(len(lost)), lost)
-    if not len(before):
-        return time, values
     number = 1 + np.arange(len(before)) - np.searchsorted(before, before)
     share = (number / steps[before])[:, None]
     both = np.column_stack([time, values])

@@ -15,7 +15,7 @@ from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.plausibility.outliers import MarkerTracker
 from hbm.signals.filtering import RealtimeFilter
-from hbm.spatial import Array, Indices, Mask, shift_wrench
+from hbm.spatial import Array, Indices, Mask, skew
 from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
@@ -78,7 +78,13 @@ class LiveFrame:
 
 CHAINS: Final = [np.array(support(LAST_Q[foot])) for foot in FEET]
 """Coordinates that move each foot."""
-OF_PLACES: Final = [MOVING.index(segment) for segment in PLACES]
+LEGS: Final = np.union1d(*CHAINS)
+MOVES: Final = np.array([np.isin(LEGS, chain) for chain in CHAINS])[:, None]
+"""Coordinates that move a foot, (n,), and whether they move each of them, (2, 1, n)."""
+OF_PLACES: Final = np.array(
+    [[12 * MOVING.index(segment) + 9 + axis for axis in range(3)] for segment in PLACES]
+)
+"""Numbers of the origins of these segments in what the kernel of poses gives, (5, 3)."""
 
 
 ROUNDING_S: Final = 1e-6
@@ -98,7 +104,7 @@ class _Pose:
     feet: Array
     places: Array
     above: Feet | None
-    needed: tuple[Array, Array, Array]
+    needed: tuple[Array, Array, Array, Array]
     marker_error: Array
     quality: Quality
 
@@ -254,14 +260,16 @@ class LiveChain:
         if platform is not None or self.ground.platform is None:  # else it waits for its commands
             above = self.support.feet(np.array([time]), places[None], _one(platform))
         shown = (feet[:2] + feet[2:]) / 2, places, above
-        needed = tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()
+        # what a wrench under each foot does to the coordinates of the legs
+        on_legs = (motion.reshape(N_Q, 6).T[:, LEGS] * MOVES).reshape(12, -1)
+        needed = tau.copy(), wrench.copy(), on_legs, skew(q[:3])
         quality = self._quality_of_pose(time, solution)
         return _Pose(time, position, platform, q, *shown, needed, solution.marker_error, quality)
 
     def _places(self, q: Array) -> Array:
         """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
         (poses,) = self.segment_poses(q)
-        return np.asarray(poses.reshape(len(MOVING), 4, 3)[OF_PLACES, 3])
+        return np.asarray(poses[OF_PLACES])
 
     def _quality_of_pose(self, time: float, solution: FrameSolution) -> Quality:
         """Say what markers do not show in a frame."""
@@ -289,23 +297,24 @@ class LiveChain:
         wrenches, platform = self.ground.at(time, pose.platform)
         on, uncertain = self._feet_on_plates(wrenches[-1], pose.feet)
         raw = by_foot(wrenches, on)
-        raw[np.isnan(wrenches).any(axis=(1, 2))] = np.nan
+        unknown = np.asarray(np.isnan(wrenches).any(axis=(1, 2)))
+        raw[unknown] = np.nan
         contact = raw[-1, :, 2] > self.settings.contact_threshold_n
         if np.isnan(pose.q[0]):
             raw[:] = np.nan  # what is lost for the motion is lost for the forces
         self.forces.step(time, raw.ravel())
 
         loads = self.forces.value.reshape(raw.shape)
-        alone, wrench, motion = pose.needed
-        tau = np.tile(alone, (len(loads), 1))
-        for foot, chain in enumerate(CHAINS):
-            tau[:, chain] -= loads[:, foot] @ motion[chain].T
-        residual = shift_wrench(wrench - loads.sum(axis=1), pose.q[:3])
+        alone, wrench, on_legs, to_hip = pose.needed
+        tau = alone + np.zeros((len(loads), 1))
+        tau[:, LEGS] -= loads.reshape(-1, 12) @ on_legs
+        residual = wrench - loads.sum(axis=1)
+        residual[:, 3:] += residual[:, :3] @ to_hip  # about mid-hip
 
         quality |= Quality.LATE * (not complete) | Quality.FOOT_UNCERTAIN * uncertain
         if platform is not None and np.isnan(platform[1][0]):
             quality |= Quality.PLATFORM_UNKNOWN
-        elif np.isnan(wrenches[-1]).any():
+        elif unknown[-1]:
             quality |= Quality.FORCES_UNKNOWN
         at, measured = _one(platform), loads[-1, :, 2].sum(keepdims=True)
         above = pose.above or self.support.feet(np.array([time]), pose.places[None], at)
@@ -329,8 +338,7 @@ class LiveChain:
         Wrenches of the plates, (P, 6) [N, N·m], and middles of the feet, (2, 3) [m], are in the
         lab. A plate whose pressure does not decide keeps the foot that it carried last.
         """
-        of_each = np.broadcast_to(feet, (len(wrenches), 2, 3))
-        pressure = pressure_beside(wrenches, of_each, self.settings.contact_threshold_n)
+        pressure = pressure_beside(wrenches, feet[None], self.settings.contact_threshold_n)
         self.foot_on = np.where(pressure.decided, pressure.nearer, self.foot_on)
         on = np.where(self.foot_on < 0, pressure.nearer, self.foot_on)
         return on, bool(pressure.uncertain.any())

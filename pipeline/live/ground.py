@@ -1,16 +1,17 @@
 """The wrenches of the plates and the platform's pose, frame by frame, from analog streams."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import cycle
+from dataclasses import dataclass, replace
+from itertools import cycle, groupby
 from typing import Final
 
 import numpy as np
+from scipy.linalg.lapack import dgesdd
 
 from compensation import InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
-from hbm.spatial import Array, Indices, fit_rotation, transform_wrench
+from hbm.spatial import Array, Indices, skew, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.config.schema import Platform, Settings
 from pipeline.io import units
@@ -41,12 +42,20 @@ class SampleBuffer:
 
     def __init__(self, columns: int, length: int) -> None:
         self.length, self.newest_s = length, -np.inf
-        self.time, self.values = np.empty(0), np.empty((0, columns))
+        self._times, self._rows = np.empty(2 * length), np.empty((2 * length, columns))
+        self.time, self.values = self._times[:0], self._rows[:0]
+        self._stop = 0
 
     def append(self, time: Array, values: Array) -> None:
         """Take samples, (N,) [s] and (N, K), in order and later than the last one."""
-        self.time = np.concatenate([self.time, time])[-self.length :]
-        self.values = np.concatenate([self.values, values])[-self.length :]
+        time, values = time[-self.length :], values[-self.length :]
+        if self._stop + len(time) > len(self._times):  # twice as long, so that few copies do
+            self._stop = len(self.time)
+            self._times[: self._stop], self._rows[: self._stop] = self.time, self.values
+        start, self._stop = self._stop, self._stop + len(time)
+        self._times[start : self._stop], self._rows[start : self._stop] = time, values
+        kept = slice(max(self._stop - self.length, 0), self._stop)
+        self.time, self.values = self._times[kept], self._rows[kept]
         self.newest_s = float(self.time[-1]) if len(self.time) else -np.inf
 
 
@@ -63,6 +72,14 @@ class Channels:
     columns: Indices
     factor: Array
     rate_hz: float
+
+    @classmethod
+    def joined(cls, every: Sequence["Channels"]) -> "Channels":
+        """Give channels of one stream in a row."""
+        columns, factor = (
+            np.concatenate([getattr(c, x) for c in every]) for x in ("columns", "factor")
+        )
+        return replace(every[0], columns=columns, factor=factor)
 
     def samples(self, start_s: float = -np.inf, stop_s: float = np.inf) -> tuple[Array, Array]:
         """Give the samples from one time to another, or all: (N,) [s] and (N, K) in SI units."""
@@ -146,7 +163,7 @@ class MarkedPlatform:
                 f"platform markers {', '.join(missing)} are not in the stream of markers; markers "
                 f"there: {', '.join(labels)}"
             )
-        self.columns = [list(labels).index(name) for name in platform.markers]
+        self.columns = np.array([list(labels).index(name) for name in platform.markers])
         self.first, self.neutral = list[Array](), np.empty((0, 3))
 
     def pose(self, position: Array) -> Pose:
@@ -158,12 +175,14 @@ class MarkedPlatform:
                 self._find_neutral()
             return UNKNOWN
         if (np.abs(seen) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
-            center, center_then = seen.mean(axis=0), self.neutral.mean(axis=0)
-            centered = self.neutral - center_then
-            rotation = fit_rotation((seen - center).T @ centered)
-            error = centered @ rotation.T + center - seen
-            if (error * error).sum(axis=1).max() <= MAX_MARKER_ERROR_M**2:
-                return rotation, center - rotation @ center_then
+            center = np.add.reduce(seen) / len(seen)
+            around = seen - center
+            u, _, vt, _ = dgesdd(around.T @ self.around_then)  # as `fit_rotation`
+            rotation = u @ vt
+            error = self.around_then @ rotation.T - around
+            fits = np.vecdot(error, error).max() <= MAX_MARKER_ERROR_M**2
+            if fits and np.linalg.det(rotation) > 0:
+                return rotation, center - rotation @ self.center_then
         try:
             pose = fit_pose(seen[None], self.neutral, MAX_MARKER_ERROR_M).pose
         except ValueError:
@@ -174,7 +193,8 @@ class MarkedPlatform:
         try:
             neutral = neutral_markers(np.array(self.first))
             fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
-            self.neutral = neutral
+            self.neutral, self.center_then = neutral, neutral.mean(axis=0)
+            self.around_then = neutral - self.center_then
         except ValueError:
             del self.first[0]
 
@@ -206,8 +226,8 @@ class CommandedPlatform:
 
 def _resampled(channels: Channels, how: Convolution, at: float) -> Array:
     """Give channels at an instant [s], (K,); NaN where unknown."""
-    samples = channels.samples(at - how.reach_s, at + how.reach_s)
-    return np.asarray(how.evaluate(*samples, np.array([at]))[0])
+    buffer = channels.buffer
+    return how.at_one(buffer.time, buffer.values, at)[channels.columns] * channels.factor
 
 
 PLATE_UNITS: Final = (*[units.force_in_n] * 3, *[units.moment_in_nm] * 3)
@@ -234,9 +254,13 @@ class LiveGround:
     ) -> None:
         treadmill, frames_hz = laboratory.treadmill, markers.rate_hz
         delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
-        self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
-        resampling = [Convolution.between(found.rate_hz, frames_hz) for found in each]
-        self.resampled = list(zip(each, resampling, delays_s, strict=True))
+        each = [analog.find(six, PLATE_UNITS) for six in channels]
+        self.resampled = list[tuple[Channels, Convolution, float]]()
+        of_plates = zip(each, delays_s, strict=True)
+        for (_, delay_s), group in groupby(of_plates, lambda of: (of[0].stream, of[1])):
+            sent = Channels.joined([channels for channels, _ in group])
+            how = Convolution.between(sent.rate_hz, frames_hz)
+            self.resampled.append((sent, how, delay_s))
         self.delays_s = np.array(delays_s)
         corrections = [_correction(plate, laboratory) for plate in plates]
         self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
@@ -293,7 +317,8 @@ class LiveGround:
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
         each = [_resampled(sent, how, time + delay_s) for sent, how, delay_s in self.resampled]
-        measured = (np.array(each)[:, None] @ self.corrections)[:, 0] + self.offsets
+        plates = np.concatenate(each).reshape(-1, 1, 6)
+        measured = (plates @ self.corrections)[:, 0] + self.offsets
         added = [self._inertia(time)] if self.gains else []
         if self.belts is not None:
             at, samples = [np.array([t]) for t in time + self.delays_s], self.speeds.samples()
@@ -301,7 +326,12 @@ class LiveGround:
         variants = [measured, measured - sum(added)] if added else [measured]
         wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
         pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
-        return wrenches if pose is None else transform_wrench(wrenches, *pose), pose
+        if pose is not None:  # as `transform_wrench`, in a third of its time for one pose
+            rotation, position = pose
+            turned = wrenches.reshape(-1, 2, 3) @ rotation.T
+            turned[:, 1] -= turned[:, 0] @ skew(position)
+            wrenches = turned.reshape(wrenches.shape)
+        return wrenches, pose
 
     def _inertia(self, time: float) -> Array:
         """Give what the platform's motion adds to each plate, (P, 6)."""

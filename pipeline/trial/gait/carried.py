@@ -42,6 +42,7 @@ MIN_MEASURED: Final = 0.25
 """Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
 LASTING_S: Final = 0.1
 """For which that may last, as errors of timing do, and for which a tip that leaves may touch."""
+TO_THE_LEFT, LEVEL = np.array([-1.0, 1.0]), np.array([1.0, 1.0, 0.0])
 LEFT_AND_RIGHT: Final = np.arange(2)
 """Numbers of the feet."""
 ROUNDING_S: Final = 1e-6
@@ -137,6 +138,7 @@ class Support:
         self.steps = bool(np.ptp(self.level) > MAX_LEVEL_M)
         self.highest = np.max(self.level) + MAX_LEVEL_M
         self.length = np.array([body.lengths[f"{side}_foot"] for side in SIDES])[:, None]
+        self.heights = HEIGHTS * self.length
         self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, settings.contact_threshold_n
         self.rest_n = np.zeros(len(corner)) if rest_n is None else rest_n
         self.method = settings.filter
@@ -162,21 +164,22 @@ class Support:
             places = (places - pose[1][:, None]) @ pose[0]
         ankle, ball = places[:, 1:3], places[:, 3:]
         along = ball - ankle
-        tip = ankle + along * (TIP * self.length / np.sqrt((along**2).sum(axis=2))[..., None])
+        tip = ankle + along * (TIP * self.length / np.sqrt(np.vecdot(along, along))[..., None])
         points = np.concatenate([places, tip], axis=1)
-        every = np.concatenate([self.points, points])
-        step_s = np.diff(np.concatenate([self.time, time]))
-        velocity = (every[1:] - every[:-1]) / step_s[:, None, None]
+        every, times = np.concatenate([self.points, points]), np.concatenate([self.time, time])
+        velocity = (every[1:] - every[:-1]) / (times[1:] - times[:-1])[:, None, None]
         self.time, self.points = time[-1:], points[-1:]
         heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
-        sole = (heights - HEIGHTS * self.length).min(axis=2)
+        sole = (heights - self.heights).min(axis=2)
         level = along[..., :2]
-        flat = level * (self.length / np.sqrt((level**2).sum(axis=2))[..., None])
-        across = HALF_WIDTH * flat[..., ::-1] * [-1.0, 1.0]
+        flat = level * (self.length / np.sqrt(np.vecdot(level, level))[..., None])
+        across = HALF_WIDTH * flat[..., ::-1] * TO_THE_LEFT
         above = ball[..., :2]
-        outline = [ankle[..., :2] + HEEL * flat, tip[..., :2], above + across, above - across]
-        middle = (ankle[..., :2] + above) / 2
-        return Feet(time, velocity, sole, self._depth(np.stack([*outline, middle], axis=2)))
+        outline = np.empty((len(time), 2, 5, 2))
+        outline[:, :, 0], outline[:, :, 1] = ankle[..., :2] + HEEL * flat, tip[..., :2]
+        outline[:, :, 2], outline[:, :, 3] = above + across, above - across
+        outline[:, :, 4] = (ankle[..., :2] + above) / 2
+        return Feet(time, velocity, sole, self._depth(outline))
 
     def carried(
         self,
@@ -233,7 +236,7 @@ class Support:
         shows = (of_foot > self.threshold_n) & (of_foot >= of_foot[:, ::-1])
         shows &= np.abs(ball[..., 2]) < MAX_RESTING_MPS
         last = np.maximum.accumulate(np.where(shows, np.arange(1, len(of_foot) + 1)[:, None], 0))
-        seen = np.concatenate([self.ground, ball * [1.0, 1.0, 0.0]])
+        seen = np.concatenate([self.ground, ball * LEVEL])
         ground = seen[last, LEFT_AND_RIGHT]
         self.ground = ground[-1:]
         return ground
@@ -273,7 +276,7 @@ class Support:
 
 def _within(feet: Feet) -> Mask:
     """Whether the outline of each foot is within those of the plates, (T, 2)."""
-    return np.asarray(np.all(np.any(feet.depth[:, :, :-1] > -MARGIN_M, axis=3), axis=2))
+    return np.asarray((feet.depth[:, :, :-1] > -MARGIN_M).any(axis=3).all(axis=2))
 
 
 def _grounded(feet: Feet, ground: Array) -> Mask:

@@ -253,8 +253,8 @@ def by_foot(wrenches: Array, on: Indices) -> Array:
 
     ``on`` is the foot that each plate carries, 0 left and 1 right, (..., P).
     """
-    under = (np.where((on == foot)[..., None], wrenches, 0.0).sum(axis=-2) for foot in range(2))
-    return np.stack([*under], axis=-2)
+    under = (on[..., None, :] == np.arange(2)[:, None])[..., None]
+    return np.asarray(np.where(under, wrenches[..., None, :, :], 0.0).sum(axis=-2))
 
 
 def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], time: Array) -> None:

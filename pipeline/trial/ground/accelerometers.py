@@ -233,9 +233,10 @@ def _undelayed(
     readings: Array, delays_s: Sequence[float], read: Callable[[Array, float], Array]
 ) -> Array:
     """Read each sensor ahead by its delay [s]; where all have the same one, all together."""
-    groups = len(delays_s) if len(set(delays_s)) > 1 else 1
-    parts = np.split(readings, groups, axis=1)
-    return np.hstack([read(*part) for part in zip(parts, delays_s[:groups], strict=True)])
+    if len(set(delays_s)) == 1:
+        return read(readings, delays_s[0])
+    parts = np.split(readings, len(delays_s), axis=1)
+    return np.hstack([read(*part) for part in zip(parts, delays_s, strict=True)])
 
 
 def at_plate_times(
@@ -313,7 +314,7 @@ class RealtimeAccelerometers:
         for lag_s in self.lags_s:
             later, earlier = (self._readings(time, readings, at + s) for s in (lag_s, -lag_s))
             kinds.append(later - 2 * now + earlier)
-        return np.hstack(kinds)
+        return np.hstack(kinds) if self.lags_s else now
 
     def _readings(self, time: Array, readings: Array, at: Array) -> Array:
         def read(of_sensors: Array, delay_s: float) -> Array:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.streams import find_clock
+from pipeline.live.ground import SampleBuffer
 from pipeline.live.monitor import Monitor
 from pipeline.live.session import Session
 from pipeline.live.stream import Arrivals, Samples, StreamDescription
@@ -290,3 +291,12 @@ def test_what_live_uses_of_repeated_samples_is_read_at_the_same_times(
     assert clock.rate_hz == pytest.approx(100, rel=1e-5)
     np.testing.assert_allclose(clock.time[clock.index], time[clock.samples], atol=1e-3)
     assert not [fact for fact in clock.facts if fact.kind in ("left_out", "in_doubt")]
+
+
+@drawn(st.lists(st.integers(0, 9), max_size=30))
+def test_the_newest_samples_are_kept_whatever_the_chunks(chunks):
+    buffer, given = SampleBuffer(columns=2, length=7), np.arange(sum(chunks))
+    for some in np.split(given, np.cumsum(chunks)):
+        buffer.append(some / 100, np.stack([some, -some], axis=1))
+    np.testing.assert_array_equal(buffer.time, given[-7:] / 100)
+    np.testing.assert_array_equal(buffer.values, np.stack([given, -given], axis=1)[-7:])
