@@ -67,6 +67,8 @@ def check(
     ] = False,
 ) -> int:
     """Every TOML file and every recording is read; exit code 2 where there are faults."""
+    from joblib import cpu_count
+
     from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
@@ -74,7 +76,7 @@ def check(
     from pipeline.statistics.design import in_words
 
     console, loaded = PlainConsole(), read_study(study)
-    found, recordings = check_study(loaded), study_recordings(loaded)
+    found, recordings = check_study(loaded, cpu_count()), study_recordings(loaded)
     agree = 0
     if second_reader:
         with StepProgress(console, "reading twice", "files") as progress:
