@@ -139,12 +139,10 @@ def run(
     """Failed trials are listed with their reasons, the others are done; exit code 1."""
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
-    from pipeline.run.processes import keep_freed_memory
     from pipeline.run.run import forecast, plan, require_nothing_replaced, run_planned
     from pipeline.trial.study_files import read_study_laboratory
 
     console, start = PlainConsole(), time.monotonic()
-    keep_freed_memory()
     try:
         loaded = read_study(study, recordings=False)  # a trial whose file is missing fails alone
     except StudyFaults:

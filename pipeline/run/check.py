@@ -4,7 +4,7 @@ Every recording passes the stages of `pipeline.trial.chain` that need no solved 
 them refuses is collected, and the next one follows.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
@@ -189,11 +189,14 @@ def check_study(study: Study, jobs: int = 1) -> Findings:
     """
     findings = Findings()
     findings.attempt(str(study.folder), study.to_process)
-    ways = [
-        Way.of(variant, replace(findings, variant=name))  # they share its lists
-        for name, variant in {"": study, **study.variants}.items()
-    ]
-    tasks = (delayed(_check_subject)([*_ways_of(ways, subject)]) for subject in study.subjects)
+    every = {"": study, **study.variants}
+    # ways share the lists of findings; those of a subject begin with none
+    ways = [Way.of(way, replace(findings, variant=name)) for name, way in every.items()]
+    ways = [replace(way, findings=Findings(variant=way.findings.variant)) for way in ways]
+    tasks = (
+        delayed(_check_subject)([replace(way, study=way.study.alone(subject)) for way in ways])
+        for subject in study.subjects
+    )
     workers = max(1, min(jobs, len(study.subjects) // MIN_SUBJECTS))
     for of_subject in in_processes(tasks, workers, ordered=True):
         findings.include(of_subject)
@@ -203,18 +206,10 @@ def check_study(study: Study, jobs: int = 1) -> Findings:
     return findings
 
 
-def _ways_of(ways: Iterable[Way], subject: str) -> Iterator[Way]:
-    """Give the ways of processing one subject, for another process, with nothing found yet."""
-    findings = Findings()
-    for way in ways:
-        person = {subject: way.study.subject(subject)}
-        study = replace(way.study, subjects=person, variants={})
-        yield replace(way, study=study, findings=replace(findings, variant=way.findings.variant))
-
-
 def _check_subject(ways: Sequence[Way]) -> Findings:
     """Check the recordings of the one subject of some ways, the first of which is the main one."""
-    study, findings = ways[0].study, ways[0].findings
+    study, findings = ways[0].study, Findings()
+    ways = [replace(way, findings=replace(findings, variant=way.findings.variant)) for way in ways]
     ((subject, person),) = study.subjects.items()
     poses = [way.read(person.static) for way in ways]
     for name, trial in person.named_trials.items():

@@ -111,9 +111,7 @@ def plan(
     folder, out = study.folder.resolve(), out.resolve()
 
     def job(way: Study, name: TrialName, results: Path) -> Job:
-        # a worker is sent no more than the study of this subject
-        person = {name.subject: study.subject(name.subject)}
-        way = replace(way, folder=folder, subjects=person, variants={})
+        way = replace(way.alone(name.subject), folder=folder)
         return Job(way, name, results / "trials" / f"{name.stem}.parquet", trial_key(way, name))
 
     jobs = []
