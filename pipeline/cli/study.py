@@ -67,6 +67,8 @@ def check(
     ] = False,
 ) -> int:
     """Every TOML file and every recording is read; exit code 2 where there are faults."""
+    from joblib import cpu_count
+
     from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
@@ -74,7 +76,7 @@ def check(
     from pipeline.statistics.design import in_words
 
     console, loaded = PlainConsole(), read_study(study)
-    found, recordings = check_study(loaded), study_recordings(loaded)
+    found, recordings = check_study(loaded, cpu_count()), study_recordings(loaded)
     agree = 0
     if second_reader:
         with StepProgress(console, "reading twice", "files") as progress:
@@ -137,12 +139,10 @@ def run(
     """Failed trials are listed with their reasons, the others are done; exit code 1."""
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
-    from pipeline.run.processes import keep_freed_memory
     from pipeline.run.run import forecast, plan, require_nothing_replaced, run_planned
     from pipeline.trial.study_files import read_study_laboratory
 
     console, start = PlainConsole(), time.monotonic()
-    keep_freed_memory()
     try:
         loaded = read_study(study, recordings=False)  # a trial whose file is missing fails alone
     except StudyFaults:

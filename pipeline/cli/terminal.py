@@ -182,6 +182,7 @@ def follow_trials(
     Kept trials have no line, and a reason of failure has one however many trials have it.
     """
     finished: list[Outcome] = []
+    kept = 0
     alike: dict[str, list[str]] = {}
 
     def so_far() -> str:
@@ -191,11 +192,11 @@ def follow_trials(
     with stoppable(so_far), StepProgress(console, work, "trials") as progress:
         for outcome in outcomes:
             finished.append(outcome)
+            kept += outcome.state == "kept"
             failed = outcome.failure is not None or bool(outcome.failed_variants)
             if outcome.failure in alike:
                 alike[outcome.failure].append(str(outcome.job.name))
             elif outcome.state != "kept" or failed:
-                kept = sum(each.state == "kept" for each in finished)
                 progress.show(str(outcome), len(finished) - kept, total - kept, failed=failed)
             if outcome.failure is not None:
                 alike.setdefault(outcome.failure, [])

@@ -197,14 +197,12 @@ def _explain_results(
         study_of,
     )
     from pipeline.budgets.words import NOTHING_CERTAIN
-    from pipeline.run.processes import keep_freed_memory
 
     folder = request.trial
     require_no_options(request, "the results of a study, whose files have all settings")
     if out is not None:
         raise ValueError(f"leave out --out: explanations of a study go to {folder / 'explained'}")
     console = PlainConsole()
-    keep_freed_memory()
     study = study_of(folder)
     planned = plan_explanations(study, folder)
     outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))

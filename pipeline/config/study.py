@@ -97,6 +97,14 @@ class Study:
             for name, trial in person.named_trials.items()
         }
 
+    def __contains__(self, name: TrialName) -> bool:
+        """Say whether it has such a trial, excluded ones too."""
+        return name.subject in self.subjects and name in self.subjects[name.subject].named_trials
+
+    def alone(self, subject: str) -> "Study":
+        """Give the study of one subject, without variants: all that a worker needs."""
+        return replace(self, subjects={subject: self.subject(subject)}, variants={})
+
     @property
     def files(self) -> tuple[str, ...]:
         """Names of all files that it uses besides its own TOML files; of excluded trials none."""

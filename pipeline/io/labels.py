@@ -3,13 +3,14 @@
 import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Container, Iterable, Mapping, Sequence
+from functools import cache
 from itertools import chain, count
 from shlex import quote
 from typing import Final
 
 import numpy as np
 
-from hbm.markers import marker_sets, recognise_marker_set, renaming
+from hbm.markers import MarkerSet, marker_sets, recognise_marker_set, renaming
 from hbm.notes import Note
 from hbm.spatial import Array, Mask
 from hbm.spelling import listed, short
@@ -104,11 +105,17 @@ def without_prefixes(
     return bare, notes
 
 
-def _known(stated: Stated) -> set[str]:
+def _known(stated: Stated) -> frozenset[str]:
     """Give the labels that mean something, in lower case: those of marker sets and to rename."""
-    sets = [*marker_sets().values(), *filter(None, [stated.marker_set])]
+    return _labels_with(stated.marker_set).union(map(str.casefold, stated.rename))
+
+
+@cache
+def _labels_with(marker_set: MarkerSet | None) -> frozenset[str]:
+    """Give the labels of all shipped sets and of another, in lower case."""
+    sets = [*marker_sets().values(), *filter(None, [marker_set])]
     labels = (label for chosen in sets for marker in chosen.markers for label in marker.labels)
-    return {label.casefold() for label in (*labels, *stated.rename)}
+    return frozenset(map(str.casefold, labels))
 
 
 def _are_of_a_set(labels: Sequence[str], stated: Stated) -> bool:

@@ -3,6 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from glob import escape
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +20,7 @@ from pipeline.io.recording import Event, Fact, Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import GAPS, NUMBER, TextTable, read_number, read_rate, read_table
 
+SUFFIX: Final = ".tsv"
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
 """Stem of a file of forces: of the only plate, or of one with its number."""
 KEY: Final = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT")
@@ -58,10 +60,16 @@ def _rate_hz(header: Header, timed: bool) -> float:
 
 
 def plate_files(path: Path) -> list[Path]:
-    """Give the files of forces of an export, from that of its trajectories or of one plate."""
+    """Give the files of forces of an export, from that of its trajectories or of one plate.
+
+    Files of other formats have none; their folder, which may hold thousands, is not searched.
+    """
+    if path.suffix.lower() != SUFFIX:
+        return []
     match = PLATE_FILE.fullmatch(path.stem)
-    files = {file: PLATE_FILE.fullmatch(file.stem) for file in path.parent.glob(f"*{path.suffix}")}
     trial = match["trial"] if match else path.stem
+    named = path.parent.glob(f"{escape(trial)}*{path.suffix}")
+    files = {file: PLATE_FILE.fullmatch(file.stem) for file in named}
     of_trial = [file for file, of in files.items() if of and of["trial"] == trial]
     return sorted(of_trial, key=lambda file: (len(file.stem), file.stem))
 

@@ -4,7 +4,7 @@ Every recording passes the stages of `pipeline.trial.chain` that need no solved 
 them refuses is collected, and the next one follows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 import numpy as np
+from joblib import delayed
 
 from compensation import PlatformPose
 from compensation.inertia.sensors import describe_sensors
@@ -28,6 +29,7 @@ from pipeline.config.study import Study
 from pipeline.io.c3d.second_reader import compare_readers
 from pipeline.io.input_file import describe_error
 from pipeline.io.recording import Recording
+from pipeline.run.processes import in_processes
 from pipeline.trial.chain import Chain
 from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycles import found_cycles
@@ -58,6 +60,8 @@ from pipeline.trial.window import NO_POSE, what_counts
 
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
+MIN_SUBJECTS: Final = 25
+"""For each process, which needs as long to start as to check so many."""
 MAX_MISSING_SHARE: Final = 0.2
 """Share of the frames; a marker that is missing in more is named."""
 ASSUMED_MASS_KG: Final = 70.0
@@ -73,6 +77,8 @@ class Finding:
     said: Note | str
     contents: bool = False
     """Whether it is only what a file holds."""
+    variant: str = ""
+    """Which one it is about; empty for the study's main way."""
 
     @property
     def doubtful(self) -> bool:
@@ -80,8 +86,9 @@ class Finding:
         return not self.contents if isinstance(self.said, str) else self.said.level == "warning"
 
     def __str__(self) -> str:
-        named = isinstance(self.said, str) and self.place in self.said
-        return str(self.said) if named else f"{self.place}: {self.said}"
+        said = f"variant {self.variant}: {self.said}" if self.variant else str(self.said)
+        named = isinstance(self.said, str) and self.place in said
+        return said if named else f"{self.place}: {said}"
 
 
 @dataclass(slots=True)
@@ -94,18 +101,30 @@ class Findings:
     """Which one is checked; empty for the study's main way. It adds only faults of its own."""
     read: dict[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
     """Name of a file -> digest of its markers' positions, labels to rename that it lacks."""
+    known: set[Finding] = field(default_factory=set)
+    """All of both kinds."""
 
     def remark(self, place: str, *said: Note | str, contents: bool = False) -> None:
         """Add what is to be known of a place, or what a file holds."""
-        for remark in (Finding(place, text, contents) for text in said):
-            if not self.variant and remark not in self.remarks:
-                self.remarks.append(remark)
+        if not self.variant:
+            self._add(self.remarks, (Finding(place, text, contents) for text in said))
 
     def fault(self, place: str, reason: str) -> None:
         """Add what stops a trial."""
-        of_variant = f"variant {self.variant}: {reason}" if self.variant else reason
-        if not {Finding(place, reason), Finding(place, of_variant)} & {*self.faults}:
-            self.faults.append(Finding(place, of_variant))
+        self._add(self.faults, [Finding(place, reason, variant=self.variant)])
+
+    def include(self, others: "Findings") -> None:
+        """Add what another check found, in another process."""
+        self._add(self.faults, others.faults)
+        self._add(self.remarks, others.remarks)
+        self.read.update(others.read)
+
+    def _add(self, kind: list[Finding], findings: Iterable[Finding]) -> None:
+        """Add those that are not known, of a variant nor of the main way."""
+        for finding in findings:
+            if self.known.isdisjoint((finding, replace(finding, variant=""))):
+                self.known.add(finding)
+                kind.append(finding)
 
     def attempt(self, place: str, action: Callable[[], Result]) -> Result | None:
         """Give what a function returns; where it raises, its message is a fault of the place."""
@@ -153,40 +172,56 @@ class Way:
         return self.findings.attempt(file, lambda: corrected(file)) if file else None
 
 
-def check_study(study: Study) -> Findings:
+def check_study(study: Study, jobs: int = 1) -> Findings:
     """Check every recording of a study without processing it.
 
     Parameters
     ----------
     study
         The study; its TOML files are already checked.
+    jobs
+        How many subjects at a time; fewer where these are few.
 
     Returns
     -------
     Findings
         All faults of all files, not only the first; those of variants too.
     """
-    findings = Findings()  # the ways share its lists
+    findings = Findings()
     findings.attempt(str(study.folder), study.to_process)
-    ways = [
-        Way.of(variant, replace(findings, variant=name))
-        for name, variant in {"": study, **study.variants}.items()
-    ]
-    for subject, person in study.subjects.items():
-        poses = [way.read(person.static) for way in ways]
-        for name, trial in person.named_trials.items():
-            if trial.exclude is not None:
-                findings.remark(str(name), f"excluded: {trial.exclude}")
-                continue
-            for way, pose in zip(ways, poses, strict=True):
-                recording = way.read(trial.file, trial, person.static)
-                if recording is not None:
-                    _TrialCheck(way, person, trial, way.study.rule(name), recording).run(pose)
-        if without := [name for name in study.file.conditions if name not in person.trials]:
-            findings.remark(subject, f"no trial for {listed(without)}")
+    every = {"": study, **study.variants}
+    # ways share the lists of findings; those of a subject begin with none
+    ways = [Way.of(way, replace(findings, variant=name)) for name, way in every.items()]
+    ways = [replace(way, findings=Findings(variant=way.findings.variant)) for way in ways]
+    tasks = (
+        delayed(_check_subject)([replace(way, study=way.study.alone(subject)) for way in ways])
+        for subject in study.subjects
+    )
+    workers = max(1, min(jobs, len(study.subjects) // MIN_SUBJECTS))
+    for of_subject in in_processes(tasks, workers, ordered=True):
+        findings.include(of_subject)
     _remark_repeated(study, findings)
     renames = unused_renames(absent for _, absent in findings.read.values())
     findings.remark("study.toml", *(fact.note for fact in renames))
+    return findings
+
+
+def _check_subject(ways: Sequence[Way]) -> Findings:
+    """Check the recordings of the one subject of some ways, the first of which is the main one."""
+    study, findings = ways[0].study, Findings()
+    ways = [replace(way, findings=replace(findings, variant=way.findings.variant)) for way in ways]
+    ((subject, person),) = study.subjects.items()
+    poses = [way.read(person.static) for way in ways]
+    for name, trial in person.named_trials.items():
+        if trial.exclude is not None:
+            findings.remark(str(name), f"excluded: {trial.exclude}")
+            continue
+        for way, pose in zip(ways, poses, strict=True):
+            recording = way.read(trial.file, trial, person.static)
+            if recording is not None:
+                _TrialCheck(way, person, trial, way.study.rule(name), recording).run(pose)
+    if without := [name for name in study.file.conditions if name not in person.trials]:
+        findings.remark(subject, f"no trial for {listed(without)}")
     return findings
 
 

@@ -7,13 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 from pydantic import TypeAdapter
 
 from hbm.engines.engine import choose_engine
 from hbm.notes import Note
-from pipeline.config.schema import TrialName
+from pipeline.config.schema import Settings, Subject, TrialName
 from pipeline.config.study import Study
 from pipeline.io.input_file import describe_error, last_written, read_text
 from pipeline.io.qualisys import plate_files
@@ -161,15 +161,32 @@ def _stored(job: Job) -> Outcome | None:
     return _outcome(job, "kept", stored)
 
 
-def _stored_result(job: Job) -> TrialResult | None:
-    """Read the stored result of a job; None where there is none that can be read."""
+class _Stored(NamedTuple):
+    """What of a stored result says whether it is up to date, and what became of it."""
+
+    key: str
+    shortage: str
+    of_calibration: tuple[Note, ...]
+    settings: Settings
+    subject: Subject
+
+
+def _stored_result(job: Job) -> _Stored | None:
+    """Read the stored result of a job, once; None where there is none that can be read."""
     try:
-        return read_trial(job.target, frames=False)
+        return _read_stored(job.target, last_written(job.target))
     except (OSError, ValueError):
         return None
 
 
-def _outcome(job: Job, state: Literal["done", "kept"], result: TrialResult) -> Outcome:
+@cache
+def _read_stored(path: Path, version: tuple[int, int]) -> _Stored:
+    """Read a result; the version changes when it is written anew."""
+    result = read_trial(path, frames=False)
+    return _Stored(*(getattr(result, name) for name in _Stored._fields))
+
+
+def _outcome(job: Job, state: Literal["done", "kept"], result: _Stored | TrialResult) -> Outcome:
     """Give the outcome of a trial that is stored: failed where it has frames but no residuals."""
     if result.shortage:
         return Outcome(job, "failed", result.shortage)

@@ -1,13 +1,10 @@
 """Processes that work in parallel and end with the one that started them."""
 
 import atexit
-import ctypes
 import gc
 import multiprocessing
 import os
-import platform
 import signal
-import sys
 import threading
 import time
 import warnings
@@ -25,13 +22,6 @@ from pipeline.io.write import remove_leftovers, remove_unfinished
 
 POLL_S: Final = 0.5
 """How often a process looks whether the one that started it is still there."""
-M_TRIM_THRESHOLD: Final = -1
-M_MMAP_THRESHOLD: Final = -3
-"""Parameters of glibc's ``mallopt``."""
-KEPT_BYTES: Final = 2**30
-"""Of freed memory that a process keeps: arrays of a long trial, again and again."""
-MAX_KEPT_ARRAY_BYTES: Final = 2**28
-"""All markers of half an hour at 100 Hz; larger arrays are few."""
 STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
 """What asks a process to end, and lets it say so."""
 MANAGER: Final = "ExecutorManagerThread"
@@ -159,26 +149,6 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def keep_freed_memory() -> None:
-    """Keep memory that is freed for what comes next, where the C library is glibc.
-
-    It would give the memory of arrays back to the system, which clears every page that it hands out
-    again: a tenth of the time of a trial.
-    """
-    if platform.libc_ver()[0] == "glibc":
-        mallopt = ctypes.CDLL(None).mallopt
-        # older versions refuse so large arrays, and then it is better to change nothing
-        if mallopt(M_MMAP_THRESHOLD, MAX_KEPT_ARRAY_BYTES):
-            mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
-
-
-def _stay_with_kept_memory() -> None:
-    """Let loky replace no process because it keeps memory; it does where psutil is installed."""
-    executor: Any = sys.modules.get("joblib.externals.loky.process_executor")
-    if hasattr(executor, "_USE_PSUTIL"):
-        executor._USE_PSUTIL = False
-
-
 def one_thread() -> Any:
     """Limit linear algebra to one thread until what this gives is left."""
     import scipy.linalg  # noqa: F401 - only what is loaded can be limited
@@ -189,12 +159,10 @@ def one_thread() -> Any:
 def _begin() -> None:
     """Prepare a process that works on tasks.
 
-    It ignores interrupts, keeps memory, uses one thread for linear algebra, and ends at once when
+    It ignores interrupts, uses one thread for linear algebra, and ends at once when
     there is nothing left to do, or when the process that started it has ended.
     """
     atexit.register(gc.freeze)  # as in `pipeline.cli.app.main`
-    keep_freed_memory()
-    _stay_with_kept_memory()
     one_thread()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_end_of_parent, daemon=True).start()

@@ -133,11 +133,14 @@ def trial_states(
     if study is not None:
         planned, conditions = [*study.trials], [*study.file.conditions]
         subjects = [*study.subjects]
+    recorded: dict[tuple[str, ...], list[TrialName]] = {}
+    for name in planned:
+        recorded.setdefault(name[:2], []).append(name)
     names: dict[TrialName, None] = {}
     for subject in subjects:
         for condition in conditions:
-            own = [each for each in planned if each[:2] == (subject, condition)]
-            names |= dict.fromkeys(own or [TrialName(subject, condition)])
+            nothing = [TrialName(subject, condition)]
+            names |= dict.fromkeys(recorded.get((subject, condition), nothing))
     return [
         _state(name, results.trials.get(name), failures, study)
         for name in dict.fromkeys([*names, *results.trials])
@@ -159,7 +162,7 @@ def _state(
     failure = failures.get(str(key)) or (trial.shortage if trial is not None else "")
     if failure:
         return left_out("failed", failure)
-    in_study = study is None or key in study.trials
+    in_study = study is None or key in study
     if study is not None and in_study and (reason := study.trial(key).exclude) is not None:
         return left_out("excluded", reason)
     if trial is None and not in_study:

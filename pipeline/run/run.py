@@ -109,16 +109,16 @@ def plan(
     subject or condition is unknown, or that nothing is left to process.
     """
     folder, out = study.folder.resolve(), out.resolve()
-    variants = {name: replace(variant, folder=folder) for name, variant in study.variants.items()}
-    absolute = replace(study, folder=folder, variants=variants)
 
     def job(way: Study, name: TrialName, results: Path) -> Job:
+        way = replace(way.alone(name.subject), folder=folder)
         return Job(way, name, results / "trials" / f"{name.stem}.parquet", trial_key(way, name))
 
     jobs = []
     for name in study.to_process(subjects or (), conditions or ()):
-        of_variants = {v: job(way, name, variant_folder(out, v)) for v, way in variants.items()}
-        jobs.append(replace(job(absolute, name, out), variants=of_variants))
+        variants = study.variants.items()
+        of_variants = {v: job(way, name, variant_folder(out, v)) for v, way in variants}
+        jobs.append(replace(job(study, name, out), variants=of_variants))
     return jobs
 
 
@@ -231,8 +231,7 @@ def work_on(
         tasks = [delayed(work)(job) for job in left.values()]
         written = {j.target.parent for job in left.values() for j in (job, *job.variants.values())}
         for outcome in in_processes(tasks, max(1, min(workers, len(tasks))), written):
-            del left[outcome.job.target]
-            yield outcome
+            yield replace(outcome, job=left.pop(outcome.job.target))  # not its copy
     except BrokenProcessPool:
         for job in left.values():
             try:

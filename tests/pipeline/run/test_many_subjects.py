@@ -1,0 +1,49 @@
+"""Studies of many subjects: the work for each is that of a study of its own."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from pipeline.config.study import read_study
+from pipeline.io.qualisys import plate_files
+from pipeline.run import check
+from pipeline.run.run import plan
+
+SUBJECT = 'id = "{0}"\nsex = "male"\n[trials.level]\nfile = "{0}.c3d"\n'
+
+
+@pytest.fixture
+def study(tmp_path):
+    """Give a function that writes a study of some subjects, whose recordings are no C3D files."""
+
+    def of(subjects: int):
+        folder = tmp_path / str(subjects)
+        folder.mkdir()
+        (folder / "study.toml").write_text("[conditions.level]\n", encoding="utf-8")
+        for name in (f"s{number:03d}" for number in range(subjects)):
+            (folder / f"{name}.toml").write_text(SUBJECT.format(name), encoding="utf-8")
+            (folder / f"{name}.c3d").write_text(name, encoding="utf-8")
+        return read_study(folder)
+
+    return of
+
+
+def test_what_a_worker_is_sent_does_not_grow_with_the_study(study):
+    few, many = (len(pickle.dumps(plan(study(n), Path("out"))[0])) for n in (2, 30))
+    assert many < 1.05 * few
+
+
+def test_a_folder_is_not_searched_for_forces_of_formats_that_have_none_beside_them(tmp_path):
+    for name in ("walk.c3d", "walk_f_1.c3d", "walk.tsv", "walk_f_1.tsv", "walk2_f_1.tsv"):
+        (tmp_path / name).touch()
+    assert plate_files(tmp_path / "walk.c3d") == []
+    assert plate_files(tmp_path / "walk.tsv") == [tmp_path / "walk_f_1.tsv"]
+
+
+def test_several_processes_find_what_one_finds_in_the_same_order(study, monkeypatch):
+    monkeypatch.setattr(check, "MIN_SUBJECTS", 1)
+    of_three = study(3)
+    alone, together = (check.check_study(of_three, jobs) for jobs in (1, 2))
+    assert len(alone.faults) == 3
+    assert (alone.faults, alone.remarks) == (together.faults, together.remarks)
