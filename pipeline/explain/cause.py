@@ -169,23 +169,23 @@ class Cause:
         Central difference over one standard deviation to either side, in lab axes about the pelvis
         origin.
         """
-        size, ends = self.prior.size, list[Chain]()
+        size = self.prior.size
         if self.moves is None:
-            ends = [self.change(chain, each) for each in (size, -size)]
-        else:
-            # the filter is linear: one pass of the change serves both ends
-            course, moved = self.moves
-            moving, filtering = moved.any(axis=0), chain.settings
-            step = butterworth(
-                size * course * moved[:, moving], chain.time, filtering.cutoff_hz, filtering.filter
-            )
-            for sign in (1.0, -1.0):
-                state = Filtered(*map(np.array, chain.filtered))
-                for whole, part in zip(state, step, strict=True):
-                    whole[:, moving] += sign * part
-                ends.append(chain.changed(filtered=state))
-        more, less = (end.residual for end in ends)
-        return np.asarray((more - less) / (2 * size))
+            more, less = (self.change(chain, each).residual for each in (size, -size))
+            return np.asarray((more - less) / (2 * size))
+        # the filter is linear: one pass of the change serves both ends
+        course, moved = self.moves
+        moving, settings = moved.any(axis=0), chain.settings
+        change = size * course * moved[:, moving]
+        step = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
+
+        def residual(sign: float) -> Array:
+            state = Filtered(*map(np.array, chain.filtered))
+            for whole, part in zip(state, step, strict=True):
+                whole[:, moving] += sign * part
+            return chain.changed(filtered=state).residual
+
+        return np.asarray((residual(1.0) - residual(-1.0)) / (2 * size))
 
 
 def corrected(chain: Chain, causes: Sequence[Cause], size: Array) -> Chain:

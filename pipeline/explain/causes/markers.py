@@ -141,9 +141,7 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
     return np.asarray(inside + beyond / duration)
 
 
-def _series(
-    name: str, group: str, first: Prior, moved: _Moved, phase: Array
-) -> Iterator[Cause]:
+def _series(name: str, group: str, first: Prior, moved: _Moved, phase: Array) -> Iterator[Cause]:
     """Give the terms of a Fourier series of a displacement: as measured, or by its first one."""
     decreasing = tuple(first.size / h**DECREASE for h in range(1, HARMONICS + 1))
     for h, size in enumerate(first.harmonics or decreasing, start=1):
