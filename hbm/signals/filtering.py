@@ -5,6 +5,7 @@ and the gap stays a gap. A shorter one, such as a lost frame, is bridged. Coordi
 need the same filter, or their phases disagree.
 """
 
+from functools import lru_cache
 from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -438,10 +439,17 @@ def oscillation(
     """
     omega = 2 * np.pi * frequency_hz
     loss = 2 * damping * omega
-    system, step = np.array([1.0, loss, omega**2]), 1 / mean_rate_hz(time)
-    filters = [
+    filters = _oscillator(omega, loss, 1 / mean_rate_hz(time))
+    shift, speed = (lfilter(up, down, drive, axis=0) for up, down in filters)
+    return shift, drive - loss * speed - omega**2 * shift
+
+
+@lru_cache(maxsize=64)
+def _oscillator(omega: float, loss: float, step: float) -> list[tuple[Array, Array]]:
+    """Give what makes displacement and speed of a drive: numerators and denominators."""
+    system = np.array([1.0, loss, omega**2])
+    sampled = (
         cont2discrete((np.array(numerator), system), step, method="foh")[:2]
         for numerator in ([1.0], [1.0, 0.0])
-    ]
-    shift, speed = (lfilter(np.ravel(up), down, drive, axis=0) for up, down in filters)
-    return shift, drive - loss * speed - omega**2 * shift
+    )
+    return [(np.ravel(up), down) for up, down in sampled]

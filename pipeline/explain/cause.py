@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from hbm.signals.filtering import Filtered, butterworth
 from hbm.spatial import Array
 from hbm.spelling import packaged_toml
 from pipeline.trial.chain import Chain
@@ -126,6 +127,9 @@ class Cause:
     in_lab
         What the named component of a plate is in the lab, such as "pitch moment"; empty where it is
         along no axis of the lab, and of other causes.
+    moves
+        Course, (T, 1), and change of the coordinates per unit of it and of the size, (T, 46), of
+        what changes the residual by them alone; None of other causes.
     """
 
     name: str
@@ -136,6 +140,7 @@ class Cause:
     found: tuple[float, float] | None = None
     along: Array | None = None
     in_lab: str = ""
+    moves: tuple[Array, Array] | None = None
 
     @property
     def within(self) -> str:
@@ -165,5 +170,32 @@ class Cause:
         origin.
         """
         size = self.prior.size
-        more, less = (self.change(chain, each).residual for each in (size, -size))
-        return np.asarray((more - less) / (2 * size))
+        if self.moves is None:
+            more, less = (self.change(chain, each).residual for each in (size, -size))
+            return np.asarray((more - less) / (2 * size))
+        # the filter is linear: one pass of the change serves both ends
+        course, moved = self.moves
+        moving, settings = moved.any(axis=0), chain.settings
+        change = size * course * moved[:, moving]
+        step = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
+
+        def residual(sign: float) -> Array:
+            state = Filtered(*map(np.array, chain.filtered))
+            for whole, part in zip(state, step, strict=True):
+                whole[:, moving] += sign * part
+            return chain.changed(filtered=state).residual
+
+        return np.asarray((residual(1.0) - residual(-1.0)) / (2 * size))
+
+
+def corrected(chain: Chain, causes: Sequence[Cause], size: Array) -> Chain:
+    """Give the chain without causes of these sizes, (K,); its markers stay as they are."""
+    # what moves coordinates alone adds up: the recording is copied for no cause
+    added = np.zeros_like(chain.q)
+    for cause, much in zip(causes, size, strict=True):
+        if cause.moves is None:
+            chain = cause.change(chain, -much)
+        else:
+            course, moved = cause.moves
+            added -= much * course * moved
+    return chain.changed(q=chain.q + added)

@@ -9,7 +9,7 @@ from compensation.inertia.sensors import QUANTILE_95
 from hbm.segments import SegmentOverride
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import Array, Mask
-from pipeline.explain.cause import Cause
+from pipeline.explain.cause import Cause, corrected
 from pipeline.explain.causes.body import body_causes, soft_tissue_causes
 from pipeline.explain.causes.markers import marker_causes
 from pipeline.explain.causes.plates import plate_causes
@@ -326,19 +326,17 @@ def linearised(
     """
     chain, causes = part.chain, part.causes
     frames, rounds = np.concatenate(part.series.frames), list[Array]()
-    corrected, size, before = chain, np.zeros(len(causes)), rms(chain.residual[frames])
+    without, size, before = chain, np.zeros(len(causes)), rms(chain.residual[frames])
     for _ in range(ROUNDS):
-        measured = corrected.residual - left  # first: chains with effects keep its steps
-        effects = np.nan_to_num([cause.effect(corrected) for cause in causes])
+        measured = without.residual - left  # first: chains with effects keep its steps
+        effects = np.nan_to_num([cause.effect(without) for cause in causes])
         rounds.append(effects)
         model = Linearised(part, measured + np.tensordot(size, effects, 1), effects, noise)
         posterior = model.sizes(part.series)
         size = posterior.size
         expected = model.residual - np.tensordot(size, effects, 1)
-        corrected = chain
-        for cause, much in zip(causes, size, strict=True):
-            corrected = cause.change(corrected, -much)
-        missed = rms((corrected.residual - left - expected)[frames])
+        without = corrected(chain, causes, size)
+        missed = rms((without.residual - left - expected)[frames])
         if (missed < TOLERANCE * before).all():
             break
     return rounds[0], replace(model, residual=chain.residual - left), posterior

@@ -105,6 +105,8 @@ class Information:
     @staticmethod
     def sum(parts: Sequence["Information"]) -> "Information":
         """Add up what independent trials say."""
+        if len(parts) == 1:
+            return parts[0]
         names = tuple(dict.fromkeys(name for part in parts for name in part.names))
         place = {name: k for k, name in enumerate(names)}
         precision, pull = np.zeros((len(names), len(names))), np.zeros(len(names))
@@ -118,14 +120,15 @@ class Information:
         """Integrate sizes of a usual variance out; also give how they follow the others."""
         gone = np.array([name in names for name in self.names], bool)
         factor = np.linalg.cholesky(self.precision[np.ix_(gone, gone)] + np.eye(gone.sum()))
-        across = self.precision[np.ix_(gone, ~gone)]
-        solved = cho_solve((factor, True), np.column_stack([across, self.pull[gone]]))
-        slope, mean = solved[:, :-1], solved[:, -1]
+        across = np.column_stack([self.precision[np.ix_(gone, ~gone)], self.pull[gone]])
+        # with the factor L, one triangular solve: across' (L L')^-1 across = half' half
+        half = solve_triangular(factor, across, lower=True, check_finite=False)
         kept = tuple(name for name in self.names if name not in names)
         integrated = tuple(name for name in self.names if name in names)
-        precision = self.precision[np.ix_(~gone, ~gone)] - across.T @ slope
-        rest = Information(kept, precision, self.pull[~gone] - across.T @ mean)
-        return rest, Given(integrated, kept, mean, slope, factor)
+        taken = half[:, :-1].T @ half
+        precision = self.precision[np.ix_(~gone, ~gone)] - taken[:, :-1]
+        rest = Information(kept, precision, self.pull[~gone] - taken[:, -1])
+        return rest, Given(integrated, kept, half, factor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,25 +138,29 @@ class Given:
     Attributes
     ----------
     names, others
-        Of M sizes, and of those that they follow.
-    mean, slope
-        Their mean is ``mean - slope @ others``.
+        Of M sizes, and of F that they follow.
+    half
+        Coupling to the others, and pull in the last column, divided by the factor, (M, F + 1).
     factor
         Cholesky factor of their precision, (M, M).
     """
 
     names: tuple[str, ...]
     others: tuple[str, ...]
-    mean: Array
-    slope: Array
+    half: Array
     factor: Array
+
+    def divided(self, values: Array) -> Array:
+        """Divide values, (M, …), by the factor's transpose."""
+        solved = solve_triangular(self.factor, values, lower=True, trans="T", check_finite=False)
+        return np.asarray(solved)
 
     def drawn(self, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
         """Draw the sizes."""
         others = np.array([sizes[name] for name in self.others])
         random = rng.standard_normal(len(self.names))
-        spread = solve_triangular(self.factor, random, lower=True, trans="T")
-        return dict(zip(self.names, self.mean - self.slope @ others + spread, strict=True))
+        size = self.divided(self.half[:, -1] - self.half[:, :-1] @ others + random)
+        return dict(zip(self.names, size.tolist(), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -247,7 +254,9 @@ def _faults(
     given = list[Given]()
 
     def without(level: str, part: Information) -> Information:
-        rest, sizes = part.without(levels.get(level, ()))
+        if level not in levels:
+            return part
+        rest, sizes = part.without(levels[level])
         given.append(sizes)
         return rest
 
@@ -287,25 +296,29 @@ def _sweep(
     chance, size, variance
         That each is there, and its size and variance if it is, given the others, (F,) each.
     """
-    drawn = np.empty((3, len(there)))
-    absent, present = 1 / VARIANCE
-    for k in range(len(there)):
-        own = covariance[k, k]
-        before = present if there[k] else absent
-        told, pull = max(1 / own - before, 0.0), size[k] / own  # without its prior
+    drawn, first = np.empty((3, len(there))), 0
+    random, (absent, present) = rng.random(len(there)), 1 / VARIANCE
+    while first < len(there):
+        # all that follow at once, as they are until one of them changes
+        rest = slice(first, None)
+        variance, before = np.diag(covariance)[rest], np.where(there[rest], present, absent)
+        told, pull = np.maximum(1 / variance - before, 0.0), size[rest] / variance  # without prior
         wide, narrow = told + present, told + absent
         odds = LOG_ODDS + (np.log(narrow * present / (wide * absent))) / 2
         odds += pull**2 * (1 / wide - 1 / narrow) / 2
         chance = 1 / (1 + np.exp(-np.clip(odds, -MOST_ODDS, MOST_ODDS)))
-        drawn[:, k] = chance, pull / wide, 1 / wide
-        now = rng.random() < chance
-        if now != there[k]:
-            there[k] = now
-            change = (present if now else absent) - before
-            column = covariance[:, k].copy()
-            gain = change / (1 + change * own)
-            size -= gain * size[k] * column
-            covariance -= np.outer(gain * column, column)
+        drawn[:, rest] = chance, pull / wide, 1 / wide
+        changes = np.flatnonzero((random[rest] < chance) != there[rest])
+        if not len(changes):
+            break
+        k = first + int(changes[0])
+        there[k] = not there[k]
+        change = present - absent if there[k] else absent - present
+        column = covariance[:, k].copy()
+        gain = change / (1 + change * column[k])
+        size -= gain * size[k] * column
+        covariance -= np.outer(gain * column, column)
+        first = k + 1
     return drawn[0], drawn[1], drawn[2]
 
 
@@ -329,12 +342,13 @@ def with_others(trial: Evidence, faults: Posterior) -> Posterior:
     others = {name for name, is_fault in zip(trial.names, rare, strict=True) if not is_fault}
     _, given = trial.information(undescribed).without(others)
     size, covariance = np.empty(len(rare)), np.empty((len(rare), len(rare)))
-    size[rare], size[~rare] = faults.size, given.mean - given.slope @ faults.size
-    across = -given.slope @ faults.covariance
+    slope = given.divided(given.half)
+    size[rare], size[~rare] = faults.size, slope[:, -1] - slope[:, :-1] @ faults.size
+    across = -slope[:, :-1] @ faults.covariance
     alone = cho_solve((given.factor, True), np.eye(len(given.names)))
     covariance[np.ix_(rare, rare)] = faults.covariance
     covariance[np.ix_(~rare, rare)], covariance[np.ix_(rare, ~rare)] = across, across.T
-    covariance[np.ix_(~rare, ~rare)] = alone - across @ given.slope.T
+    covariance[np.ix_(~rare, ~rare)] = alone - across @ slope[:, :-1].T
     chance, if_there = np.ones(len(rare)), np.array([size, np.sqrt(np.diag(covariance))])
     chance[rare], if_there[:, rare] = faults.chance, faults.if_there
     return Posterior(trial.names, size, covariance, chance, if_there, faults.undescribed)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from hbm.ik.upright import TRUNK
 from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.spatial import Array, rotation_about
-from pipeline.explain.cause import Cause, Change, Prior, change_of, priors
+from pipeline.explain.cause import Cause, Prior, priors
 from pipeline.trial.chain import Chain
 
 CLUSTERS: Final = (
@@ -78,7 +78,7 @@ def marker_causes(chain: Chain, spans: Sequence[tuple[float, float]] | Array) ->
         for axis, letter in zip(np.moveaxis(rotation, 2, 0), "xyz", strict=True):
             moved = _displacement(chain, columns, np.broadcast_to(axis[:, None], lever.shape))
             title = f"{name}: markers' place along {letter}"
-            yield Cause(title, "markers", known["marker_place"], moved(throughout))
+            yield _cause(title, "markers", known["marker_place"], moved, throughout)
             if segment in ON_SKIN:
                 prior = known[f"skin_{segment.split('_')[-1]}"]
                 yield from _series(f"{name}: skin along {letter}", "skin", prior, moved, phase)
@@ -86,9 +86,27 @@ def marker_causes(chain: Chain, spans: Sequence[tuple[float, float]] | Array) ->
             turned = _displacement(chain, columns, np.cross(rotation[:, None, :, 2], lever))
             yield from _series(f"{name}: skin about z", "skin", known["skin_turn"], turned, phase)
     for group, name, kind, q in _unseen(chain, frames[0]):
-        moved = partial(_coordinates, q)
-        yield Cause(name, group, known[kind], moved(throughout))
+        moved = _Moved(q, lambda markers, step: markers)
+        yield _cause(name, group, known[kind], moved, throughout)
         yield from _series(name, group, known[kind], moved, phase)
+
+
+class _Moved(NamedTuple):
+    """What a displacement per unit does: to coordinates, (T, 46), and, by a step, to markers."""
+
+    q: Array
+    markers: Callable[[Markers, Array], Markers]
+
+
+def _cause(name: str, group: str, prior: Prior, moved: _Moved, course: Array) -> Cause:
+    """Give the cause that coordinates, and markers with them, are displaced in a course, (T,)."""
+    along = course[:, None]
+
+    def change(of: Chain, size: float) -> Chain:
+        step = size * along
+        return of.changed(markers=moved.markers(of.markers, step), q=of.q + step * moved.q)
+
+    return Cause(name, group, prior, change, moves=(along, moved.q))
 
 
 def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Array:
@@ -123,15 +141,13 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
     return np.asarray(inside + beyond / duration)
 
 
-def _series(
-    name: str, group: str, first: Prior, moved: Callable[[Array], Change], phase: Array
-) -> Iterator[Cause]:
+def _series(name: str, group: str, first: Prior, moved: _Moved, phase: Array) -> Iterator[Cause]:
     """Give the terms of a Fourier series of a displacement: as measured, or by its first one."""
     decreasing = tuple(first.size / h**DECREASE for h in range(1, HARMONICS + 1))
     for h, size in enumerate(first.harmonics or decreasing, start=1):
         prior = replace(first, size=size, usual=size)
         for wave, course in (("sine", np.sin(h * phase)), ("cosine", np.cos(h * phase))):
-            yield Cause(f"{name}, {wave} {h} a cycle", group, prior, moved(course))
+            yield _cause(f"{name}, {wave} {h} a cycle", group, prior, moved, course)
 
 
 def _unseen(chain: Chain, rotation: Array) -> Iterator[tuple[str, str, str, Array]]:
@@ -161,38 +177,20 @@ def _columns(chain: Chain, segment: str) -> list[int]:
     return [names.index(n) for n in chain.body.markers if n in names and segment_of[n] == segment]
 
 
-def _displacement(
-    chain: Chain, columns: Sequence[int], position: Array
-) -> Callable[[Array], Change]:
-    """Give, by their course, the change of markers that are displaced, (T, K, 3) [m per m or rad].
+def _displacement(chain: Chain, columns: Sequence[int], position: Array) -> _Moved:
+    """Give what displaced markers do, (T, K, 3) [m per m or rad].
 
     The coordinates follow in proportion, as the inverse kinematics makes them follow a small one.
     """
-    markers = _with_displaced(chain.markers, columns, STEP * position)
-    q = (solve_ik(chain.body, markers).q - chain.q) / STEP
-
-    def along(course: Array) -> Change:
-        def change(of: Chain, size: float) -> Chain:
-            step = size * course[:, None]
-            markers = _with_displaced(of.markers, columns, step[:, None] * position)
-            return of.changed(markers=markers, q=of.q + step * q)
-
-        return change
-
-    return along
+    displaced = partial(_with_displaced, columns=columns, by=position)
+    q = (solve_ik(chain.body, displaced(chain.markers, STEP)).q - chain.q) / STEP
+    return _Moved(q, displaced)
 
 
-def _coordinates(q: Array, course: Array) -> Change:
-    """Give, by their course, the change of coordinates that no marker shows."""
-
-    def altered(measured: Array, size: float) -> Array:
-        return measured + size * course[:, None] * q
-
-    return change_of("q", altered)
-
-
-def _with_displaced(markers: Markers, columns: Sequence[int], by: Array) -> Markers:
-    """Give trajectories of which some columns are displaced, (T, K, 3) [m]."""
+def _with_displaced(
+    markers: Markers, step: Array | float, *, columns: Sequence[int], by: Array
+) -> Markers:
+    """Give trajectories of which some columns are displaced, (T, K, 3) [m] times a step, (T, 1)."""
     position = markers.position.copy()
-    position[:, columns] += by
+    position[:, columns] += np.atleast_1d(step)[:, None] * by
     return Markers(markers.time, markers.names, position)
