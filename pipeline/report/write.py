@@ -14,7 +14,7 @@ from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.blocks import Check, Section, markup, picture, write_page
+from pipeline.report.blocks import Section, markup, picture, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import study_figures
@@ -51,7 +51,6 @@ from pipeline.statistics.recordings import pool_recordings
 from pipeline.statistics.reliability import reliability
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
-from pipeline.trial.result import TrialResult
 
 SECTIONS: Final = (
     *("verdict", "residuals", "joints", "choices", "tests", "figures", "trials", "causes"),
@@ -110,12 +109,7 @@ def write_report(
     folder = Path(folder)
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    quality: dict[TrialName, dict[str, tuple[Check, ...]]] = {}
-
-    def rate(trial: TrialResult) -> None:
-        quality[trial.name] = trial_quality(trial)
-
-    results = collect(folder, rate)
+    results = collect(folder, trial_quality)
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {state.name for state in states if state.in_tables})
     of_variants = {MAIN: results}
@@ -199,7 +193,7 @@ def write_report(
         trials={str(name): results.trials[name] for name in keys},
         states=states,
         quality=quality_table(
-            {str(name): quality[name] for name in results.trials},
+            {str(name): results.ratings[name] for name in results.trials},
             {str(name): f"trials/{name.stem}.html" for name in keys} if pages else {},
         ),
         limits=LIMITS,
