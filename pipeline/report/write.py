@@ -59,12 +59,16 @@ SECTIONS: Final = (
 """Of the page; each has a template, which begins with its heading."""
 
 
+MAX_PAGES: Final = 60
+"""Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
+
+
 def write_report(
     folder: str | Path,
     study_folder: str | Path | None = None,
     announce: Callable[[str], None] = lambda step: None,
     *,
-    pages: bool = False,
+    pages: bool | None = False,
 ) -> Path:
     """Write tables, statistics, figures and ``report.html`` into a results folder.
 
@@ -78,7 +82,8 @@ def write_report(
     announce
         Called with every step as it begins, such as "drawing marginal_means".
     pages
-        Whether a page is written for each trial, ``trials/NAME.html``, and linked.
+        Whether a page is written for each trial, ``trials/NAME.html``, and linked; None for studies
+        of at most `MAX_PAGES` trials.
 
     Returns
     -------
@@ -166,6 +171,7 @@ def write_report(
         return shown
 
     order = design.in_order(name.condition for name in results.trials)
+    pages = len(results.trials) <= MAX_PAGES if pages is None else pages
     keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
     paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
@@ -215,8 +221,8 @@ def write_report(
     name = source.name or "Study report"
     write_page(folder / "report.html", name, _scope(results, design), sections)
     if pages:
-        for done in write_trial_pages(folder, explained, study, keys):
-            announce(f"page of {done}")
+        for count, done in enumerate(write_trial_pages(folder, explained, study, keys), 1):
+            announce(f"page {count} of {len(keys)}: {done}")
     return folder / "report.html"
 
 

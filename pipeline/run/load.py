@@ -149,7 +149,7 @@ def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:
             f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
             f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
         )
-    tables = {name: _rows_of(getattr(results, name), trials) for name in TABLES}
+    tables: dict[str, Any] = {name: _rows_of(getattr(results, name), trials) for name in TABLES}
     return replace(results, subjects=_subjects(trials), trials=trials, **tables)
 
 

@@ -277,7 +277,7 @@ def _mean_curve(curves: Array) -> Array:
     known = np.isfinite(curves)
     count = known.sum(axis=1, keepdims=True)
     total = np.where(known, curves, 0.0).sum(axis=1, keepdims=True)
-    mean = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+    mean: Array = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
     for curve, seen in zip(mean[:, 0], count[:, 0] > 0, strict=True):
         if seen.any() and not seen.all():
             curve[:] = np.interp(np.arange(len(curve)), np.flatnonzero(seen), curve[seen])
