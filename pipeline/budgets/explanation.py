@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import ClassVar, Final, Literal, TypeVar
@@ -102,6 +103,9 @@ class StudyExplanation:
     version: Literal[6] = 6
 
 
+_adapter: Final = cache(TypeAdapter)
+
+
 def explain(
     recording: Recording, laboratory: Laboratory, result: TrialResult, key: str = ""
 ) -> Explanation:
@@ -115,8 +119,7 @@ Explained = TypeVar("Explained", Explanation, StudyExplanation)
 
 def write_explanation(explanation: Explained, path: Path) -> None:
     """Write an explanation as JSON, whole or not at all; numbers come back exactly."""
-    kind = TypeAdapter(type(explanation))
-    write_text(kind.dump_json(explanation, indent=1).decode(), path)
+    write_text(_adapter(type(explanation)).dump_json(explanation, indent=1).decode(), path)
 
 
 def read_explanation(path: Path, kind: type[Explained]) -> Explained:
@@ -130,7 +133,7 @@ def read_explanation(path: Path, kind: type[Explained]) -> Explained:
         If it cannot be opened.
     """
     try:
-        return TypeAdapter(kind).validate_json(read_text(path))
+        return _adapter(kind).validate_json(read_text(path))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))

@@ -169,6 +169,10 @@ def run(
 def report(
     folder: ResultsFolder = Path("results"),
     plan: Annotated[bool, Option("--plan", help="Print plan.md: how many subjects.")] = False,
+    pages: Annotated[
+        bool | None,
+        Option("--pages/--no-pages", help="A page of every trial; default: up to 60 trials."),
+    ] = None,
 ) -> None:
     """They are made from the results of 'hbm run', and written beside them."""
     from pipeline.report.write import write_report
@@ -180,7 +184,7 @@ def report(
             folder,
             recorded_study_folder(folder),
             lambda step: status.update(Text(step)),
-            pages=True,
+            pages=pages,
         )
     if plan:
         console.say((page.parent / "plan.md").read_text(encoding="utf-8"))

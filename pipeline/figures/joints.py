@@ -58,11 +58,15 @@ def joint_figure(
             if column == 0:
                 name, unit = [*CURVES.items()][row]
                 panel.set_ylabel(f"{name} ({unit})")
+            else:  # the place of an empty label would be found from the ticks
+                panel.yaxis.set_label_coords(0, 0)
             if row == len(CURVES) - 1:
                 panel.set_xlabel("gait cycle (%)")
+            else:
+                panel.xaxis.set_label_coords(0, 0)
             panel.axhline(0, color="black", lw=0.5)
-            panel.set_xlim(0, 100)
             draw_differences(panel, differing.get((motions[column].name, [*CURVES][row]), ()))
+        panels[0, 0].set_xlim(0, 100)  # of all, which share it
         legend_below(figure, panels[0, 0])
         figure.suptitle(f"{title}{gaps}", fontsize=11)
     return figure

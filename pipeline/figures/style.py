@@ -47,6 +47,7 @@ STYLE: Final[Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.titlepad": 9,
+    "axes.titley": 1.0,  # no panel has ticks above it, which each drawing would measure
     "svg.fonttype": "none",
     "svg.hashsalt": "hbm",
     "text.parse_math": False,

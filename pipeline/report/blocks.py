@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from hbm.notes import Note, provenance, warnings_of
@@ -111,10 +112,14 @@ def picture(path: Path) -> str:
 
 def drawing(figure: Figure, suffix: str = ".svg") -> str:
     """Give a figure as a source inside the page, without a file; .png where lines are many."""
-    target, canvas = BytesIO(), FigureCanvasAgg(figure)
-    with in_style():
-        options: Any = {"metadata": {"Date": None}} if suffix == ".svg" else {"dpi": DPI}
-        canvas.print_figure(target, format=suffix[1:], **options)
+    target = BytesIO()
+    figure.dpi = DPI
+    canvas: Any = FigureCanvasSVG(figure) if suffix == ".svg" else FigureCanvasAgg(figure)
+    with in_style():  # print_figure() would draw twice, once for the layout
+        if suffix == ".svg":
+            canvas.print_svg(target, metadata={"Date": None})
+        else:
+            canvas.print_png(target)
     return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(target.getvalue()).decode()}"
 
 

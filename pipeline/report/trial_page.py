@@ -7,7 +7,7 @@ from typing import Final
 
 import matplotlib as mpl
 import numpy as np
-from joblib import delayed
+from joblib import cpu_count, delayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -45,8 +45,6 @@ from pipeline.trial.residuals import (
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
 
-PROCESSES: Final = 2
-"""That write pages of a study at the same time."""
 MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
 MAX_SPANS: Final = 100
@@ -146,7 +144,7 @@ def write_trial_pages(
         delayed(_write_page)(folder / "trials" / name.stem, explained.get(name), study, name)
         for name in names
     ]
-    yield from in_processes(tasks, min(PROCESSES, len(tasks)))
+    yield from in_processes(tasks, min(cpu_count(), len(tasks)))
 
 
 def _write_page(

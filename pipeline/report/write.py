@@ -14,7 +14,7 @@ from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.blocks import Check, Section, markup, picture, write_page
+from pipeline.report.blocks import Section, markup, picture, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import study_figures
@@ -51,7 +51,6 @@ from pipeline.statistics.recordings import pool_recordings
 from pipeline.statistics.reliability import reliability
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
-from pipeline.trial.result import TrialResult
 
 SECTIONS: Final = (
     *("verdict", "residuals", "joints", "choices", "tests", "figures", "trials", "causes"),
@@ -60,12 +59,16 @@ SECTIONS: Final = (
 """Of the page; each has a template, which begins with its heading."""
 
 
+MAX_PAGES: Final = 60
+"""Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
+
+
 def write_report(
     folder: str | Path,
     study_folder: str | Path | None = None,
     announce: Callable[[str], None] = lambda step: None,
     *,
-    pages: bool = False,
+    pages: bool | None = False,
 ) -> Path:
     """Write tables, statistics, figures and ``report.html`` into a results folder.
 
@@ -79,7 +82,8 @@ def write_report(
     announce
         Called with every step as it begins, such as "drawing marginal_means".
     pages
-        Whether a page is written for each trial, ``trials/NAME.html``, and linked.
+        Whether a page is written for each trial, ``trials/NAME.html``, and linked; None for studies
+        of at most `MAX_PAGES` trials.
 
     Returns
     -------
@@ -110,12 +114,7 @@ def write_report(
     folder = Path(folder)
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    quality: dict[TrialName, dict[str, tuple[Check, ...]]] = {}
-
-    def rate(trial: TrialResult) -> None:
-        quality[trial.name] = trial_quality(trial)
-
-    results = collect(folder, rate)
+    results = collect(folder, trial_quality)
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {state.name for state in states if state.in_tables})
     of_variants = {MAIN: results}
@@ -172,6 +171,7 @@ def write_report(
         return shown
 
     order = design.in_order(name.condition for name in results.trials)
+    pages = len(results.trials) <= MAX_PAGES if pages is None else pages
     keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
     paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
@@ -199,7 +199,7 @@ def write_report(
         trials={str(name): results.trials[name] for name in keys},
         states=states,
         quality=quality_table(
-            {str(name): quality[name] for name in results.trials},
+            {str(name): results.ratings[name] for name in results.trials},
             {str(name): f"trials/{name.stem}.html" for name in keys} if pages else {},
         ),
         limits=LIMITS,
@@ -221,8 +221,8 @@ def write_report(
     name = source.name or "Study report"
     write_page(folder / "report.html", name, _scope(results, design), sections)
     if pages:
-        for done in write_trial_pages(folder, explained, study, keys):
-            announce(f"page of {done}")
+        for count, done in enumerate(write_trial_pages(folder, explained, study, keys), 1):
+            announce(f"page {count} of {len(keys)}: {done}")
     return folder / "report.html"
 
 

@@ -1,14 +1,16 @@
 """The trials of a results folder together: residual table, gait-cycle curves, summaries."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from joblib import cpu_count, delayed
 
 from pipeline.config.schema import TrialName
+from pipeline.run.processes import in_processes
 from pipeline.run.store import read_trial
 from pipeline.trial.joints import joint_tables
 from pipeline.trial.residuals import (
@@ -26,6 +28,8 @@ CYCLE_COLUMNS: Final = (
     "compensated",
     *("side", "cycle", "percent", "axis", "value"),
 )
+MIN_TRIALS: Final = 10
+"""Of each process, which takes as long to start."""
 TABLES: Final = ("residuals", "cycles", "by_cycle", "joints", "joint_cycles")
 """Of `Results`."""
 
@@ -52,6 +56,8 @@ class Results:
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     trials
         Name -> the trial without its frames.
+    ratings
+        Name -> what was found of it with its frames.
     """
 
     folder: Path
@@ -62,17 +68,18 @@ class Results:
     joint_cycles: pd.DataFrame
     subjects: pd.DataFrame
     trials: dict[TrialName, TrialResult]
+    ratings: Mapping[TrialName, Any]
 
 
-def collect(folder: Path, visit: Callable[[TrialResult], None] = lambda trial: None) -> Results:
-    """Gather the trials in a results folder.
+def collect(folder: Path, rate: Callable[[TrialResult], Any] = lambda trial: None) -> Results:
+    """Gather the trials in a results folder, in as many processes as there are processors.
 
     Parameters
     ----------
     folder
         Results folder; trials are in ``trials/``.
-    visit
-        Called with each trial while its frames are in memory, which are too many for a whole study.
+    rate
+        Of each trial with its frames, which are too many for a whole study: what it gives is kept.
 
     Returns
     -------
@@ -87,16 +94,26 @@ def collect(folder: Path, visit: Callable[[TrialResult], None] = lambda trial: N
     paths = sorted((folder / "trials").glob("*.parquet"))
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
-    trials, tables = {}, []
-    for path in paths:
-        trial = read_trial(path)
-        visit(trial)
-        trials[trial.name] = read_trial(path, frames=False)
-        name = trial.condition
-        of_residuals = residual_table(trial, name), _curves(trial), cycles_of(trial, name)
-        tables.append((*of_residuals, *joint_tables(trial, name)))
-    joined = dict(zip(TABLES, map(_joined, zip(*tables, strict=True)), strict=True))
-    return Results(folder=folder, subjects=_subjects(trials), trials=trials, **joined)
+    tasks = (delayed(_trial_and_tables)(path, rate) for path in paths)
+    workers = min(cpu_count(), -(-len(paths) // MIN_TRIALS))
+    found, ratings, *tables = zip(*in_processes(tasks, workers, ordered=True), strict=True)
+    trials = {trial.name: trial for trial in found}
+    joined = dict(zip(TABLES, map(_joined, tables), strict=True))
+    return Results(
+        folder=folder,
+        subjects=_subjects(trials),
+        trials=trials,
+        ratings=dict(zip(trials, ratings, strict=True)),
+        **joined,
+    )
+
+
+def _trial_and_tables(path: Path, rate: Callable[[TrialResult], Any]) -> tuple[Any, ...]:
+    """Read a trial; give it without its frames, its rating, and its rows of `TABLES`."""
+    trial = read_trial(path)
+    name, short = trial.condition, read_trial(path, frames=False)
+    of_residuals = residual_table(trial, name), _curves(trial), cycles_of(trial, name)
+    return short, rate(trial), *of_residuals, *joint_tables(trial, name)
 
 
 def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -132,8 +149,8 @@ def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:
             f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
             f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
         )
-    tables = {name: _rows_of(getattr(results, name), trials) for name in TABLES}
-    return Results(results.folder, subjects=_subjects(trials), trials=trials, **tables)
+    tables: dict[str, Any] = {name: _rows_of(getattr(results, name), trials) for name in TABLES}
+    return replace(results, subjects=_subjects(trials), trials=trials, **tables)
 
 
 def _rows_of(table: pd.DataFrame, wanted: Collection[TrialName]) -> pd.DataFrame:

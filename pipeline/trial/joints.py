@@ -220,9 +220,9 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
 def quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]:
     """Give the rows of a side from the joint on, of curves (C, 101, 13, 3)."""
     for quantity, (curve, unit) in QUANTITIES.items():
-        for k, motion in enumerate(JOINT_MOTIONS):
-            of_motion = curves[..., k, [*CURVES].index(curve)]
-            of_cycles, percent = _quantity(quantity, of_motion, duration_s)
+        of_motions = np.moveaxis(curves[..., [*CURVES].index(curve)], 2, 0)
+        of_quantity = _quantity(quantity, of_motions, duration_s)
+        for motion, of_cycles, percent in zip(JOINT_MOTIONS, *of_quantity, strict=True):
             known = np.isfinite(of_cycles)
             values = of_cycles[known]
             if len(values):
@@ -232,11 +232,11 @@ def quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]
 
 
 def _quantity(quantity: str, curves: Array, duration_s: Array) -> tuple[Array, Array]:
-    """Give a quantity of each cycle and the percent at which it is, of (C, 101), (C,) each.
+    """Give a quantity of each cycle and the percent at which it is, of (J, C, 101), (J, C) each.
 
     NaN in cycles of which it is not known.
     """
-    unplaced = np.full(len(curves), np.nan)
+    unplaced = np.full(curves.shape[:2], np.nan)
     if quantity.endswith("work"):
         part = np.maximum(curves, 0) if quantity.startswith("positive") else np.minimum(curves, 0)
         return _mean_power(part) * duration_s, unplaced
@@ -249,30 +249,36 @@ def _quantity(quantity: str, curves: Array, duration_s: Array) -> tuple[Array, A
 
 
 def _mean_power(power: Array) -> Array:
-    """Give the mean over each cycle, (C,), of power (C, 101); NaN where too much is unknown."""
+    """Give the mean over cycles, (J, C), of power (J, C, 101); NaN where too much is unknown."""
     unknown, usual = np.isnan(power), _mean_curve(power)
     # integrals over the cycle: of the whole, of what is unknown in it, of the mean curve
     filled = np.where(unknown, usual, power), np.where(unknown, usual, 0.0)
-    mean, missing = trapezoid(filled, dx=1 / (power.shape[1] - 1), axis=2)
-    most = MAX_UNKNOWN_WORK * abs(float(trapezoid(usual, dx=1 / (power.shape[1] - 1))))
+    mean, missing = trapezoid(filled, dx=1 / (power.shape[2] - 1))
+    most = MAX_UNKNOWN_WORK * np.abs(trapezoid(usual, dx=1 / (power.shape[2] - 1)))
     return np.asarray(np.where(np.abs(missing) <= most, mean, np.nan))
 
 
 def _largest(curves: Array) -> tuple[Array, Array]:
-    """Give the largest value of each cycle, (C,), NaN where it may be hidden, and its percent."""
+    """Give the largest value of cycles, (J, C), NaN where it may be hidden, and its percent."""
     unknown, usual = np.isnan(curves), _mean_curve(curves)
-    near = ~(usual < usual.max() - NEAR_EXTREME * np.ptp(usual))
+    spread = np.ptp(usual, axis=2, keepdims=True)
+    near = ~(usual < usual.max(axis=2, keepdims=True) - NEAR_EXTREME * spread)
     values = np.where(unknown, -np.inf, curves)
-    hidden = (near & unknown).any(axis=1)
-    largest = np.where(hidden, np.nan, values.max(axis=1))
-    return largest, values.argmax(axis=1).astype(float)
+    hidden = (near & unknown).any(axis=2)
+    largest = np.where(hidden, np.nan, values.max(axis=2))
+    return largest, values.argmax(axis=2).astype(float)
 
 
 def _mean_curve(curves: Array) -> Array:
-    """Average what is known of cycles, (C, 101) to (101,); straight over what none knows."""
+    """Average what is known of cycles, (J, C, 101) to (J, 1, 101); straight over what none knows.
+
+    NaN where nothing is known.
+    """
     known = np.isfinite(curves)
-    seen = np.flatnonzero(known.any(axis=0))
-    if not len(seen):
-        return np.full(curves.shape[1], np.nan)
-    mean = np.where(known, curves, 0.0).sum(axis=0)[seen] / known.sum(axis=0)[seen]
-    return np.asarray(np.interp(np.arange(curves.shape[1]), seen, mean))
+    count = known.sum(axis=1, keepdims=True)
+    total = np.where(known, curves, 0.0).sum(axis=1, keepdims=True)
+    mean: Array = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+    for curve, seen in zip(mean[:, 0], count[:, 0] > 0, strict=True):
+        if seen.any() and not seen.all():
+            curve[:] = np.interp(np.arange(len(curve)), np.flatnonzero(seen), curve[seen])
+    return mean
