@@ -8,9 +8,8 @@ need the same filter, or their phases disagree.
 from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.ndimage import spline_filter1d
-from scipy.signal import cont2discrete, lfilter
 
 from hbm.signals.samples import (
     blocks_without_gaps,
@@ -241,8 +240,8 @@ def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Arra
         return value + signal[0], velocity, acceleration
     relative = (signal - signal[0]).T
     to_value, to_velocity, feedback = _section(2 * np.pi * cutoff_hz, float(np.mean(step)))
-    value = lfilter(to_value, feedback, relative).T + signal[0]
-    velocity = lfilter(to_velocity, feedback, relative).T
+    value = scipy.signal.lfilter(to_value, feedback, relative).T + signal[0]
+    velocity = scipy.signal.lfilter(to_velocity, feedback, relative).T
     acceleration = np.zeros_like(velocity)
     acceleration[1:] = np.diff(velocity, axis=0) / step[:, None]
     return value, velocity, acceleration
@@ -260,7 +259,7 @@ def _both_ways(
     at_rest = np.array([1 - to_value[0], to_value[2] - feedback[2]])
 
     def reversed_pass(channels: Array) -> Array:
-        passed, _ = lfilter(to_value, feedback, channels, zi=at_rest * channels[:, :1])
+        passed, _ = scipy.signal.lfilter(to_value, feedback, channels, zi=at_rest * channels[:, :1])
         return np.flip(passed, axis=1)
 
     padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
@@ -397,7 +396,7 @@ def spline_derivatives(samples: Array, step: float) -> tuple[Array, Array]:
     >>> first[100].round(9).item(), second[100].round(6).item()
     (3.0, 6.0)
     """
-    inner = spline_filter1d(samples.T, 5, mode="mirror").T
+    inner = scipy.ndimage.spline_filter1d(samples.T, 5, mode="mirror").T
     c = np.concatenate([inner[2:0:-1], inner, inner[-2:-4:-1]])
     far, near = (slice(4, None), slice(None, -4)), (slice(3, -1), slice(1, -3))
     first = c[far[0]] - c[far[1]] + 10 * (c[near[0]] - c[near[1]])
@@ -436,8 +435,8 @@ def oscillation(
     loss = 2 * damping * omega
     system, step = np.array([1.0, loss, omega**2]), 1 / mean_rate_hz(time)
     filters = [
-        cont2discrete((np.array(numerator), system), step, method="foh")[:2]
+        scipy.signal.cont2discrete((np.array(numerator), system), step, method="foh")[:2]
         for numerator in ([1.0], [1.0, 0.0])
     ]
-    shift, speed = (lfilter(np.ravel(up), down, drive, axis=0) for up, down in filters)
+    shift, speed = (scipy.signal.lfilter(np.ravel(up), down, drive, axis=0) for up, down in filters)
     return shift, drive - loss * speed - omega**2 * shift

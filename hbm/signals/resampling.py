@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
-from scipy.signal import firwin, kaiserord, oaconvolve
 
 from hbm.signals.samples import (
     blocks_without_gaps,
@@ -152,7 +151,7 @@ def _spline(time: Array, samples: Array, at: Array) -> Array:
     nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
     if np.abs(time[nearest] - at).max(initial=0) <= MAX_ROUNDING_STEPS * step:
         return np.asarray(samples.take(nearest, axis=0))
-    return np.asarray(make_interp_spline(time, samples)(at))
+    return np.asarray(scipy.interpolate.make_interp_spline(time, samples)(at))
 
 
 def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:
@@ -182,15 +181,15 @@ def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
     require_equal_steps(time)
     rate_hz = mean_rate_hz(time)
     width = TRANSITION_WIDTH * new_rate_hz / (rate_hz / 2)
-    length, beta = kaiserord(STOPBAND_DB, width)
+    length, beta = scipy.signal.kaiserord(STOPBAND_DB, width)
     reach = length // 2
     require_length(time, reach + 1)
-    taps = firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)
+    taps = scipy.signal.firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)
     columns = signal.reshape(len(time), -1)
     result = unknown(columns.shape)
     for rows, sharing in blocks_without_gaps(columns, reach + 1):
         padded = extended(columns[rows, sharing], reach)
-        result[rows, sharing] = oaconvolve(padded.T, taps[None], "valid", axes=1).T
+        result[rows, sharing] = scipy.signal.oaconvolve(padded.T, taps[None], "valid", axes=1).T
     return result.reshape(signal.shape)
 
 

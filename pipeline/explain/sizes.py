@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 import numpy as np
+import scipy
 from pydantic import PlainSerializer, PlainValidator
-from scipy.linalg import cho_solve, solve_triangular
 
 from hbm.spatial import Array, Mask
 
@@ -119,7 +119,7 @@ class Information:
         gone = np.array([name in names for name in self.names], bool)
         factor = np.linalg.cholesky(self.precision[np.ix_(gone, gone)] + np.eye(gone.sum()))
         across = self.precision[np.ix_(gone, ~gone)]
-        solved = cho_solve((factor, True), np.column_stack([across, self.pull[gone]]))
+        solved = scipy.linalg.cho_solve((factor, True), np.column_stack([across, self.pull[gone]]))
         slope, mean = solved[:, :-1], solved[:, -1]
         kept = tuple(name for name in self.names if name not in names)
         integrated = tuple(name for name in self.names if name in names)
@@ -152,7 +152,7 @@ class Given:
         """Draw the sizes."""
         others = np.array([sizes[name] for name in self.others])
         random = rng.standard_normal(len(self.names))
-        spread = solve_triangular(self.factor, random, lower=True, trans="T")
+        spread = scipy.linalg.solve_triangular(self.factor, random, lower=True, trans="T")
         return dict(zip(self.names, self.mean - self.slope @ others + spread, strict=True))
 
 
@@ -331,7 +331,7 @@ def with_others(trial: Evidence, faults: Posterior) -> Posterior:
     size, covariance = np.empty(len(rare)), np.empty((len(rare), len(rare)))
     size[rare], size[~rare] = faults.size, given.mean - given.slope @ faults.size
     across = -given.slope @ faults.covariance
-    alone = cho_solve((given.factor, True), np.eye(len(given.names)))
+    alone = scipy.linalg.cho_solve((given.factor, True), np.eye(len(given.names)))
     covariance[np.ix_(rare, rare)] = faults.covariance
     covariance[np.ix_(~rare, rare)], covariance[np.ix_(rare, ~rare)] = across, across.T
     covariance[np.ix_(~rare, ~rare)] = alone - across @ given.slope.T

@@ -7,7 +7,7 @@ from typing import Final, Literal
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from hbm.spatial import Array
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
@@ -283,7 +283,7 @@ def noninferiority_power(n: Array, sd: float, room: float, alpha: float) -> Arra
     """
     with np.errstate(divide="ignore", over="ignore"):  # subjects who all agree
         noncentrality = np.minimum(np.divide(room, sd) * np.sqrt(n), MAX_NONCENTRALITY)
-    return np.asarray(stats.nct.sf(stats.t.isf(alpha, n - 1), n - 1, noncentrality))
+    return np.asarray(scipy.stats.nct.sf(scipy.stats.t.isf(alpha, n - 1), n - 1, noncentrality))
 
 
 def subjects_needed(sd: float, room: float, alpha: float) -> int | None:

@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy.signal import find_peaks
+import scipy
 
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
@@ -330,7 +330,7 @@ def turns(time: Array, distance: Array, least_m: float = MIN_EXCURSION_M) -> Ind
     apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
     frames = [np.zeros(0, int)]
     for start, stop in stretches(np.isfinite(distance)):
-        peaks, _ = find_peaks(distance[start:stop], distance=apart, prominence=least_m)
+        peaks, _ = scipy.signal.find_peaks(distance[start:stop], distance=apart, prominence=least_m)
         frames.append(start + peaks)
     return np.concatenate(frames)
 
