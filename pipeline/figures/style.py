@@ -1,8 +1,10 @@
 """The style of all figures, and how they are written."""
 
 import warnings
+from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,6 +29,7 @@ PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """All others of the colour-blind safe palette of Okabe and Ito but yellow: conditions, plates …"""
 LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Of conditions, so that no two differ by colour alone."""
+MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
 LINE_WIDTH_PT: Final = 1.5
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
@@ -121,8 +124,8 @@ def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
     panel.yaxis.set_minor_formatter("")
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG and SVG, each completely or not at all."""
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG and SVG, each completely or not at all; give the SVG."""
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
     figure.dpi = DPI
     raster: Any = FigureCanvasAgg(figure)
@@ -133,3 +136,19 @@ def save_figure(figure: Figure, path: Path) -> None:
         vector: Any = FigureCanvasSVG(figure)
         with whole_file(Path(f"{bare}.svg")) as temporary:
             vector.print_svg(temporary, metadata={"Date": None})
+    return Path(f"{bare}.svg")
+
+
+def picture(path: Path) -> str:
+    """Give a figure's file as a source inside the page."""
+    data = b64encode(path.read_bytes()).decode()
+    return f"data:{MEDIA_TYPES[path.suffix]};base64,{data}"
+
+
+def drawing(figure: Figure, suffix: str = ".svg") -> str:
+    """Give a figure as a source inside the page, without a file; .png where lines are many."""
+    target, canvas = BytesIO(), FigureCanvasAgg(figure)
+    with in_style():
+        options: Any = {"metadata": {"Date": None}} if suffix == ".svg" else {"dpi": DPI}
+        canvas.print_figure(target, format=suffix[1:], **options)
+    return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(target.getvalue()).decode()}"
