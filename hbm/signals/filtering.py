@@ -447,10 +447,16 @@ def oscillation(
     """
     omega = 2 * np.pi * frequency_hz
     loss = 2 * damping * omega
-    system, step = np.array([1.0, loss, omega**2]), 1 / mean_rate_hz(time)
-    filters = [
-        scipy.signal.cont2discrete((np.array(numerator), system), step, method="foh")[:2]
-        for numerator in ([1.0], [1.0, 0.0])
-    ]
-    shift, speed = (scipy.signal.lfilter(np.ravel(up), down, drive, axis=0) for up, down in filters)
+    # displacement, speed, drive and its change over a step h: x₊ = P x + b u + a u₊
+    system = np.zeros((4, 4))
+    system[:2, :3] = np.array([[0, 1, 0], [-(omega**2), -loss, 1]]) / mean_rate_hz(time)
+    system[2, 3] = 1
+    exact = scipy.linalg.expm(system)
+    before, after = exact[:2, 2] - exact[:2, 3], exact[:2, 3]
+    # (z − P)⁻¹ is (z + P − tr P) over z² − z tr P + det P, for both states
+    trace = np.trace(exact[:2, :2])
+    rest = exact[:2, :2] - trace * np.eye(2)
+    numerators = np.column_stack([after, before + rest @ after, rest @ before])
+    feedback = np.array([1.0, -trace, np.linalg.det(exact[:2, :2])])
+    shift, speed = (_recursion(numerator, feedback, drive.T).T for numerator in numerators)
     return shift, drive - loss * speed - omega**2 * shift

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hbm.notes import Note, provenance, warnings_of
+from hbm.spelling import join_names
 from pipeline.io.write import write_text
-from pipeline.statistics.verdict import join_names
 
 if TYPE_CHECKING:
     from jinja2 import Environment

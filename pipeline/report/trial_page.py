@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from hbm.notes import provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
+from hbm.spelling import join_names
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.figures.joints import Curve, joint_figure
@@ -23,7 +24,6 @@ from pipeline.report.trial_tables import result_tables, scope, verdict_lines
 from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
-from pipeline.statistics.verdict import join_names
 from pipeline.trial.findings.finding import Finding
 from pipeline.trial.findings.judge import LIMIT
 from pipeline.trial.findings.words import note_of, row_of

@@ -3,10 +3,9 @@
 from collections.abc import Iterable
 
 from hbm.notes import warnings_of
-from hbm.spelling import written
+from hbm.spelling import join_names, written
 from pipeline.report.blocks import Table
 from pipeline.report.trials import NOT_KNOWN, trial_quality
-from pipeline.statistics.verdict import join_names
 from pipeline.trial.residuals import (
     HEALTHY_RMS,
     reference_of,

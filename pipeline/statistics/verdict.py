@@ -10,6 +10,7 @@ import pandas as pd
 import scipy
 
 from hbm.spatial import Array
+from hbm.spelling import join_names
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.measurement import (
     Covariances,
@@ -386,8 +387,3 @@ def within_margin(design: Design) -> str:
     'not more than 20 % above baseline'
     """
     return f"not more than {100 * design.margin:g} % above {design.reference}"
-
-
-def join_names(names: Sequence[str]) -> str:
-    """Join names as in a sentence, with "and" before the last."""
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
