@@ -127,28 +127,37 @@ def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as PNG and SVG, each completely or not at all; give the SVG."""
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
-    figure.dpi = DPI
-    raster: Any = FigureCanvasAgg(figure)
-    with in_style():  # savefig() would draw each format twice, once for its layout
-        with whole_file(Path(f"{bare}.png")) as temporary:
-            raster.print_png(temporary)
+    for suffix in (".png", ".svg"):
+        with whole_file(Path(f"{bare}{suffix}")) as temporary:
+            _print(figure, suffix, temporary)
         figure.set_layout_engine("none")  # the same layout in both files
-        vector: Any = FigureCanvasSVG(figure)
-        with whole_file(Path(f"{bare}.svg")) as temporary:
-            vector.print_svg(temporary, metadata={"Date": None})
     return Path(f"{bare}.svg")
-
-
-def picture(path: Path) -> str:
-    """Give a figure's file as a source inside the page."""
-    data = b64encode(path.read_bytes()).decode()
-    return f"data:{MEDIA_TYPES[path.suffix]};base64,{data}"
 
 
 def drawing(figure: Figure, suffix: str = ".svg") -> str:
     """Give a figure as a source inside the page, without a file; .png where lines are many."""
-    target, canvas = BytesIO(), FigureCanvasAgg(figure)
+    target = BytesIO()
+    _print(figure, suffix, target)
+    return _source(target.getvalue(), suffix)
+
+
+def picture(path: Path) -> str:
+    """Give a figure's file as a source inside the page."""
+    return _source(path.read_bytes(), path.suffix)
+
+
+def _print(figure: Figure, suffix: str, target: Path | BytesIO) -> None:
+    """Draw a figure into a file; savefig() would draw it twice, once for its layout."""
+    figure.dpi = DPI
+    canvas: Any
     with in_style():
-        options: Any = {"metadata": {"Date": None}} if suffix == ".svg" else {"dpi": DPI}
-        canvas.print_figure(target, format=suffix[1:], **options)
-    return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(target.getvalue()).decode()}"
+        if suffix == ".png":
+            canvas = FigureCanvasAgg(figure)
+            canvas.print_png(target)
+        else:
+            canvas = FigureCanvasSVG(figure)
+            canvas.print_svg(target, metadata={"Date": None})
+
+
+def _source(content: bytes, suffix: str) -> str:
+    return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(content).decode()}"
