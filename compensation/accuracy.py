@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.stats import linregress
 
 from compensation.inputs import read_rate, read_signal, read_table, refuse_constant, refuse_unequal
 from hbm.spatial import GRAVITY_MPS2, Array
@@ -78,7 +78,7 @@ def linearity(known: ArrayLike, measured: ArrayLike) -> Linearity:
         )
     refuse_constant(y[:, None], "measured loads", ("their only channel",))
     _refuse_other_scale(y, x)
-    line = linregress(x, y)
+    line = scipy.stats.linregress(x, y)
     rest = y - (line.intercept + line.slope * x)
     return Linearity(3 * float(np.std(rest, ddof=1)), len(x) - 2)
 

@@ -4,10 +4,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.fft import dct
-from scipy.optimize import OptimizeResult, least_squares, minimize_scalar
-from scipy.signal import lfilter
 
 from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
 from hbm.signals.filtering import LowPassMethod, low_pass
@@ -134,7 +132,9 @@ class BeltModel:
             Wrong shape, no samples or gaps.
         """
         a = read_signal(belt_acceleration, "belt acceleration")
-        moment: Array = lfilter(self.theta[2:], self._recursion, _advanced(a, self.advance))
+        moment: Array = scipy.signal.lfilter(
+            self.theta[2:], self._recursion, _advanced(a, self.advance)
+        )
         return moment
 
     def step(self, belt_acceleration: float, state: State) -> tuple[float, State]:
@@ -260,8 +260,11 @@ def _theta(kappa_and_numerator: Array) -> Array:
 def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
     """Give the free-running output, (N,), and its derivatives by theta, (N, 5)."""
     recursion = [1, *theta[:2]]
-    moment = lfilter(theta[2:], recursion, a)
-    by_past, by_input = lfilter([1], recursion, -moment), lfilter([1], recursion, a)
+    moment = scipy.signal.lfilter(theta[2:], recursion, a)
+    by_past, by_input = (
+        scipy.signal.lfilter([1], recursion, -moment),
+        scipy.signal.lfilter([1], recursion, a),
+    )
     columns = [(by_past, 1), (by_past, 2), (by_input, 0), (by_input, 1), (by_input, 2)]
     return moment, np.column_stack([_delayed(signal, n) for signal, n in columns])
 
@@ -274,7 +277,7 @@ def _best_numerator(kappa_1: float, kappa_2: float, a: Array, moment: Array) -> 
     return float(error @ error), np.array([kappa_1, kappa_2, *numerator])
 
 
-def _refine(start: Array, a: Array, moment: Array) -> OptimizeResult:
+def _refine(start: Array, a: Array, moment: Array) -> "scipy.optimize.OptimizeResult":
     def error(x: Array) -> Array:
         return (_sensitivities(_theta(x), a)[0] - moment)[SETTLING_SAMPLES:]
 
@@ -285,7 +288,9 @@ def _refine(start: Array, a: Array, moment: Array) -> OptimizeResult:
         return np.column_stack([by_kappa_1, by_kappa_2, by_theta[:, 2:]])
 
     bound = np.array([MAX_REFLECTION] * 2 + [np.inf] * 3)
-    return least_squares(error, start, jac=jacobian, bounds=(-bound, bound), x_scale="jac")
+    return scipy.optimize.least_squares(
+        error, start, jac=jacobian, bounds=(-bound, bound), x_scale="jac"
+    )
 
 
 MIN_SPLINE_SAMPLES: Final = 10
@@ -342,7 +347,7 @@ def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
         )
     refuse_constant(x[:, None], "signal", ("its only channel",))
     line = np.polynomial.Polynomial.fit(np.arange(len(x)), x, 1)
-    amplitude: Array = dct(x - line(np.arange(len(x))), norm="ortho")
+    amplitude: Array = scipy.fft.dct(x - line(np.arange(len(x))), norm="ortho")
     theta = np.pi * np.arange(len(x)) / len(x)
     penalty = (2 - 2 * np.cos(theta)) ** 2 / ((2 + np.cos(theta)) / 3) * rate**3
 
@@ -353,5 +358,7 @@ def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
     middle = -3 * np.log10(rate)  # where half of the spectrum is smoothed, whatever the rate
     grid = middle + GRID
     nearest = grid[int(np.argmin([score(log_p) for log_p in grid]))]
-    best = minimize_scalar(score, bounds=(nearest - 0.1, nearest + 0.1), method="bounded")
+    best = scipy.optimize.minimize_scalar(
+        score, bounds=(nearest - 0.1, nearest + 0.1), method="bounded"
+    )
     return float((10**best.x * (1 / rate)) ** (-1 / 4) / (2 * np.pi))

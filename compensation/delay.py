@@ -5,10 +5,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.fft import irfft, next_fast_len, rfft
-from scipy.interpolate import CubicSpline
-from scipy.special import stdtrit
 
 from compensation.inputs import read_rate, read_table, refuse_constant, refuse_unequal
 from hbm.signals.filtering import low_pass
@@ -61,7 +59,7 @@ class Delay:
     @property
     def uncertainty(self) -> float:
         """Half of the 95 % confidence interval, by Student's t [s]."""
-        return float(stdtrit(self.degrees_of_freedom, 0.975) * self.standard_error)
+        return float(scipy.special.stdtrit(self.degrees_of_freedom, 0.975) * self.standard_error)
 
 
 def estimate_delay(reference: ArrayLike, late: ArrayLike, rate_hz: float) -> Delay:
@@ -151,11 +149,11 @@ def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
     """Whole samples that `y` lags by and the share of its variance explained there."""
     u, s, _ = np.linalg.svd(x, full_matrices=False)
     lags = np.arange(-reach, reach + 1)
-    length = next_fast_len(len(x) + reach, real=True)
-    late = rfft(y.T, length)
+    length = scipy.fft.next_fast_len(len(x) + reach, real=True)
+    late = scipy.fft.rfft(y.T, length)
     power = np.zeros(len(lags))
     for column in u[:, s > MIN_SINGULAR_SHARE * s[0]].T:
-        correlation = irfft(late * rfft(column, length).conj(), length)
+        correlation = scipy.fft.irfft(late * scipy.fft.rfft(column, length).conj(), length)
         power += np.sum(correlation[:, lags] ** 2, axis=0)
     best = int(np.argmax(power))
     return int(lags[best]), float(power[best] / np.sum(y**2))
@@ -189,7 +187,9 @@ class _LateChannels:
 
     def __init__(self, groups: Sequence[Array], signal: Array, reach: int) -> None:
         samples = len(signal)
-        self.splines = [CubicSpline(np.arange(samples), group) for group in groups]
+        self.splines = [
+            scipy.interpolate.CubicSpline(np.arange(samples), group) for group in groups
+        ]
         self.inside = np.arange(reach + 1, samples - reach - 1)
         self.signal = signal[self.inside]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from compensation.delay import Delay, estimate_delay
 from compensation.inputs import read_rate, read_signal, refuse_gaps, refuse_unequal
@@ -251,12 +251,14 @@ def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> Plat
     """
     known = np.asarray(np.isfinite(pose.position).all(axis=1))
     vectors = np.full((len(pose.position), 6), np.nan)
-    vectors[known, :3] = Rotation.from_matrix(pose.rotation[known]).as_rotvec()
+    vectors[known, :3] = scipy.spatial.transform.Rotation.from_matrix(
+        pose.rotation[known]
+    ).as_rotvec()
     vectors[:, 3:] = pose.position
     wanted = interpolate(time, vectors, at)
     found = np.asarray(np.isfinite(wanted).all(axis=1))
     rotation = np.full((len(wanted), 3, 3), np.nan)
-    rotation[found] = Rotation.from_rotvec(wanted[found, :3]).as_matrix()
+    rotation[found] = scipy.spatial.transform.Rotation.from_rotvec(wanted[found, :3]).as_matrix()
     return PlatformPose(rotation, np.where(found[:, None], wanted[:, 3:], np.nan))
 
 

@@ -14,7 +14,7 @@ only where the speed changes from one direction to the other, not where it start
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+import scipy
 
 from compensation.signals import MachineLimits, Signal
 from hbm.spatial import Array
@@ -452,9 +452,9 @@ def _white(rng: np.random.Generator, count: int, sd: float, most: float) -> Arra
 
 
 def _high_passed(drifting: Array, cutoff_hz: float) -> Array:
-    sos = butter(2, cutoff_hz, "high", fs=RATE_HZ, output="sos")
+    sos = scipy.signal.butter(2, cutoff_hz, "high", fs=RATE_HZ, output="sos")
     settling = samples(FILTER_SETTLING_S)
-    passed: Array = sosfiltfilt(sos, drifting)[settling:-settling]
+    passed: Array = scipy.signal.sosfiltfilt(sos, drifting)[settling:-settling]
     return passed
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import BSpline
+import scipy
 
 from compensation.inputs import read_rate, refuse_gaps, refuse_unequal
 from hbm.notes import Note
@@ -189,7 +189,7 @@ def resample_signal(signal: Signal, rate_hz: float) -> Signal:
 
     def resampled(samples: Array) -> Array:
         padded = np.pad(samples, 3, mode="edge")
-        spline = BSpline(np.arange(-5.0, len(padded) - 1), padded, 3)
+        spline = scipy.interpolate.BSpline(np.arange(-5.0, len(padded) - 1), padded, 3)
         values: Array = spline(at)
         return values
 

@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib.resources import files
 from typing import Any, Final
@@ -56,6 +56,11 @@ def listed(names: Iterable[object], most: int = MAX_LISTED) -> str:
     every = [short(name) for name in names]
     more = f" and {len(every) - most} more" if len(every) > most else ""
     return f"{', '.join(every[:most])}{more}" if every else "none"
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Join names as in a sentence, with "and" before the last."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def did_you_mean(word: object, known: Iterable[str]) -> str:

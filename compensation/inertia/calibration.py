@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from compensation.documents import damaged, read_document, write_document
 from compensation.inertia.model import InertiaModel, Setup
@@ -142,7 +142,9 @@ class Calibration:
     def correlation_of(self, plates: Sequence[str]) -> Array:
         """Give the correlation of what is left of some plates, (6 P, 6 P), in their order."""
         if self.correlation is None:
-            return np.asarray(block_diag(*(self.in_use[name].correlation for name in plates)))
+            return np.asarray(
+                scipy.linalg.block_diag(*(self.in_use[name].correlation for name in plates))
+            )
         order = list(self.plates)
         at = np.concatenate([6 * order.index(name) + np.arange(6) for name in plates])
         return np.asarray(self.correlation[np.ix_(at, at)])

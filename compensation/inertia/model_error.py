@@ -12,11 +12,8 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.ndimage import uniform_filter1d
-from scipy.optimize import nnls
-from scipy.stats import norm
-from scipy.stats import t as student_t
 
 from compensation.inputs import refuse_gaps
 from hbm.signals.filtering import low_pass
@@ -273,7 +270,7 @@ def widening(degrees: float) -> float:
     >>> f"{widening(6):.2f}, {widening(1000):.2f}"
     '1.25, 1.00'
     """
-    return float(student_t.ppf(0.975, degrees) / norm.ppf(0.975))
+    return float(scipy.stats.t.ppf(0.975, degrees) / scipy.stats.norm.ppf(0.975))
 
 
 def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
@@ -384,7 +381,8 @@ def _smooth(squares: Array, rate_hz: float) -> Array:
     known = np.isfinite(squares).all(axis=1, keepdims=True)
     filled = np.where(known, squares, 0.0)
     total, share = (
-        uniform_filter1d(x.T, count, mode="constant").T for x in (filled, known.astype(float))
+        scipy.ndimage.uniform_filter1d(x.T, count, mode="constant").T
+        for x in (filled, known.astype(float))
     )
     return np.asarray(np.where(known, total / np.maximum(share, 0.5 / count), np.nan))
 
@@ -408,7 +406,7 @@ def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:
                 of_recording = of_recording * np.clip(underrated, 1, MAX_UNDERRATED) ** 2
             least = np.maximum(MIN_EXPECTED_SHARE * square, MIN_OF_MEAN * square.mean())
             weight = np.sqrt(of_recording)[recording] / np.maximum(expected, least)
-            solved, _ = nnls(scaled * weight[:, None], square * weight)
+            solved, _ = scipy.optimize.nnls(scaled * weight[:, None], square * weight)
             expected = scaled @ solved
         factors[:, k] = solved / size
     return factors

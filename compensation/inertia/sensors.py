@@ -6,8 +6,8 @@ from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.signal import welch
 
 from compensation.delay import sensor_delays
 from compensation.inertia.model import InertiaModel, Setup, sensor_names
@@ -315,7 +315,7 @@ def _noise(readings: Array, rate_hz: float, setup: Setup) -> Array | None:
     length = round(rate_hz)
     if low >= high or len(readings) < 4 * length:
         return None
-    frequency, density = welch(readings, rate_hz, nperseg=length, axis=0)
+    frequency, density = scipy.signal.welch(readings, rate_hz, nperseg=length, axis=0)
     inside = (frequency > low) & (frequency < high)
     white = np.median(density[inside], axis=0) * rate_hz / 2  # variance per sample
     impulse = np.zeros(4 * length)

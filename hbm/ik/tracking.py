@@ -26,7 +26,7 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from hbm.coordinates import FIRST_Q, LAST_Q, LIMBS, N_Q, TREE
 from hbm.ik.continuity import MIN_JUMP_RAD, continuous, nearest_equivalent
@@ -262,7 +262,7 @@ def _starting_points(problem: Problem, frames: Indices) -> tuple[Array, Array | 
     between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2
     isolated = _far(found.q[inner], between)
     try_start(problem, found, inner[isolated], between[isolated])
-    spline = make_interp_spline(keys[solved], continuous(found.q[solved]), k=3)
+    spline = scipy.interpolate.make_interp_spline(keys[solved], continuous(found.q[solved]), k=3)
     start = np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]])))
     return start, np.median(found.pivots[solved], axis=0)
 

@@ -7,7 +7,7 @@ lean and bend by 1° about their mean, and twist by 3° about the slow heading (
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from hbm.coordinates import BACK, FIRST_Q, INDEX, LAST_Q, LEFT, UP
 from hbm.ik.start import three_angles
@@ -33,7 +33,7 @@ def slow_heading(time: Array, yaw: Array) -> Array:
     unwrapped = np.interp(time, time[known], np.unwrap(yaw[known]))
     line = np.polyval(np.polyfit(time - time[0], unwrapped, 1), time - time[0])
     width = HEADING_SD_S * (len(time) - 1) / (time[-1] - time[0])
-    return np.where(known, line + gaussian_filter1d(unwrapped - line, width), np.nan)
+    return np.where(known, line + scipy.ndimage.gaussian_filter1d(unwrapped - line, width), np.nan)
 
 
 def upright_trunk(q: Array, heading: Array) -> Array:

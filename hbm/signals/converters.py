@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.ndimage import percentile_filter
+import scipy
 
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
@@ -34,7 +34,7 @@ def find_jumps(channel: Array, least: float) -> Jumps:
     if not (np.abs(change) > least).any():
         return Jumps(np.zeros(0, int), np.zeros(0))
     span = 2 * NEAR_SAMPLES + 1
-    usual = percentile_filter(np.abs(change), 75, size=span, mode="nearest")
+    usual = scipy.ndimage.percentile_filter(np.abs(change), 75, size=span, mode="nearest")
     known = (channel[1:] != 0) & (channel[:-1] != 0)
     at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
     sign, around = np.sign(change), np.pad(change, 1)

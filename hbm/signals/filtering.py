@@ -9,9 +9,8 @@ from functools import lru_cache
 from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.ndimage import spline_filter1d
-from scipy.signal import cont2discrete, lfilter
 
 from hbm.signals.samples import (
     blocks_without_gaps,
@@ -242,8 +241,8 @@ def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Arra
         return value + signal[0], velocity, acceleration
     relative = (signal - signal[0]).T
     to_value, to_velocity, feedback = _section(2 * np.pi * cutoff_hz, float(np.mean(step)))
-    value = lfilter(to_value, feedback, relative).T + signal[0]
-    velocity = lfilter(to_velocity, feedback, relative).T
+    value = _recursion(to_value, feedback, relative).T + signal[0]
+    velocity = _recursion(to_velocity, feedback, relative).T
     acceleration = np.zeros_like(velocity)
     acceleration[1:] = np.diff(velocity, axis=0) / step[:, None]
     return value, velocity, acceleration
@@ -258,17 +257,31 @@ def _both_ways(
     omega /= 1.0 if uncorrected else DOUBLE_PASS_MINUS_3_DB
     to_value, _, feedback = _section(omega, step)
 
-    at_rest = np.array([1 - to_value[0], to_value[2] - feedback[2]])
-
     def reversed_pass(channels: Array) -> Array:
-        passed, _ = lfilter(to_value, feedback, channels, zi=at_rest * channels[:, :1])
-        return np.flip(passed, axis=1)
+        rest = channels[:, :1]
+        return np.flip(_recursion(to_value, feedback, channels - rest) + rest, axis=1)
 
     padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
     kept = slice(padding, padding + len(time))
     filtered = reversed_pass(reversed_pass(extended(signal, padding).T)).T
     more = spline_derivatives(filtered, step) if derivatives else ()
     return filtered[kept], *(each[kept] for each in more)
+
+
+def _recursion(numerator: Array, feedback: Array, channels: Array) -> Array:
+    """Run the difference equation of second order over (K, T) samples, from rest at zero.
+
+    As `scipy.signal.lfilter`, which takes half a second to load.
+    """
+    driven = numerator[0] * channels
+    for delay in (1, 2):
+        driven[:, delay:] += numerator[delay] * channels[:, :-delay]
+    # y + f₁ y₋₁ + f₂ y₋₂ is the driven side: of all samples a triangular matrix of three diagonals
+    diagonals = np.repeat(feedback[:, None], channels.shape[1], axis=1)
+    solved, _ = scipy.linalg.lapack.dtbtrs(
+        diagonals, driven.T, uplo="L", diag="U", overwrite_b=True
+    )
+    return np.asarray(solved.T)
 
 
 def _section(omega: float, step: float) -> tuple[Array, Array, Array]:
@@ -402,7 +415,7 @@ def spline_derivatives(samples: Array, step: float) -> tuple[Array, Array]:
     >>> first[100].round(9).item(), second[100].round(6).item()
     (3.0, 6.0)
     """
-    inner = spline_filter1d(samples.T, 5, mode="mirror").T
+    inner = scipy.ndimage.spline_filter1d(samples.T, 5, mode="mirror").T
     c = np.concatenate([inner[2:0:-1], inner, inner[-2:-4:-1]])
     far, near = (slice(4, None), slice(None, -4)), (slice(3, -1), slice(1, -3))
     first = c[far[0]] - c[far[1]] + 10 * (c[near[0]] - c[near[1]])
@@ -440,16 +453,22 @@ def oscillation(
     omega = 2 * np.pi * frequency_hz
     loss = 2 * damping * omega
     filters = _oscillator(omega, loss, 1 / mean_rate_hz(time))
-    shift, speed = (lfilter(up, down, drive, axis=0) for up, down in filters)
+    shift, speed = (_recursion(up, down, drive.T).T for up, down in filters)
     return shift, drive - loss * speed - omega**2 * shift
 
 
 @lru_cache(maxsize=64)
 def _oscillator(omega: float, loss: float, step: float) -> list[tuple[Array, Array]]:
     """Give what makes displacement and speed of a drive: numerators and denominators."""
-    system = np.array([1.0, loss, omega**2])
-    sampled = (
-        cont2discrete((np.array(numerator), system), step, method="foh")[:2]
-        for numerator in ([1.0], [1.0, 0.0])
-    )
-    return [(np.ravel(up), down) for up, down in sampled]
+    # displacement, speed, drive and its change over a step h: x₊ = P x + b u + a u₊
+    system = np.zeros((4, 4))
+    system[:2, :3] = np.array([[0, 1, 0], [-(omega**2), -loss, 1]]) * step
+    system[2, 3] = 1
+    exact = scipy.linalg.expm(system)
+    before, after = exact[:2, 2] - exact[:2, 3], exact[:2, 3]
+    # (z − P)⁻¹ is (z + P − tr P) over z² − z tr P + det P, for both states
+    trace = np.trace(exact[:2, :2])
+    rest = exact[:2, :2] - trace * np.eye(2)
+    numerators = np.column_stack([after, before + rest @ after, rest @ before])
+    feedback = np.array([1.0, -trace, np.linalg.det(exact[:2, :2])])
+    return [(numerator, feedback) for numerator in numerators]

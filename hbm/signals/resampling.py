@@ -6,9 +6,8 @@ from functools import cache
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
-from scipy.signal import firwin, kaiserord, oaconvolve
 
 from hbm.signals.samples import (
     blocks_without_gaps,
@@ -166,7 +165,7 @@ def delayed(time: Array, values: Array, delay_s: float) -> Array:
 def _spline(time: Array, samples: Array) -> Signal:
     """Give the spline through (N, K) samples; at their times it is the samples themselves."""
     step = (time[-1] - time[0]) / (len(time) - 1)
-    through_samples = cache(lambda: make_interp_spline(time, samples))
+    through_samples = cache(lambda: scipy.interpolate.make_interp_spline(time, samples))
 
     def evaluate(at: Array) -> Array:
         nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
@@ -204,15 +203,20 @@ def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
     require_equal_steps(time)
     rate_hz = mean_rate_hz(time)
     width = TRANSITION_WIDTH * new_rate_hz / (rate_hz / 2)
-    length, beta = kaiserord(STOPBAND_DB, width)
-    reach = length // 2
+    # Kaiser's formulas (1974) for how far the window reaches, and for its shape
+    reach = int(np.ceil((STOPBAND_DB - 7.95) / (2.285 * np.pi * width) + 1)) // 2
     require_length(time, reach + 1)
-    taps = firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)
+    window = np.kaiser(2 * reach + 1, 0.1102 * (STOPBAND_DB - 8.7))
+    taps = np.sinc(new_rate_hz / rate_hz * np.arange(-reach, reach + 1)) * window
+    taps /= taps.sum()
     columns = signal.reshape(len(time), -1)
     result = unknown(columns.shape)
     for rows, sharing in blocks_without_gaps(columns, reach + 1):
         padded = extended(columns[rows, sharing], reach)
-        result[rows, sharing] = oaconvolve(padded.T, taps[None], "valid", axes=1).T
+        # as a product of spectra; what wraps around is in the samples that are not kept
+        size = scipy.fft.next_fast_len(len(padded), real=True)
+        spectrum = scipy.fft.rfft(padded.T, size) * scipy.fft.rfft(taps, size)
+        result[rows, sharing] = scipy.fft.irfft(spectrum, size).T[2 * reach : len(padded)]
     return result.reshape(signal.shape)
 
 

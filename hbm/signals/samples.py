@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 
 from hbm.spatial import Array, Indices, Mask
 
@@ -105,7 +105,9 @@ def bridged(columns: Array, time: Array, longest_s: float, degree: int) -> Array
         rows = np.flatnonzero(without_short_gaps(known, time, longest_s) & ~known)
         if len(rows):
             through = columns[known][:, numbers]
-            spline = make_interp_spline(time[known], through, min(degree, len(through) - 1))
+            spline = scipy.interpolate.make_interp_spline(
+                time[known], through, min(degree, len(through) - 1)
+            )
             filled = columns.copy() if filled is columns else filled
             place = rows if isinstance(numbers, slice) else np.ix_(rows, numbers)
             filled[place] = spline(time[rows])

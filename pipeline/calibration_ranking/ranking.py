@@ -7,7 +7,7 @@ from typing import Final, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
-from scipy.stats import rankdata
+import scipy
 
 from compensation import BeltModel, InertiaModel, fit_belt, fit_inertia
 from hbm.spatial import WRENCH_COMPONENTS, Array
@@ -167,7 +167,7 @@ def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) 
     scores["rank"] = columns.rank(ascending=False)
     means = scores.groupby("trial", sort=False)["rank"].mean()
     best = scores["rank"] == columns.transform(lambda x: x.rank(ascending=False).min()).to_numpy()
-    again = rankdata(resampled, axis=1).mean(axis=2)
+    again = scipy.stats.rankdata(resampled, axis=1).mean(axis=2)
     low, high = np.percentile(again, [2.5, 97.5], axis=0)
     table = pd.DataFrame(
         {

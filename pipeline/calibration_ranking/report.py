@@ -26,9 +26,9 @@ from pipeline.calibration_ranking.verdict import (
     interaction_table,
     recommendation,
 )
-from pipeline.figures.style import save_figure
+from pipeline.figures.style import drawing, save_figure
 from pipeline.io.write import write_csv
-from pipeline.report.blocks import Drawn, Table, drawing
+from pipeline.report.blocks import Drawn, Table
 from pipeline.report.empty_treadmill import time_figure
 from pipeline.report.laboratory import Part, frame_table
 

@@ -103,6 +103,11 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
+def counted(number: int, noun: str) -> str:
+    """Give a number with its noun, "1 trial" or "2 trials"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def records(table: "pd.DataFrame") -> Any:
     """Give the rows of a table for JSON; what is not a number is null."""
     return json.loads(table.to_json(orient="records", double_precision=12))

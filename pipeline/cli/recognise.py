@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from hbm.spelling import listed
-from pipeline.cli.terminal import counted
-from pipeline.config.found_recordings import MIN_MARKERS
-from pipeline.io.read import file_format, is_recording, read_with_any_axes
+from pipeline.cli.output import counted
 
 CALIBRATIONS: Final = ("calibration/", "validation/")
 
@@ -68,6 +66,8 @@ def _folder(path: Path) -> Recognised:
         return Recognised(what, (*commands, f"hbm export {path} --format tables --out DIR"))
     if all((path / name).is_dir() for name in CALIBRATIONS):
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
+    from pipeline.io.read import is_recording  # numpy, which the others do without
+
     found = [file for file in sorted(path.iterdir()) if file.is_file() and is_recording(file)]
     if found:
         what = f"a folder with {counted(len(found), 'recording')} and no study"
@@ -126,6 +126,9 @@ def _json(path: Path) -> Recognised:
 
 def _recording(path: Path) -> Recognised:
     """Say what a recording holds."""
+    from pipeline.io.read import file_format, read_with_any_axes
+    from pipeline.io.recording import MIN_MARKERS
+
     kind, recording = file_format(path), read_with_any_axes(path)
     markers, plates = recording.markers, recording.plates
     held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]

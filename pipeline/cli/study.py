@@ -9,13 +9,12 @@ from typer import Argument, Option
 
 from hbm.spelling import listed, printable
 from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
-from pipeline.cli.output import OUTPUT, plain_notes
+from pipeline.cli.output import OUTPUT, counted, plain_notes
 from pipeline.cli.stopping import stoppable
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
     announcer,
-    counted,
     counts_of,
     follow_trials,
     note_line,

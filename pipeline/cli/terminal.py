@@ -14,7 +14,7 @@ from rich.text import Text
 
 from hbm.notes import Note, provenance, warnings_of
 from hbm.spelling import listed, printable
-from pipeline.cli.output import OUTPUT
+from pipeline.cli.output import OUTPUT, counted
 from pipeline.cli.stopping import stoppable
 
 if TYPE_CHECKING:
@@ -134,11 +134,6 @@ def note_line(note: Note) -> Text:
         return Text(f"- {note.item}: {note}")
     code = (f" [{note.code}]", "dim")
     return Text.assemble((f"- warning: {note}", "bold"), code, f"\n  {note.advice}")
-
-
-def counted(number: int, noun: str) -> str:
-    """Give a number with its noun, "1 trial" or "2 trials"."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 class StepProgress(Progress):

@@ -20,13 +20,12 @@ from pipeline.cli.options import (
     require_no_options,
     takes,
 )
-from pipeline.cli.output import OUTPUT, plain_notes, records
+from pipeline.cli.output import OUTPUT, counted, plain_notes, records
 from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.cli.terminal import (
     PlainConsole,
     StepProgress,
     announcer,
-    counted,
     counts_of,
     follow_trials,
     note_line,
@@ -55,12 +54,7 @@ NO_RECORDINGS = (RESULT, ".toml", ".json", ".rrd", ".html")
 def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open = False) -> None:
     """Pelvis residuals are printed; page, tables, frames and figures are written to --out."""
     from pipeline.cli.recognise import recognise
-    from pipeline.figures.residuals import residual_figure
-    from pipeline.figures.style import save_figure
-    from pipeline.io.write import write_csv
-    from pipeline.report.trial_page import result_tables, scope, verdict_lines, write_trial_page
-    from pipeline.run.store import write_trial
-    from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
+    from pipeline.report.trial_tables import result_tables, scope, verdict_lines
 
     if request.trial.is_dir() or request.trial.suffix in NO_RECORDINGS:
         raise ValueError(f"{request.trial} is no recording, but {recognise(request.trial)}")
@@ -68,19 +62,30 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     require_folder(out)
     chain = chain_of(request)
     result, name = process(request, chain, announcer(console)), request.trial.stem
-    write_trial(replace(result, condition=name), out / f"{name}.parquet")
-    table = residual_table(result, name)
-    write_csv(table, out / f"{name}_residuals.csv")
-    write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
-    save_figure(residual_figure(result), out / f"{name}_residuals")
-    plates, command = chain.inputs.recording.plates, explain_command(request)
-    page = write_trial_page(result, out / f"{name}{PAGE}", plates=plates, command=command)
     console.say(scope(result))
     for line in verdict_lines(result):
         console.print(line)
     for block in result_tables(result):
         print_block(block, console)
     console.say_notes(result.notes)
+
+    # what files and figures need is loaded, and takes its time, when the answer is there
+    from pipeline.figures.residuals import residual_figure
+    from pipeline.figures.style import save_figure
+    from pipeline.io.write import write_csv
+    from pipeline.report.trial_page import write_trial_page
+    from pipeline.run.store import write_trial
+    from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
+
+    write_trial(replace(result, condition=name), out / f"{name}.parquet")
+    table = residual_table(result, name)
+    write_csv(table, out / f"{name}_residuals.csv")
+    write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
+    figure = save_figure(residual_figure(result), out / f"{name}_residuals")
+    plates, command = chain.inputs.recording.plates, explain_command(request)
+    page = write_trial_page(
+        result, out / f"{name}{PAGE}", plates=plates, command=command, figure=figure
+    )
     console.say(
         f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
         f".svg, {name}_cycles.csv (each gait cycle)"

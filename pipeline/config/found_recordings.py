@@ -18,7 +18,7 @@ from pipeline.config.recording_names import RecordingName, usual
 from pipeline.config.schema import COVARIATES
 from pipeline.config.toml_file import StudyFaults
 from pipeline.io.read import is_recording, read_with_any_axes
-from pipeline.io.recording import Recording
+from pipeline.io.recording import MIN_MARKERS, Recording
 
 FIRST: Final = "sub01"
 """The subject where names do not say whose recordings they are."""
@@ -34,8 +34,6 @@ TAKEN: Final = (*RESERVED, *COVARIATES, "group", "study")
 MAX_LETTERS: Final = 40
 UNFINISHED: Final = (".part", ".partial", ".filepart", ".crdownload", ".download", ".tmp")
 """Suffixes of files that are being copied."""
-MIN_MARKERS: Final = 9
-"""Fewer are on a treadmill, not on a body."""
 MAX_STILL_M: Final = 0.3
 """Path of the marker that moves most while somebody stands: a step is longer, on belts too."""
 

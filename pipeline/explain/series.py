@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from hbm.spatial import Array, Indices, Mask
 
@@ -121,4 +121,4 @@ def stretch_series(time: Array, bounds: Indices, to_hz: float) -> CycleSeries:
         phase = np.pi * (np.arange(count) + 0.5) / count
         basis = np.cos(np.outer(phase, waves)) * np.where(waves, np.sqrt(2), 1)
         inverse.append(np.linalg.pinv(basis) * np.sqrt(count / len(frames)))
-    return CycleSeries((frames,), (block_diag(*inverse),))
+    return CycleSeries((frames,), (scipy.linalg.block_diag(*inverse),))

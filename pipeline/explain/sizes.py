@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 import numpy as np
+import scipy
 from pydantic import PlainSerializer, PlainValidator
-from scipy.linalg import cho_solve, solve_triangular
 
 from hbm.spatial import Array, Mask
 
@@ -122,7 +122,7 @@ class Information:
         factor = np.linalg.cholesky(self.precision[np.ix_(gone, gone)] + np.eye(gone.sum()))
         across = np.column_stack([self.precision[np.ix_(gone, ~gone)], self.pull[gone]])
         # with the factor L, one triangular solve: across' (L L')^-1 across = half' half
-        half = solve_triangular(factor, across, lower=True, check_finite=False)
+        half = scipy.linalg.solve_triangular(factor, across, lower=True, check_finite=False)
         kept = tuple(name for name in self.names if name not in names)
         integrated = tuple(name for name in self.names if name in names)
         taken = half[:, :-1].T @ half
@@ -152,7 +152,9 @@ class Given:
 
     def divided(self, values: Array) -> Array:
         """Divide values, (M, …), by the factor's transpose."""
-        solved = solve_triangular(self.factor, values, lower=True, trans="T", check_finite=False)
+        solved = scipy.linalg.solve_triangular(
+            self.factor, values, lower=True, trans="T", check_finite=False
+        )
         return np.asarray(solved)
 
     def drawn(self, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
@@ -345,7 +347,7 @@ def with_others(trial: Evidence, faults: Posterior) -> Posterior:
     slope = given.divided(given.half)
     size[rare], size[~rare] = faults.size, slope[:, -1] - slope[:, :-1] @ faults.size
     across = -slope[:, :-1] @ faults.covariance
-    alone = cho_solve((given.factor, True), np.eye(len(given.names)))
+    alone = scipy.linalg.cho_solve((given.factor, True), np.eye(len(given.names)))
     covariance[np.ix_(rare, rare)] = faults.covariance
     covariance[np.ix_(~rare, rare)], covariance[np.ix_(rare, ~rare)] = across, across.T
     covariance[np.ix_(~rare, ~rare)] = alone - across @ slope[:, :-1].T

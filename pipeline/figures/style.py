@@ -1,8 +1,10 @@
 """The style of all figures, and how they are written."""
 
 import warnings
+from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,6 +29,7 @@ PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """All others of the colour-blind safe palette of Okabe and Ito but yellow: conditions, plates …"""
 LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Of conditions, so that no two differ by colour alone."""
+MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
 LINE_WIDTH_PT: Final = 1.5
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
@@ -122,15 +125,40 @@ def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
     panel.yaxis.set_minor_formatter("")
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG and SVG, each completely or not at all."""
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG and SVG, each completely or not at all; give the SVG."""
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
-    figure.dpi = DPI
-    raster: Any = FigureCanvasAgg(figure)
-    with in_style():  # savefig() would draw each format twice, once for its layout
-        with whole_file(Path(f"{bare}.png")) as temporary:
-            raster.print_png(temporary)
+    for suffix in (".png", ".svg"):
+        with whole_file(Path(f"{bare}{suffix}")) as temporary:
+            _print(figure, suffix, temporary)
         figure.set_layout_engine("none")  # the same layout in both files
-        vector: Any = FigureCanvasSVG(figure)
-        with whole_file(Path(f"{bare}.svg")) as temporary:
-            vector.print_svg(temporary, metadata={"Date": None})
+    return Path(f"{bare}.svg")
+
+
+def drawing(figure: Figure, suffix: str = ".svg") -> str:
+    """Give a figure as a source inside the page, without a file; .png where lines are many."""
+    target = BytesIO()
+    _print(figure, suffix, target)
+    return _source(target.getvalue(), suffix)
+
+
+def picture(path: Path) -> str:
+    """Give a figure's file as a source inside the page."""
+    return _source(path.read_bytes(), path.suffix)
+
+
+def _print(figure: Figure, suffix: str, target: Path | BytesIO) -> None:
+    """Draw a figure into a file; savefig() would draw it twice, once for its layout."""
+    figure.dpi = DPI
+    canvas: Any
+    with in_style():
+        if suffix == ".png":
+            canvas = FigureCanvasAgg(figure)
+            canvas.print_png(target)
+        else:
+            canvas = FigureCanvasSVG(figure)
+            canvas.print_svg(target, metadata={"Date": None})
+
+
+def _source(content: bytes, suffix: str) -> str:
+    return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(content).decode()}"

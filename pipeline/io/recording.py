@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, SupportsInt
+from typing import Final, Literal, SupportsInt
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from pipeline.io.stated import Stated
 Doubt = Literal["in_doubt", "impossible_samples", "rename_without_label"]
 FactKind = Literal["joined", "left_out", "missing", "corrected", Doubt]
 """What was done on reading, or is in doubt; also the codes of their notes."""
+MIN_MARKERS: Final = 9
+"""Fewer are on a treadmill, not on a body."""
 
 
 @dataclass(frozen=True, slots=True)

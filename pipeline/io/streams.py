@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+import scipy
 
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import listed, printable, short
@@ -593,7 +593,7 @@ def _in_order(stamps: Array, period: float) -> Array:
     Stamps that are whole frames behind show the order, else only those that are behind by more.
     """
     width = max(1, round(MIN_BURST_S / period))
-    newest = maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
+    newest = scipy.ndimage.maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
     behind = (newest - stamps) / period
     late = behind[(behind > 0.5) & (behind < width)]
     jitter = 0.5
@@ -662,7 +662,7 @@ def _lag(stamps: Array, period: float) -> Array:
     count = len(stamps)
     window = max(2, round(min(MIN_BURST_S / period, count)))
     lag = (stamps - stamps[0]) / period - np.arange(count)
-    on_time = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
+    on_time = scipy.ndimage.minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
     if (last := count - window) > 0:
         usual = on_time[last] + np.max(lag[:last] - on_time[:last])
         on_time[last:] = np.where(on_time[last:] < usual, on_time[last], on_time[last:])

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pandas as pd
 
 from hbm.notes import Note
 from hbm.spatial import Array, Indices
@@ -301,6 +300,8 @@ def _grid(time: Array, stated_hz: float) -> tuple[float, float, Indices, float] 
 
 
 def _parse_batch(rows: Rows, names: Sequence[str]) -> Array:
+    import pandas as pd  # takes longer to load than a C3D file to read
+
     for number, line in rows:
         fields, filled = line.count("\t") + 1, line.rstrip().count("\t") + 1
         if not filled <= len(names) <= fields:

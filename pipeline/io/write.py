@@ -16,16 +16,17 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from io import StringIO
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import TYPE_CHECKING, BinaryIO, Final
 from zlib import crc32
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from pipeline.io.input_file import MAX_BYTES, naming, open_file, read_text, too_large
 
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 if sys.platform != "win32":
     import fcntl  # here: where a program ends, modules are no longer imported
 
@@ -46,13 +47,13 @@ _unfinished: Final = set[Path]()
 """Temporary files that this process is writing."""
 
 
-def write_csv(table: pd.DataFrame, path: Path) -> None:
+def write_csv(table: "pd.DataFrame", path: Path) -> None:
     """Write a table as CSV, whole or not at all; numbers with six digits."""
     columns = [[_quoted(name), *_cells(table[name])] for name in table]
     write_text("".join(f"{','.join(row)}\n" for row in zip(*columns, strict=True)), path)
 
 
-def _cells(column: pd.Series) -> list[str]:
+def _cells(column: "pd.Series") -> list[str]:
     """Give the cells of a column, in quotes if it has any text; what is missing is empty."""
     form = _quoted if any(isinstance(value, str) for value in column) else _number
     return [form("" if gone else value) for value, gone in zip(column, column.isna(), strict=True)]
@@ -71,7 +72,7 @@ def uncomputed(text: str) -> str:
     return f"'{text}" if COMPUTED.match(text) else text
 
 
-def read_csv(path: str | Path) -> pd.DataFrame:
+def read_csv(path: str | Path) -> "pd.DataFrame":
     """Read a table of the results back, as it was written.
 
     Parameters
@@ -93,10 +94,13 @@ def read_csv(path: str | Path) -> pd.DataFrame:
 
     Examples
     --------
+    >>> import pandas as pd
     >>> write_csv(pd.DataFrame({"subject": ["01", "NA"], "rms": [1.5, 2.0]}), Path("rms.csv"))
     >>> read_csv("rms.csv")["subject"].tolist()
     ['01', 'NA']
     """
+    import pandas as pd
+
     text = read_text(Path(path), MAX_BYTES)
     names = pd.read_csv(StringIO(text), nrows=0).columns
     # the quotes of the first row tell text from numbers, which pandas does not
@@ -113,7 +117,7 @@ def _as_given(text: str) -> str:
     return text[1:] if text.startswith("'") and COMPUTED.match(text) else text
 
 
-def read_parquet(path: Path) -> pd.DataFrame:
+def read_parquet(path: Path) -> "pd.DataFrame":
     """Read a table from a Parquet file; a ValueError where it is none or expands to too much."""
     with naming(path), open_file(path) as file:
         table = open_parquet(file, MAX_EXPANDED_BYTES).read(use_threads=False)
@@ -121,11 +125,13 @@ def read_parquet(path: Path) -> pd.DataFrame:
         return shown
 
 
-def open_parquet(content: BinaryIO | pa.NativeFile, most: int) -> pq.ParquetFile:
+def open_parquet(content: "BinaryIO | pa.NativeFile", most: int) -> "pq.ParquetFile":
     """Open a Parquet file; a ValueError where it expands to more than so many bytes.
 
     Read it without threads: those that cannot be started for lack of memory end the process.
     """
+    import pyarrow.parquet as pq
+
     file = pq.ParquetFile(content)
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     # pages of equal values are short, whatever they state

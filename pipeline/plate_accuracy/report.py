@@ -17,13 +17,13 @@ from compensation.accuracy import orthogonal_rmse
 from compensation.plate_calibration import to_json
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import FILE, PlatesFile, WeightRecording
-from pipeline.figures.style import STYLE, save_figure
+from pipeline.figures.style import STYLE, drawing, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy, mean_loads
 from pipeline.plate_accuracy.response import PEAK, PlateResponse, rms
 from pipeline.plate_accuracy.trials import LOADED_SHARE, SLOW_CUTOFF_HZ, THESIS_FILTER, WeightTrial
 from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
-from pipeline.report.blocks import Check, Drawn, Table, drawing
+from pipeline.report.blocks import Check, Drawn, Table
 from pipeline.report.laboratory import Part, frame_table
 from pipeline.run.job import file_digest
 from pipeline.statistics.factorial import anova, compare_levels, residuals

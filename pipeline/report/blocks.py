@@ -1,31 +1,19 @@
 """What the page of a report is made of: texts, tables, pictures, and templates that place them."""
 
-from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from io import BytesIO
+from functools import cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hbm.notes import Note, provenance, warnings_of
-from pipeline.figures.style import DPI, in_style
+from hbm.spelling import join_names
 from pipeline.io.write import write_text
-from pipeline.statistics.verdict import join_names
 
-MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
-TEMPLATES: Final = Environment(
-    loader=PackageLoader("pipeline.report"),
-    autoescape=lambda name: name is None or not name.endswith(".txt"),  # typed text is no markup
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+
 Check = tuple[str, str, str]
 """A cell that is rated: "pass", "check" (to be looked at), "fail" (outside a published limit) or
 "none" (no limit); the value; what it consists of, such as the worst marker."""
@@ -99,28 +87,28 @@ def write_page(
     return path
 
 
-def markup(template: str, **values: Any) -> Markup:
+@cache
+def templates() -> "Environment":
+    """Give the templates of pages and their parts."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader("pipeline.report"),
+        autoescape=lambda name: name is None or not name.endswith(".txt"),  # text is no markup
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {"in_unit": in_unit, "names": join_names, "each": each, "words": words}
+    made.filters |= {"warnings": warnings_of, "provenance": provenance}
+    return made
+
+
+def markup(template: str, **values: Any) -> "Markup":
     """Fill the template of a page, or of a part of one."""
-    return Markup(TEMPLATES.get_template(template).render(values).strip())
+    from markupsafe import Markup
 
-
-def picture(path: Path) -> str:
-    """Give a figure's file as a source inside the page."""
-    data = b64encode(path.read_bytes()).decode()
-    return f"data:{MEDIA_TYPES[path.suffix]};base64,{data}"
-
-
-def drawing(figure: Figure, suffix: str = ".svg") -> str:
-    """Give a figure as a source inside the page, without a file; .png where lines are many."""
-    target = BytesIO()
-    figure.dpi = DPI
-    canvas: Any = FigureCanvasSVG(figure) if suffix == ".svg" else FigureCanvasAgg(figure)
-    with in_style():  # print_figure() would draw twice, once for the layout
-        if suffix == ".svg":
-            canvas.print_svg(target, metadata={"Date": None})
-        else:
-            canvas.print_png(target)
-    return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(target.getvalue()).decode()}"
+    return Markup(templates().get_template(template).render(values).strip())
 
 
 def each(texts: Iterable[object]) -> str:
@@ -137,7 +125,3 @@ def words(keys: Iterable[str], known: Mapping[str, str]) -> list[str]:
 def in_unit(values: Iterable[float | None], factor: float, form: str = "%g") -> list[str]:
     """Write different numbers once each, in another unit; None is zero."""
     return [form % (factor * value) for value in sorted({value or 0.0 for value in values})]
-
-
-TEMPLATES.filters |= {"in_unit": in_unit, "names": join_names, "each": each, "words": words}
-TEMPLATES.filters |= {"warnings": warnings_of, "provenance": provenance}

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.ndimage import median_filter, uniform_filter1d
-from scipy.signal import find_peaks, peak_prominences, welch
 
 from compensation import PlatformPose, estimate_delay, specific_force
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
@@ -190,7 +189,7 @@ def measure_empty(
 
 def _density(signal: Array, rate_hz: float) -> tuple[Array, Array]:
     length = min(round(SEGMENT_S * rate_hz), len(signal))
-    frequency, power = welch(signal, rate_hz, nperseg=length, axis=0)
+    frequency, power = scipy.signal.welch(signal, rate_hz, nperseg=length, axis=0)
     return frequency, power
 
 
@@ -202,7 +201,7 @@ def _spectrum(before: Array, after: Array, rate_hz: float) -> Spectrum:
 def _background(power: Array, frequency: Array) -> Array:
     """Give the median of the frequencies around each, (F, 6)."""
     width = max(round(AROUND_HZ / (frequency[1] - frequency[0])), 3)
-    return np.asarray(median_filter(power, size=(width, 1), mode="nearest"))
+    return np.asarray(scipy.ndimage.median_filter(power, size=(width, 1), mode="nearest"))
 
 
 def _rollers(spectra: Sequence[Spectrum], belts_mps: float | None) -> float | None:
@@ -228,12 +227,16 @@ def _base(spectra: Sequence[Spectrum]) -> tuple[float, ...]:
     every = np.hstack([np.log(np.maximum(s.after**2, 1e-12)) for s in spectra])
     step = frequency[1] - frequency[0]
     width = max(round(SMOOTH_HZ / step), 3)
-    smooth = uniform_filter1d(median_filter(every, size=(width, 1)).mean(axis=1), width)
+    smooth = scipy.ndimage.uniform_filter1d(
+        scipy.ndimage.median_filter(every, size=(width, 1)).mean(axis=1), width
+    )
     inside = np.flatnonzero((frequency >= BASE_HZ[0]) & (frequency <= BASE_HZ[1]))
     if len(inside) < 3:
         return ()
-    peaks, _ = find_peaks(smooth[inside], prominence=np.log(BASE_FACTOR), plateau_size=1)
-    order = np.argsort(-peak_prominences(smooth[inside], peaks)[0])
+    peaks, _ = scipy.signal.find_peaks(
+        smooth[inside], prominence=np.log(BASE_FACTOR), plateau_size=1
+    )
+    order = np.argsort(-scipy.signal.peak_prominences(smooth[inside], peaks)[0])
     found = [float(frequency[inside[peak]]) for peak in peaks[order]]
     return tuple(sorted(found[:2]))
 

@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import stats
 
 from hbm.spatial import Array
 from pipeline.figures.residuals import (
@@ -255,7 +255,7 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
     Gives the upper ends of the intervals, which fit on a logarithmic axis; lower ones may not.
     """
     n = rms.count()
-    half = stats.t.isf((1 - CONFIDENCE) / 2, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
+    half = scipy.stats.t.isf((1 - CONFIDENCE) / 2, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
     x = np.arange(len(rms.columns)) + variant.offset
     panel.plot(x, rms.to_numpy().T, color=variant.colour, lw=THIN_LINE_PT, alpha=0.3)
     panel.errorbar(

@@ -29,9 +29,10 @@ from hbm.notes import Note, provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import written
 from pipeline.config.study import Study
+from pipeline.figures.style import drawing
 from pipeline.io.input_file import read_text
 from pipeline.io.write import read_csv, write_csv, write_text
-from pipeline.report.blocks import Block, Check, Drawn, Section, Table, drawing, write_page
+from pipeline.report.blocks import Block, Check, Drawn, Section, Table, write_page
 from pipeline.report.empty_treadmill import (
     PITCH,
     SWAY,

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import pandas as pd
 
+from hbm.spelling import join_names
 from pipeline.config.schema import NOUNS
 from pipeline.report.blocks import Table, table_of
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
@@ -23,7 +24,6 @@ from pipeline.statistics.verdict import (
     PLANNED_RECORDINGS,
     POWER,
     Verdict,
-    join_names,
     within_margin,
 )
 from pipeline.trial.residuals import AXES, TRIAL_COLUMNS, reference_of, rows_of

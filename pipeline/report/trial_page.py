@@ -3,47 +3,38 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import matplotlib as mpl
 import numpy as np
-from joblib import cpu_count, delayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hbm.notes import provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
-from hbm.spelling import written
-from pipeline.budgets.explanation import Explanation
+from hbm.spelling import join_names
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
-from pipeline.figures.explained import bands_figure
 from pipeline.figures.joints import Curve, joint_figure
 from pipeline.figures.residuals import component_figure, legend_below, residual_figure
-from pipeline.figures.style import COLOURS, PALETTE, STYLE
+from pipeline.figures.style import COLOURS, PALETTE, STYLE, drawing, picture
 from pipeline.io.recording import Plate
-from pipeline.report.blocks import Block, Drawn, Section, Table, drawing, markup, write_page
-from pipeline.report.trials import MAX_MARKER_PEAK_MM, NOT_KNOWN, causes, trial_quality
-from pipeline.run.processes import in_processes
+from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
+from pipeline.report.trial_tables import result_tables, scope, verdict_lines
+from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
-from pipeline.statistics.verdict import join_names
 from pipeline.trial.findings.finding import Finding
 from pipeline.trial.findings.judge import LIMIT
 from pipeline.trial.findings.words import note_of, row_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
-from pipeline.trial.residuals import (
-    HEALTHY_RMS,
-    marker_table,
-    reference_of,
-    residual_table,
-    rows_of,
-    threshold_table,
-    unseen_sentence,
-)
+from pipeline.trial.residuals import marker_table
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
+
+if TYPE_CHECKING:
+    from pipeline.budgets.explanation import Explanation
 
 MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
@@ -62,10 +53,11 @@ def write_trial_page(
     path: Path,
     *,
     plates: Iterable[Plate] = (),
-    explanation: Explanation | None = None,
+    explanation: "Explanation | None" = None,
     study: str = "",
     key: str = "",
     command: str = "",
+    figure: Path | None = None,
 ) -> Path:
     """Write the page of a trial.
 
@@ -85,6 +77,8 @@ def write_trial_page(
         A comment at the end of the page.
     command
         That finds the causes of the residuals; by default of the study or of the recording.
+    figure
+        SVG file of the residuals' figure, where it has been drawn already.
 
     Returns
     -------
@@ -110,14 +104,17 @@ def write_trial_page(
     bands = explanation.budget.bands if explanation is not None else None
     found: list[Block] = [] if explanation is None else [*causes(name, explanation)]
     if bands is not None:
+        from pipeline.figures.explained import bands_figure
+
         text = "Residuals with their 95 % intervals of measurement"
         found.append(Drawn(text, drawing(bands_figure(bands, name))))
     command = command or f"hbm explain {'RESULTS' if study else result.source.name}"
     settings = [(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None]
+    shown = picture(figure) if figure else drawing(residual_figure(result))
     blocks: dict[str, Sequence[Block]] = {
         "Residuals": [
             markup("headline.html", sentences=[*verdict_lines(result)]),
-            Drawn("Pelvis residuals, six axes", drawing(residual_figure(result))),
+            Drawn("Pelvis residuals, six axes", shown),
             *result_tables(result),
         ],
         "Warnings": [*_warnings(result), *_doubted(result, plates)],
@@ -129,17 +126,21 @@ def write_trial_page(
             Table("Processed with", ("Package", "Version"), [*result.versions.items()]),
         ],
     }
-    sections = (Section(title.lower(), title, shown) for title, shown in blocks.items())
+    sections = (Section(title.lower(), title, below) for title, below in blocks.items())
     return write_page(path, name, scope(result), sections, study, key)
 
 
 def write_trial_pages(
     folder: Path,
-    explained: Mapping[TrialName, Explanation],
+    explained: Mapping[TrialName, "Explanation"],
     study: Study | None,
     names: Iterable[TrialName],
 ) -> Iterator[TrialName]:
     """Write the page of each trial of a results folder where it has changed; give their names."""
+    from joblib import cpu_count, delayed
+
+    from pipeline.run.processes import in_processes
+
     tasks = [
         delayed(_write_page)(folder / "trials" / name.stem, explained.get(name), study, name)
         for name in names
@@ -148,7 +149,7 @@ def write_trial_pages(
 
 
 def _write_page(
-    path: Path, explanation: Explanation | None, study: Study | None, name: TrialName
+    path: Path, explanation: "Explanation | None", study: Study | None, name: TrialName
 ) -> TrialName:
     """Write a trial's page beside its result, unless it is of this result and program already."""
     result, page = read_trial(Path(f"{path}.parquet")), Path(f"{path}.html")
@@ -165,70 +166,6 @@ def _write_page(
         result, page, plates=plates, explanation=explanation, study="../report.html", key=key
     )
     return name
-
-
-def scope(result: TrialResult) -> str:
-    """Say of whom and of which file the page is."""
-    filtered = f"{result.settings.filter} Butterworth {result.settings.cutoff_hz:g} Hz"
-    return (
-        f"{result.source.name}; {result.body.mass:.1f} kg, {result.body.height_m:.2f} m; {filtered}"
-    )
-
-
-def verdict_lines(result: TrialResult) -> Iterable[str]:
-    """Compare the residuals closest to the truth with others; count the warnings.
-
-    The first sentence says what is expected where markers do not show all segments. Else one holds
-    both comparisons: with healthy walking, whose markers showed all, and with published limits.
-    """
-    if result.shortage:
-        yield f"No residuals: {result.shortage}."
-    table = residual_table(result, "")
-    if unseen := unseen_sentence(result, table):
-        yield unseen
-    compensated = result.compensated is not None
-    best = [row for row in rows_of(threshold_table(result)) if row.compensated == compensated]
-    if best:
-        table = table.query("headline and compensated == @compensated")
-        above = table.loc[table["rms"] > [*HEALTHY_RMS], "axis"]
-        beyond = [row.quantity for row in best if not row.passed]
-        rms = "are below healthy walking in all six axes"
-        if unseen:
-            rms = "have no healthy reference with these markers"
-        elif len(above):
-            rms = f"exceed healthy walking in {join_names([*above])}"
-        peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
-        limits = "published limits (Hicks et al. 2015)"
-        yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} {limits}."
-    warnings = len(warnings_of(result.notes))
-    yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
-
-
-def result_tables(result: TrialResult) -> Iterable[Table]:
-    """Give the residuals, with what they are compared with, and the quality of the trial."""
-    table = residual_table(result, "")
-    headline = table[table["headline"].astype(bool)] if len(table) else table
-    title, reference, meaning = reference_of(headline)
-    heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", title)
-    rows = [
-        (
-            f"{row.axis} ({row.unit})",
-            "compensated" if row.compensated else "measured",
-            *(written(value, "z.1f") for value in (row.rms, row.mean, row.sd, row.peak)),
-            f"{row.rms_percent:.2f}",
-            f"{reference[row.axis]:.1f}",
-        )
-        for row in rows_of(headline)
-    ]
-    legend = (
-        "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
-        f"stature. {meaning}"
-    )
-    if rows:
-        yield Table("Pelvis residuals", heads, rows, "numbers", legend)
-    rated = trial_quality(result)
-    quality = [(item, checks) for item, checks in rated.items() if checks != (NOT_KNOWN,)]
-    yield Table("Quality", ("Criterion", "Finding"), quality, "trials")
 
 
 def _joints(result: TrialResult) -> Iterator[Drawn]:

@@ -2,20 +2,15 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pandas as pd
 
 from hbm.spelling import written
-from pipeline.budgets.explanation import Explanation
-from pipeline.budgets.words import CAPTION, budget_table
 from pipeline.config.schema import NOUNS, TrialName
-from pipeline.config.study import Study
 from pipeline.io.write import read_csv
 from pipeline.report.blocks import Check, Table, Text
-from pipeline.run.load import Results
-from pipeline.run.provenance import Provenance, TrialState
 from pipeline.trial.residuals import (
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
@@ -26,6 +21,12 @@ from pipeline.trial.residuals import (
 )
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import MAX_DELAY_S
+
+if TYPE_CHECKING:
+    from pipeline.budgets.explanation import Explanation
+    from pipeline.config.study import Study
+    from pipeline.run.load import Results
+    from pipeline.run.provenance import Provenance, TrialState
 
 MAX_MARKER_RMS_MM: Final = 20.0
 MAX_MARKER_PEAK_MM: Final = 40.0
@@ -45,9 +46,9 @@ LIMITS: Final = {
 
 
 def problems(
-    states: Sequence[TrialState],
-    provenance: Provenance,
-    results: Results,
+    states: Sequence["TrialState"],
+    provenance: "Provenance",
+    results: "Results",
     compared: Collection[TrialName],
 ) -> dict[str, Any]:
     """Name trials that are not simply done or not compared, and settings or versions that differ.
@@ -75,7 +76,7 @@ def problems(
     return {"lead": lead, "lines": lines}
 
 
-def corrections_table(study: Study | None, headline: pd.DataFrame) -> Table | None:
+def corrections_table(study: "Study | None", headline: pd.DataFrame) -> Table | None:
     """Name what 'hbm explain --apply' corrected, and residuals before and after; None without.
 
     `headline` has the residuals of this study's trials; those before are in the results that were
@@ -207,8 +208,10 @@ def _delay(delay_s: float, uncertainty_s: float) -> Check:
     return rating, f"{written(1000 * delay_s, 'z.1f')}{spread} ms", ""
 
 
-def causes(name: str, explanation: Explanation) -> tuple[Text, Table]:
+def causes(name: str, explanation: "Explanation") -> tuple[Text, Table]:
     """Show what a trial's residuals are made of: percentages, sizes, what to fix, what is open."""
+    from pipeline.budgets.words import CAPTION, budget_table
+
     title, axes, columns = budget_table(explanation.budget)
     heads, cells = zip(*columns, strict=True)
     table = Table(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from hbm.spelling import join_names
 from pipeline.config.study import Study
 from pipeline.report.blocks import Table
 from pipeline.report.verdict import interval, label
@@ -14,7 +15,7 @@ from pipeline.run.run import variant_folder
 from pipeline.statistics.design import Design
 from pipeline.statistics.recordings import pool_recordings
 from pipeline.statistics.table_3 import number
-from pipeline.statistics.verdict import Verdict, join_names, judged_conditions, verdicts
+from pipeline.statistics.verdict import Verdict, judged_conditions, verdicts
 
 
 def variant_results(folder: Path, study: Study) -> dict[str, Results]:

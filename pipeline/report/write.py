@@ -12,9 +12,9 @@ from pipeline.budgets.explanation import explanations, study_covariances
 from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
-from pipeline.figures.style import save_figure
+from pipeline.figures.style import picture, save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.report.blocks import Section, markup, picture, write_page
+from pipeline.report.blocks import Section, markup, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import study_figures

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from hbm.spatial import Array
 from pipeline.statistics.design import CONFIDENCE
@@ -56,4 +56,4 @@ def deviation(covariance: Array, weights: Sequence[float]) -> float:
 
 def half_interval(sd: float) -> float:
     """Give half of the 95 % interval of a normally distributed value."""
-    return float(stats.norm.isf((1 - CONFIDENCE) / 2)) * sd
+    return float(scipy.stats.norm.isf((1 - CONFIDENCE) / 2)) * sd

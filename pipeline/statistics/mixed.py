@@ -16,8 +16,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
 
 from hbm.spatial import Array
 from pipeline.statistics.design import COMPENSATION, CONFIDENCE, MIN_SUBJECTS, Design
@@ -123,7 +123,7 @@ class MixedModel:
         estimate = contrasts @ self.coefficients
         adjusted = contrasts @ self.adjusted @ contrasts.T
         f = scale / count * estimate @ np.linalg.solve(adjusted, estimate)
-        return FTest(float(f), count, float(df), float(stats.f.sf(f, count, df)))
+        return FTest(float(f), count, float(df), float(scipy.stats.f.sf(f, count, df)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,9 @@ class CellComparison:
     def bounds(self, weights: Weights, alpha: float) -> tuple[float, float]:
         """Give the confidence interval of a weighted sum, with alpha beyond either end."""
         value = float(self.means @ weights)
-        half = float(stats.t.isf(alpha, self.df(weights))) * deviation(self.covariance, weights)
+        half = float(scipy.stats.t.isf(alpha, self.df(weights))) * deviation(
+            self.covariance, weights
+        )
         return value - half, value + half
 
     def interval(self, alpha: float = 1 - CONFIDENCE) -> tuple[float, float]:
@@ -196,7 +198,7 @@ class CellComparison:
             step = 1e-3
             while beyond(ratio + sign * step) < 0:
                 step *= 2
-            ends.append(optimize.brentq(beyond, ratio, ratio + sign * step))
+            ends.append(scipy.optimize.brentq(beyond, ratio, ratio + sign * step))
         return ends[0], ends[1]
 
     def spread(self, weights: Weights, repeats: float | None = None) -> float:
@@ -217,7 +219,7 @@ class CellComparison:
     @property
     def p(self) -> float:
         """The probability of a larger |t| if there is no difference."""
-        return float(2 * stats.t.sf(abs(self.t), self.df()))
+        return float(2 * scipy.stats.t.sf(abs(self.t), self.df()))
 
 
 def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> MixedModel:
@@ -342,7 +344,7 @@ def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
     starts = [np.log1p(ratios) for ratios in product(STARTS, repeat=len(alike))]
     starts.sort(key=lambda logs: criterion(logs)[0])
     ends = [
-        optimize.minimize(
+        scipy.optimize.minimize(
             criterion,
             start,
             jac=True,
@@ -367,7 +369,7 @@ def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
         return criterion(with_inside(logs))[1][inside]
 
     if inside.any():
-        best = with_inside(optimize.root(slopes_inside, best[inside]).x)
+        best = with_inside(scipy.optimize.root(slopes_inside, best[inside]).x)
     if np.any(best > np.log1p(MAX_RATIO)):
         raise ValueError("the recordings of subjects hardly vary within the cells")
     slopes = criterion(best)[1]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import ceil, exp, isnan, lgamma, log10, nan, sqrt
 
 import numpy as np
-from scipy import optimize, stats
+import scipy
 
 from hbm.spatial import Array
 
@@ -85,8 +85,8 @@ def compare_paired(differences: Array) -> PairedComparison:
     t = p_t = nan
     if np.ptp(rounded) > 0:
         t = mean / sd * sqrt(n)
-        p_t = float(2 * stats.t.sf(abs(t), n - 1))
-    half = float(stats.t.isf(TAIL_PROBABILITY, n - 1)) * sd / sqrt(n)
+        p_t = float(2 * scipy.stats.t.sf(abs(t), n - 1))
+    half = float(scipy.stats.t.isf(TAIL_PROBABILITY, n - 1)) * sd / sqrt(n)
     dz = _cohens_dz(t, n)
     bias = exp(lgamma((n - 1) / 2) - lgamma((n - 2) / 2)) / sqrt((n - 1) / 2) if n > 2 else nan
     return PairedComparison(
@@ -111,10 +111,10 @@ def _cohens_dz(t: float, n: int) -> IntervalEstimate:
 
         def beyond(delta: float) -> float:
             """Give the probability below t beyond the level."""
-            below = float(stats.nct.cdf(abs(t), n - 1, delta))
+            below = float(scipy.stats.nct.cdf(abs(t), n - 1, delta))
             return (1.0 if isnan(below) else below) - level  # SciPy's NaN is nearly 1
 
-        noncentrality = optimize.brentq(beyond, lowest, highest)
+        noncentrality = scipy.optimize.brentq(beyond, lowest, highest)
         return float(np.copysign(1, t) * noncentrality / sqrt(n))
 
     return IntervalEstimate(dz, *sorted((bound(TAIL_PROBABILITY), bound(1 - TAIL_PROBABILITY))))
@@ -124,7 +124,7 @@ def _signed_ranks(differences: Array) -> dict[str, float]:
     """Test differences, none of them zero, by their signed ranks."""
     if len(differences) == 0:
         return dict.fromkeys(("w", "p_exact", "p_asymptotic", "rank_biserial"), nan)
-    ranks = stats.rankdata(np.abs(differences))
+    ranks = scipy.stats.rankdata(np.abs(differences))
     positive = ranks[differences > 0].sum()
     w = min(positive, ranks.sum() - positive)
     cumulative = np.cumsum(_rank_sums(ranks))
@@ -132,7 +132,7 @@ def _signed_ranks(differences: Array) -> dict[str, float]:
     return {
         "w": float(w),
         "p_exact": min(1.0, float(2 * cumulative[round(2 * w)])),
-        "p_asymptotic": float(2 * stats.norm.sf(abs(z))),
+        "p_asymptotic": float(2 * scipy.stats.norm.sf(abs(z))),
         "rank_biserial": float(2 * positive / ranks.sum() - 1),
     }
 

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from hbm.spatial import Array
 from pipeline.statistics.design import CONFIDENCE, MIN_SUBJECTS
@@ -112,7 +112,7 @@ def _agreement(table: Array) -> tuple[float, float, float]:
     parts = np.array([a * of_repeats, b * error])
     df = parts.sum() ** 2 / (parts**2 / [k - 1, (n - 1) * (k - 1)]).sum()
     rest = k * of_repeats + (k * n - k - n) * error
-    high_f, low_f = stats.f.isf(TAIL, n - 1, df), stats.f.isf(TAIL, df, n - 1)
+    high_f, low_f = scipy.stats.f.isf(TAIL, n - 1, df), scipy.stats.f.isf(TAIL, df, n - 1)
     low = n * (of_subjects - high_f * error) / (high_f * rest + n * of_subjects)
     high = n * (low_f * of_subjects - error) / (rest + n * low_f * of_subjects)
     low, high = np.clip([low, high], 0.0, 1.0)

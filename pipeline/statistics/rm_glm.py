@@ -7,7 +7,7 @@ from math import isfinite, isnan, nan
 from typing import Final
 
 import numpy as np
-from scipy import optimize, stats
+import scipy
 
 from hbm.spatial import Array
 from pipeline.statistics.design import CONFIDENCE
@@ -185,9 +185,9 @@ def _term(
         df2=df2,
         contrasts=d,
         f=float(f),
-        p=float(stats.f.sf(f, df1, df2)),
+        p=float(scipy.stats.f.sf(f, df1, df2)),
         epsilon=float(epsilon),
-        p_gg=float(stats.f.sf(f, df1 * epsilon, df2 * epsilon)),
+        p_gg=float(scipy.stats.f.sf(f, df1 * epsilon, df2 * epsilon)),
         mauchly_w=w,
         mauchly_p=p_sphericity,
         partial_eta_squared=float(ss / (ss + ss_error)) if ss + ss_error > 0 else nan,
@@ -211,7 +211,7 @@ def _mauchly(error: Array, df: int) -> tuple[float, float]:
         / (288 * (d * df * rho) ** 2)
     )
     chi2, df_chi2 = -df * rho * np.log(w), d * (d + 1) / 2 - 1
-    first, next_term = stats.chi2.sf(chi2, df_chi2), stats.chi2.sf(chi2, df_chi2 + 4)
+    first, next_term = scipy.stats.chi2.sf(chi2, df_chi2), scipy.stats.chi2.sf(chi2, df_chi2 + 4)
     return w, float(first + second * (next_term - first))
 
 
@@ -224,8 +224,10 @@ def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> flo
     noncentrality F·df1 (IBM SPSS Statistics Algorithms, GLM). It is a function of the p-value alone
     and adds no information (Hoenig & Heisey 2001); it is given because published tables print it.
     """
-    critical = stats.f.isf(alpha, df1, df2)
-    below = float(stats.ncf.cdf(critical, df1, df2, f * df1))  # SciPy 1.17's sf fails at f = 0
+    critical = scipy.stats.f.isf(alpha, df1, df2)
+    below = float(
+        scipy.stats.ncf.cdf(critical, df1, df2, f * df1)
+    )  # SciPy 1.17's sf fails at f = 0
     far = isfinite(f) and f > FAR * critical  # where SciPy 1.17 gives NaN for some F
     return 1.0 if isnan(below) and far else 1 - below
 
@@ -254,14 +256,16 @@ def partial_eta_squared_interval(
 
     def noncentrality(level: float) -> float:
         """Find the noncentrality that puts F at a level."""
-        if stats.f.cdf(f, df1, df2) <= level:
+        if scipy.stats.f.cdf(f, df1, df2) <= level:
             return 0.0
         if f * df1 > MAX_NONCENTRALITY:  # only the error varies
-            return float(f * df1 / df2 * stats.chi2.isf(level, df2))
+            return float(f * df1 / df2 * scipy.stats.chi2.isf(level, df2))
         highest = 10 * (f + 10) * (df1 + 1)
-        while stats.ncf.cdf(f, df1, df2, highest) > level:
+        while scipy.stats.ncf.cdf(f, df1, df2, highest) > level:
             highest *= 2
-        return float(optimize.brentq(lambda x: stats.ncf.cdf(f, df1, df2, x) - level, 0, highest))
+        return float(
+            scipy.optimize.brentq(lambda x: scipy.stats.ncf.cdf(f, df1, df2, x) - level, 0, highest)
+        )
 
     def bound(level: float) -> float:
         """Give η² at a level."""

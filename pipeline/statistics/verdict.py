@@ -7,9 +7,10 @@ from typing import Final, Literal
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from hbm.spatial import Array
+from hbm.spelling import join_names
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.measurement import (
     Covariances,
@@ -283,7 +284,7 @@ def noninferiority_power(n: Array, sd: float, room: float, alpha: float) -> Arra
     """
     with np.errstate(divide="ignore", over="ignore"):  # subjects who all agree
         noncentrality = np.minimum(np.divide(room, sd) * np.sqrt(n), MAX_NONCENTRALITY)
-    return np.asarray(stats.nct.sf(stats.t.isf(alpha, n - 1), n - 1, noncentrality))
+    return np.asarray(scipy.stats.nct.sf(scipy.stats.t.isf(alpha, n - 1), n - 1, noncentrality))
 
 
 def subjects_needed(sd: float, room: float, alpha: float) -> int | None:
@@ -386,8 +387,3 @@ def within_margin(design: Design) -> str:
     'not more than 20 % above baseline'
     """
     return f"not more than {100 * design.margin:g} % above {design.reference}"
-
-
-def join_names(names: Sequence[str]) -> str:
-    """Join names as in a sentence, with "and" before the last."""
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

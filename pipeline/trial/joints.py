@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from scipy.integrate import trapezoid
+import scipy
 
 from hbm.coordinates import INDEX, SIDES
 from hbm.spatial import Array
@@ -253,8 +253,8 @@ def _mean_power(power: Array) -> Array:
     unknown, usual = np.isnan(power), _mean_curve(power)
     # integrals over the cycle: of the whole, of what is unknown in it, of the mean curve
     filled = np.where(unknown, usual, power), np.where(unknown, usual, 0.0)
-    mean, missing = trapezoid(filled, dx=1 / (power.shape[2] - 1))
-    most = MAX_UNKNOWN_WORK * np.abs(trapezoid(usual, dx=1 / (power.shape[2] - 1)))
+    mean, missing = scipy.integrate.trapezoid(filled, dx=1 / (power.shape[2] - 1))
+    most = MAX_UNKNOWN_WORK * np.abs(scipy.integrate.trapezoid(usual, dx=1 / (power.shape[2] - 1)))
     return np.asarray(np.where(np.abs(missing) <= most, mean, np.nan))
 
 

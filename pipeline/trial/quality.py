@@ -5,7 +5,7 @@ from enum import IntFlag
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from hbm.notes import Note
 from hbm.signals.filtering import Method
@@ -194,7 +194,7 @@ def carried_notes(
     counts = known & free_of(quality)
     long = max(1, round(STEP_S / float(np.median(np.diff(time)))))
     present, needed, carries = (
-        uniform_filter1d(np.where(counts, each, 0.0), long, mode="constant")
+        scipy.ndimage.uniform_filter1d(np.where(counts, each, 0.0), long, mode="constant")
         for each in (np.ones(len(time)), need, measured)
     )
     doubtful = counts & (present > 0.5) & (np.abs(carries - needed) > MAX_DOUBTFUL * needed)

@@ -6,8 +6,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from scipy.signal import hilbert
-from scipy.sparse.linalg import svds
+import scipy
 
 from compensation import InertiaModel, PlatformPose, interpolate_pose
 from compensation.inertia.model_error import SLOW_HZ
@@ -110,7 +109,7 @@ def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
     if not total:
         return []
     most = min(MOST, min(table.shape) - 1)
-    vectors, values, _ = svds(table, most, rng=np.random.default_rng(0))
+    vectors, values, _ = scipy.sparse.linalg.svds(table, most, rng=np.random.default_rng(0))
     order = np.argsort(-values)
     explained = np.cumsum(values[order] ** 2) / total
     directions = []
@@ -130,7 +129,7 @@ def _basis(model: InertiaModel, felt: Array, rate_hz: float) -> Array:
         return design
     motion = model.model_error.motion(felt[:, : len(model.sensor_noise)], rate_hz)
     known = np.isfinite(motion).all(axis=1, keepdims=True)
-    quadrature = np.imag(hilbert(np.where(known, motion, 0.0), axis=0))
+    quadrature = np.imag(scipy.signal.hilbert(np.where(known, motion, 0.0), axis=0))
     return np.hstack([design, motion, np.where(known, quadrature, np.nan)])
 
 

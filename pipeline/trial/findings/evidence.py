@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from hbm.body import BALL_ABOVE_SOLE, Body
 from hbm.motion import Motion
@@ -135,7 +135,7 @@ class Evidence:
         speed = np.linalg.norm(np.gradient(self.ankle, self.time, axis=0), axis=-1).max(axis=1)
         around = 2 * round(STANDS_S / self.step_s) + 1
         moves = np.nan_to_num(speed) > MIN_FOOT_MPS
-        return np.asarray(maximum_filter1d(moves.astype(float), around) > 0)
+        return np.asarray(scipy.ndimage.maximum_filter1d(moves.astype(float), around) > 0)
 
     @property
     def step_s(self) -> float:

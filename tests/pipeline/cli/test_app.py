@@ -112,20 +112,22 @@ def test_a_file_in_place_of_the_output_folder_is_refused_before_processing(
 @pytest.mark.parametrize(
     ("commands", "absent"),
     [
-        ([[]], (*HEAVY, "numpy", "pydantic", "rich")),
-        ([[c] for c in COMMANDS], HEAVY),
+        ([["--help"], ["."]], (*HEAVY, "numpy", "pydantic", "rich")),
+        ([[c, "--help"] for c in COMMANDS], HEAVY),
     ],
 )
-def test_help_loads_nothing_heavy(commands, absent):
-    """So that it answers at once, and that of the group sooner than that of a command."""
+def test_what_answers_at_once_loads_nothing_heavy(commands, absent, tmp_path):
+    """Help, of the group sooner than that of a command; and what a study is."""
+    (tmp_path / "study.toml").touch()
     code = (
         "import sys\n"
         "from pipeline.cli.app import main\n"
         f"for words in {commands!r}:\n"
-        "    assert main([*words, '--help']) == 0\n"
+        "    assert main(words) == 0\n"
         f"print('loaded:', *(name for name in {absent!r} if name in sys.modules))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1].strip() == "loaded:"
 
 

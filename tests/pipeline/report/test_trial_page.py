@@ -8,7 +8,8 @@ import pytest
 
 from hbm.notes import warnings_of
 from pipeline.io.recording import Plate
-from pipeline.report.trial_page import plate_figure, verdict_lines, write_trial_page
+from pipeline.report.trial_page import plate_figure, write_trial_page
+from pipeline.report.trial_tables import verdict_lines
 from pipeline.report.write import write_report
 from pipeline.run.store import write_trial
 from pipeline.trial.findings.finding import Correction, Finding

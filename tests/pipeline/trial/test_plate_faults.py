@@ -12,7 +12,7 @@ from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.mended_plates import with_mended_plates
 from pipeline.io.stated import Stated, parse_mending
-from pipeline.report.trial_page import verdict_lines
+from pipeline.report.trial_tables import verdict_lines
 from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table

@@ -1,0 +1,81 @@
+"""What is said of one trial, on its page and in the terminal: verdict, residuals, quality."""
+
+from collections.abc import Iterable
+
+from hbm.notes import warnings_of
+from hbm.spelling import join_names, written
+from pipeline.report.blocks import Table
+from pipeline.report.trials import NOT_KNOWN, trial_quality
+from pipeline.trial.residuals import (
+    HEALTHY_RMS,
+    reference_of,
+    residual_table,
+    rows_of,
+    threshold_table,
+    unseen_sentence,
+)
+from pipeline.trial.result import TrialResult
+
+
+def scope(result: TrialResult) -> str:
+    """Say of whom and of which file the page is."""
+    filtered = f"{result.settings.filter} Butterworth {result.settings.cutoff_hz:g} Hz"
+    return (
+        f"{result.source.name}; {result.body.mass:.1f} kg, {result.body.height_m:.2f} m; {filtered}"
+    )
+
+
+def verdict_lines(result: TrialResult) -> Iterable[str]:
+    """Compare the residuals closest to the truth with others; count the warnings.
+
+    The first sentence says what is expected where markers do not show all segments. Else one holds
+    both comparisons: with healthy walking, whose markers showed all, and with published limits.
+    """
+    if result.shortage:
+        yield f"No residuals: {result.shortage}."
+    table = residual_table(result, "")
+    if unseen := unseen_sentence(result, table):
+        yield unseen
+    compensated = result.compensated is not None
+    best = [row for row in rows_of(threshold_table(result)) if row.compensated == compensated]
+    if best:
+        table = table.query("headline and compensated == @compensated")
+        above = table.loc[table["rms"] > [*HEALTHY_RMS], "axis"]
+        beyond = [row.quantity for row in best if not row.passed]
+        rms = "are below healthy walking in all six axes"
+        if unseen:
+            rms = "have no healthy reference with these markers"
+        elif len(above):
+            rms = f"exceed healthy walking in {join_names([*above])}"
+        peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
+        limits = "published limits (Hicks et al. 2015)"
+        yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} {limits}."
+    warnings = len(warnings_of(result.notes))
+    yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
+
+
+def result_tables(result: TrialResult) -> Iterable[Table]:
+    """Give the residuals, with what they are compared with, and the quality of the trial."""
+    table = residual_table(result, "")
+    headline = table[table["headline"].astype(bool)] if len(table) else table
+    title, reference, meaning = reference_of(headline)
+    heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", title)
+    rows = [
+        (
+            f"{row.axis} ({row.unit})",
+            "compensated" if row.compensated else "measured",
+            *(written(value, "z.1f") for value in (row.rms, row.mean, row.sd, row.peak)),
+            f"{row.rms_percent:.2f}",
+            f"{reference[row.axis]:.1f}",
+        )
+        for row in rows_of(headline)
+    ]
+    legend = (
+        "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
+        f"stature. {meaning}"
+    )
+    if rows:
+        yield Table("Pelvis residuals", heads, rows, "numbers", legend)
+    rated = trial_quality(result)
+    quality = [(item, checks) for item, checks in rated.items() if checks != (NOT_KNOWN,)]
+    yield Table("Quality", ("Criterion", "Finding"), quality, "trials")
