@@ -117,7 +117,7 @@ def _stored_columns(result: TrialResult) -> pa.Table:
     whole = _arrays(frame_table(result))
     kept = {n: _rounded(n, column) for n, column in whole.items() if not n.startswith(COMPUTED)}
     # cameras' files hold millimetres in single precision
-    in_mm = np.float32(1000 * result.markers.position)
+    in_mm = (1000 * result.markers.position).astype(np.float32)
     if np.array_equal(_metres(in_mm), result.markers.position, equal_nan=True):
         kept = {n: column for n, column in kept.items() if not n.startswith("marker.")}
         for k, name in enumerate(result.markers.names):
@@ -126,14 +126,17 @@ def _stored_columns(result: TrialResult) -> pa.Table:
     frames = _frames(
         pa.table(kept), result.body, result.settings, result.engine, result.motion.markers
     )
-    again = _arrays(frame_table(replace(result, **frames)))
-    differ = (n for n in whole if n.startswith(COMPUTED) and not _same(again[n], whole[n]))
+    again = _following(frames["motion"], frames["variants"])
+    differ = (name for name, column in again.items() if not _same(column, whole[name]))
     return pa.table(kept | {name: _rounded(name, whole[name]) for name in differ})
 
 
 def _arrays(table: pa.Table) -> dict[str, Any]:
     """Give columns by name, without copies."""
-    return {name: column.to_numpy() for name, column in zip(table.column_names, table.columns, strict=True)}
+    return {
+        name: column.to_numpy()
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    }
 
 
 def _rounded(name: str, column: Any) -> Any:
@@ -149,10 +152,11 @@ def _rounded(name: str, column: Any) -> Any:
 def _same(found: Array, expected: Array) -> bool:
     """Whether a column is another one but for rounding."""
     peak = np.max(np.abs(expected), where=np.isfinite(expected), initial=0.0)
-    return np.allclose(found, expected, rtol=0.0, atol=LOST * peak, equal_nan=True)
+    close = np.abs(found - expected) <= LOST * peak
+    return bool(np.all(close | (np.isnan(found) & np.isnan(expected))))
 
 
-def _metres(in_mm: Array) -> Array:
+def _metres(in_mm: Any) -> Array:
     """Give positions as readers of files do."""
     return np.asarray(in_mm.astype(float) * 0.001)
 
@@ -223,8 +227,12 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
 def _metadata(result: TrialResult) -> bytes:
     """Give what a trial has besides its frames as JSON; numbers come back exactly."""
     rest = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in OF_FRAMES}
-    first = {"version": FORMAT_VERSION, "frames": len(result.quality)}
-    first |= {"engine": result.engine, "solved_from": result.motion.markers}
+    first = {
+        "version": FORMAT_VERSION,
+        "frames": len(result.quality),
+        "engine": result.engine,
+        "solved_from": result.motion.markers,
+    }
     text = json.dumps(first | rest, ensure_ascii=False, separators=(",", ":"), default=_plain)
     return text.encode()
 
@@ -259,9 +267,9 @@ def _plain(value: Any) -> Any:
 
 def _typed(kind: Any, stored: Any) -> Any:
     """Make a value of a type from what `_plain` gave, whose bytes the checksum has confirmed."""
-    origin, inner = get_origin(kind), get_args(kind)
     if stored is None:
         return None
+    origin, inner = _parts(kind)
     if origin in (Union, UnionType):
         return _typed(next(each for each in inner if each is not NoneType), stored)
     if kind is Note:
@@ -281,6 +289,12 @@ def _typed(kind: Any, stored: Any) -> Any:
         kinds = inner[:1] * len(stored) if inner[1:] == (...,) else inner
         return tuple(_typed(own, value) for own, value in zip(kinds, stored, strict=True))
     return Path(stored) if kind is Path else stored
+
+
+@cache
+def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Give what a generic type is of, and its arguments."""
+    return get_origin(kind), get_args(kind)
 
 
 @cache
@@ -311,8 +325,9 @@ def frame_table(result: TrialResult) -> pa.Table:
     -------
     pyarrow.Table
         ``time_s``; ``q.NAME``, ``v.NAME``, ``a.NAME`` [rad or m, per s, per s²] in the Human Body
-        Model's order; ``solved.NAME``, ``q`` before the filter; per variant ``tau.measured.NAME`` [N·m or N] and ``residual.measured.Fx`` …
-        ``Mz`` [N, N·m] as reported (x forward, y right, z up, about the pelvis origin);
+        Model's order; ``solved.NAME``, ``q`` before the filter; per variant ``tau.measured.NAME``
+        [N·m or N] and ``residual.measured.Fx`` … ``Mz`` [N, N·m] as reported (x forward, y right,
+        z up, about the pelvis origin);
         ``marker_error.NAME`` [m]; ``event``, such as "left foot_strike", on the frame nearest to
         it. In lab axes (X forward, Y left, Z up): ``ground.measured.left_foot.fx`` … ``mz`` [N,
         N·m] about the lab origin, ``marker.NAME.x`` [m] as measured, ``platform.r11`` … ``z``.
@@ -322,14 +337,10 @@ def frame_table(result: TrialResult) -> pa.Table:
         the residual due to the compensation: ``uncertainty.residual.Fx`` …, lab axes [N, N·m].
     """
     motion, markers, pose = result.motion, result.markers, result.platform
-    columns: dict[str, Column] = {"time_s": motion.time}
-    for symbol, values in (("q", motion.q), ("v", motion.v), ("a", motion.a)):
-        columns |= _by_coordinate(symbol, values)
+    columns: dict[str, Column] = {"time_s": motion.time, **_following(motion, result.variants)}
     columns |= _by_coordinate("solved", result.solved)
     for variant, dynamics in result.variants.items():
-        columns |= _by_coordinate(f"tau.{variant}", dynamics.tau)
         columns |= _columns(f"residual.{variant}", AXES, reported(dynamics.residual))
-    columns |= _columns("marker_error", motion.markers, motion.marker_error)
     columns["event"] = _event_labels(motion.time, result.events)
     for variant, feet in result.ground.items():
         for foot, wrench in feet.items():
@@ -344,6 +355,16 @@ def frame_table(result: TrialResult) -> pa.Table:
     columns |= _by_coordinate("observed", motion.observed)
     columns |= {"converged": motion.converged, "quality": result.quality}
     return pa.table({name: pa.array(column) for name, column in columns.items()})
+
+
+def _following(motion: Motion, variants: Mapping[str, Dynamics]) -> dict[str, Array]:
+    """Give the columns that usually follow from others."""
+    columns = _columns("marker_error", motion.markers, motion.marker_error)
+    for symbol in "qva":
+        columns |= _by_coordinate(symbol, getattr(motion, symbol))
+    for variant, dynamics in variants.items():
+        columns |= _by_coordinate(f"tau.{variant}", dynamics.tau)
+    return columns
 
 
 def _frames(
@@ -416,16 +437,16 @@ def _marker_errors(body: Body, solved: Array, markers: Markers, names: Sequence[
     """Give the distance of each of these markers from the model, (T, K) [m]."""
     of_model = marker_positions(body, solved)[:, [body.markers.index(name) for name in names]]
     away = markers.position[:, [markers.names.index(name) for name in names]] - of_model
-    return np.sqrt(np.einsum("tki,tki->tk", away, away))
+    return np.asarray(np.sqrt(np.einsum("tki,tki->tk", away, away)))
 
 
-def _columns(prefix: str, names: Iterable[str], values: Array | Mask) -> dict[str, Column]:
+def _columns(prefix: str, names: Iterable[str], values: Any) -> dict[str, Array]:
     """Name the columns of (T, K) values, each in one piece, which Arrow need not copy."""
     columns = np.ascontiguousarray(values.T)
     return {f"{prefix}.{n}": column for n, column in zip(names, columns, strict=True)}
 
 
-def _by_coordinate(prefix: str, values: Array | Mask) -> dict[str, Column]:
+def _by_coordinate(prefix: str, values: Array | Mask) -> dict[str, Array]:
     """Name the columns of (T, 46) values, in the Human Body Model's order."""
     columns = _columns(prefix, COORDINATES, values)
     return {name: columns[name] for name in (f"{prefix}.{c}" for c in HBM_ORDER)}
