@@ -230,9 +230,14 @@ def _write_parquet(table: pd.DataFrame, path: Path) -> None:
     """Write a table whole or not at all."""
     numbers = [name for name in table if table[name].dtype.kind == "f"]
     texts = [name for name in table if name not in numbers]
-    small = {"compression": "zstd", "use_byte_stream_split": numbers, "use_dictionary": texts}
     with whole_file(path) as temporary:
-        table.to_parquet(temporary, index=False, **small)
+        table.to_parquet(
+            temporary,
+            index=False,
+            compression="zstd",
+            use_byte_stream_split=numbers,
+            use_dictionary=texts,
+        )
 
 
 def _design(residuals: pd.DataFrame, study: Study | None) -> Design:
