@@ -112,6 +112,7 @@ def _digest(content: bytes | bytearray, place: int) -> bytes:
     return digest.hexdigest().encode()
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _stored_columns(result: TrialResult) -> pa.Table:
     """Give the rounded columns of a trial from which the others follow, and those that do not."""
     whole = _arrays(frame_table(result))
@@ -367,6 +368,7 @@ def _following(motion: Motion, variants: Mapping[str, Dynamics]) -> dict[str, Ar
     return columns
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _frames(
     table: pa.Table, body: Body, settings: Settings, engine: str, solved_from: Sequence[str]
 ) -> dict[str, Any]:
