@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, support
-from hbm.engines.engine import choose_engine
+from hbm.engines.engine import Engine, choose_engine
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
@@ -172,7 +172,12 @@ def inverse_dynamics(
 
 
 def inverse_dynamics_variants(
-    body: Body, motion: Motion, variants: Sequence[Mapping[str, Array]], *, jobs: int = 1
+    body: Body,
+    motion: Motion,
+    variants: Sequence[Mapping[str, Array]],
+    *,
+    jobs: int = 1,
+    engine: Engine | None = None,
 ) -> list[Dynamics]:
     """Do `inverse_dynamics` for several sets of wrenches in one evaluation of the equations.
 
@@ -182,6 +187,8 @@ def inverse_dynamics_variants(
         As for `inverse_dynamics`.
     variants
         Sets of wrenches, such as plates as measured and compensated.
+    engine
+        By default that of `hbm.engines.engine.choose_engine`.
 
     Returns
     -------
@@ -212,7 +219,7 @@ def inverse_dynamics_variants(
     if frames and np.isnan(motion.v).all() and not np.isnan(motion.q).all():
         raise ValueError("the motion has no velocities; filter it first with filter_motion")
 
-    engine, segments = choose_engine(), sorted(set().union(*variants))
+    engine, segments = engine or choose_engine(), sorted(set().union(*variants))
     # generalized forces and residual of each variant, (T, 52)
     forces = [np.empty((frames, N_Q + 6)) for _ in variants]
     for first in range(0, frames, FRAMES_AT_ONCE):

@@ -67,10 +67,16 @@ def marker_positions(body: Body, q: Array) -> Array:
     Array
         Positions in the lab, (T, K, 3) [m].
     """
-    rotation, origin = segment_frames(body, q)
-    own = [MOVING.index(s) for s in body.marker_segment]
-    from_joint = np.einsum("tkij,kj->tki", rotation[:, own], body.marker_position)
-    return np.asarray(origin[:, own] + from_joint)
+    poses = kernels().segment_poses(q, body.geometry)[0].reshape(len(q), len(MOVING), 12)
+    segments = np.array([MOVING.index(segment) for segment in body.marker_segment], int)
+    positions = np.empty((len(q), len(segments), 3))
+    for segment in set(segments.tolist()):
+        on = segments == segment
+        # axes times position, plus origin: one product for all frames and markers of the segment
+        local = np.column_stack([body.marker_position[on], np.ones(on.sum())])
+        placed = poses[:, segment] @ np.kron(local.T, np.eye(3))
+        positions[:, on] = placed.reshape(len(q), len(local), 3)
+    return positions
 
 
 def center_of_mass(body: Body, q: Array) -> Array:

@@ -228,8 +228,16 @@ def write_report(
 
 def _write_parquet(table: pd.DataFrame, path: Path) -> None:
     """Write a table whole or not at all."""
+    numbers = [name for name in table if table[name].dtype.kind == "f"]
+    texts = [name for name in table if name not in numbers]
     with whole_file(path) as temporary:
-        table.to_parquet(temporary, index=False, compression="zstd")
+        table.to_parquet(
+            temporary,
+            index=False,
+            compression="zstd",
+            use_byte_stream_split=numbers,
+            use_dictionary=texts,
+        )
 
 
 def _design(residuals: pd.DataFrame, study: Study | None) -> Design:

@@ -1,20 +1,20 @@
 """A processed trial on disk: one Parquet file, written whole or not at all, and read back.
 
 Each frame is a row of the file. What a trial has besides its frames stands in the file's metadata,
-as JSON that is made from the types of `TrialResult` and read by them.
+as JSON that is made from the types of `TrialResult` and read by them. Columns that follow from
+others within milliseconds are not stored: `read_trial` computes them as the chain did.
 """
 
 import hashlib
 import json
-import mmap
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, BinaryIO, Final, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pyarrow as pa
@@ -22,20 +22,25 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel
 
 from compensation.platform import PlatformPose
+from hbm.body import Body
 from hbm.coordinates import COORDINATES, HBM_ORDER
-from hbm.dynamics import Dynamics
+from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
+from hbm.engines.engine import kernels_engine
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
+from hbm.poses import marker_positions
 from hbm.spatial import Array, Indices, Mask, frozen
 from hbm.spelling import short
+from pipeline.config.schema import Settings
 from pipeline.io.input_file import NO_MEMORY, open_file, read_text
 from pipeline.io.recording import Event, Plate
 from pipeline.io.write import open_parquet, whole_file, write_text
 from pipeline.trial.residuals import AXES, reported
 from pipeline.trial.result import TrialResult
+from pipeline.trial.stages import known_forces
 
-FORMAT_VERSION: Final = 12
+FORMAT_VERSION: Final = 13
 """Of stored trials; raised with every change of what they hold."""
 METADATA: Final = b"hbm"
 DIGEST: Final = b"hbm.sha256"
@@ -43,13 +48,17 @@ DIGEST: Final = b"hbm.sha256"
 NO_DIGEST: Final = b"0" * 64
 DIGEST_START: Final = DIGEST + b"\x18\x40"
 """How a Parquet file stores that key, with type and length of the 64 characters that follow."""
-COMPRESSION: Final = "snappy"
-"""Half the time of zstd for 7 % more."""
-COMPRESSED: Final = ("observed.", "quality", "time_s", "event")
-"""What columns begin with that compress well. Computed numbers do not, and of markers' positions a
-quarter would be saved, 9 % of a file, for half the time that it takes to write it."""
-MAX_EXPANSION: Final = 10
-"""Of a file in memory; most of its columns are not compressed at all."""
+LOST: Final = 1e-9
+"""Of a column's peak: what rounding on disk and computing again may change at most."""
+STEPS: Final = {"time_s": 0.0, "solved": 2e-13, "ground": 5e-12}
+"""Of the peaks of columns, to which they are rounded; the others to `LOST`. What is computed from
+these is 1,000 times less exact: accelerations are second derivatives."""
+COMPUTED: Final = ("q.", "v.", "a.", "tau.", "marker_error.")
+"""What columns begin with that are stored only where they do not follow from the others."""
+MARKERS_MM: Final = "marker_mm"
+"""What columns of marker positions begin with that are stored as recordings have them."""
+MAX_EXPANSION: Final = 40
+"""Of a file in memory."""
 MAX_REASON: Final = 120
 """Characters of a library's message, or of a file's name, within ours."""
 RUN: Final = "run.json"
@@ -57,7 +66,7 @@ WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 POSE: Final = (*(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z")
 """Rotation matrix, row by row, and position of the platform."""
 OF_FRAMES: Final = frozenset(
-    {"markers", "motion", "variants", "ground", "platform", "quality", "uncertainty"}
+    {"markers", "motion", "variants", "ground", "platform", "quality", "uncertainty", "solved"}
 )
 """Fields of a result that have a value in each frame."""
 Column = Array | Indices | Mask | Sequence[str]
@@ -66,47 +75,91 @@ Column = Array | Indices | Mask | Sequence[str]
 def write_trial(result: TrialResult, path: Path) -> None:
     """Write a trial as Parquet; the file appears whole or not at all.
 
-    `frame_table` says what its columns are.
+    Its columns are those of `frame_table` but those that `read_trial` computes, such as ``v``.
     """
-    table = frame_table(result)
-    with whole_file(path) as temporary:
-        with (
-            temporary.open("r+b") as sink,  # ext4 writes to the disk at once what was truncated
-            pq.ParquetWriter(
-                sink,
-                table.schema,
-                compression={
-                    n: COMPRESSION for n in table.column_names if n.startswith(COMPRESSED)
-                },
-                use_dictionary=["event"],
-                write_statistics=False,
-                store_schema=False,  # it would hold the metadata a second time
-            ) as file,
-        ):
-            file.write_table(table)
-            file.add_key_value_metadata({METADATA: _metadata(result), DIGEST: NO_DIGEST})
-        with temporary.open("r+b") as written:
-            write_digest(written)
+    metadata, table = _metadata(result), _stored_columns(result)
+    numbers = [name for name in table.column_names if name != "event"]
+    sink = pa.BufferOutputStream()
+    with pq.ParquetWriter(
+        sink,
+        table.schema,
+        compression="zstd",
+        use_dictionary=["event"],
+        use_byte_stream_split=[n for n in numbers if pa.types.is_floating(table[n].type)],
+        write_statistics=False,
+        store_schema=False,  # it would hold the metadata a second time
+    ) as file:
+        file.write_table(table)
+        file.add_key_value_metadata({METADATA: metadata, DIGEST: NO_DIGEST})
+    with whole_file(path) as temporary, temporary.open("r+b") as written:
+        # ext4 writes to the disk at once what was truncated
+        written.write(with_digest(sink.getvalue()))
 
 
-def write_digest(file: BinaryIO) -> None:
+def with_digest(content: bytes | bytearray | pa.Buffer) -> bytearray:
     """Put the SHA-256 of all bytes of a stored trial but those of the digest itself into it."""
-    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        start = content.rfind(DIGEST_START)
-        if start < 0:
-            raise ValueError(f"{file.name}: no place for the checksum in the file")
-        place = start + len(DIGEST_START)
-        digest = _digest(content, place)
-    file.seek(place)
-    file.write(digest)
+    signed = bytearray(content)
+    place = signed.rfind(DIGEST_START) + len(DIGEST_START)
+    signed[place : place + len(NO_DIGEST)] = _digest(signed, place)
+    return signed
 
 
-def _digest(content: bytes | mmap.mmap, place: int) -> bytes:
+def _digest(content: bytes | bytearray, place: int) -> bytes:
     """Hash everything but the digest at a place."""
-    with memoryview(content) as view:
-        digest = hashlib.sha256(view[:place])
-        digest.update(view[place + len(NO_DIGEST) :])
+    view = memoryview(content)
+    digest = hashlib.sha256(view[:place])
+    digest.update(view[place + len(NO_DIGEST) :])
     return digest.hexdigest().encode()
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _stored_columns(result: TrialResult) -> pa.Table:
+    """Give the rounded columns of a trial from which the others follow, and those that do not."""
+    whole = _arrays(frame_table(result))
+    kept = {n: _rounded(n, column) for n, column in whole.items() if not n.startswith(COMPUTED)}
+    # cameras' files hold millimetres in single precision
+    in_mm = (1000 * result.markers.position).astype(np.float32)
+    if np.array_equal(_metres(in_mm), result.markers.position, equal_nan=True):
+        kept = {n: column for n, column in kept.items() if not n.startswith("marker.")}
+        for k, name in enumerate(result.markers.names):
+            kept |= _columns(f"{MARKERS_MM}.{name}", "xyz", in_mm[:, k])
+    # computed again as on reading; what differs is stored
+    frames = _frames(
+        pa.table(kept), result.body, result.settings, result.engine, result.motion.markers
+    )
+    again = _following(frames["motion"], frames["variants"])
+    differ = (name for name, column in again.items() if not _same(column, whole[name]))
+    return pa.table(kept | {name: _rounded(name, whole[name]) for name in differ})
+
+
+def _arrays(table: pa.Table) -> dict[str, Any]:
+    """Give columns by name, without copies."""
+    return {
+        name: column.to_numpy()
+        for name, column in zip(table.column_names, table.columns, strict=True)
+    }
+
+
+def _rounded(name: str, column: Any) -> Any:
+    """Round numbers to a power of two of which their peak has so many that little is lost."""
+    share = STEPS.get(name.split(".", 1)[0], LOST)
+    if column.dtype != float or not share:
+        return column
+    peak = np.max(np.abs(column), where=np.isfinite(column), initial=0.0)
+    step = 2.0 ** np.floor(np.log2(peak * share)) if peak > 0 else 1.0
+    return np.rint(column / step) * step
+
+
+def _same(found: Array, expected: Array) -> bool:
+    """Whether a column is another one but for rounding."""
+    peak = np.max(np.abs(expected), where=np.isfinite(expected), initial=0.0)
+    close = np.abs(found - expected) <= LOST * peak
+    return bool(np.all(close | (np.isnan(found) & np.isnan(expected))))
+
+
+def _metres(in_mm: Any) -> Array:
+    """Give positions as readers of files do."""
+    return np.asarray(in_mm.astype(float) * 0.001)
 
 
 def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
@@ -122,7 +175,8 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
     Returns
     -------
     TrialResult
-        Equal to what was written, to the last bit; of ``source`` the name alone.
+        Equal to what was written: numbers of frames within 1e-9 of the peak of their column, all
+        else to the last bit; of ``source`` the name alone.
 
     Raises
     ------
@@ -174,7 +228,12 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
 def _metadata(result: TrialResult) -> bytes:
     """Give what a trial has besides its frames as JSON; numbers come back exactly."""
     rest = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in OF_FRAMES}
-    first = {"version": FORMAT_VERSION, "frames": len(result.motion.time), "engine": result.engine}
+    first = {
+        "version": FORMAT_VERSION,
+        "frames": len(result.quality),
+        "engine": result.engine,
+        "solved_from": result.motion.markers,
+    }
     text = json.dumps(first | rest, ensure_ascii=False, separators=(",", ":"), default=_plain)
     return text.encode()
 
@@ -209,9 +268,9 @@ def _plain(value: Any) -> Any:
 
 def _typed(kind: Any, stored: Any) -> Any:
     """Make a value of a type from what `_plain` gave, whose bytes the checksum has confirmed."""
-    origin, inner = get_origin(kind), get_args(kind)
     if stored is None:
         return None
+    origin, inner = _parts(kind)
     if origin in (Union, UnionType):
         return _typed(next(each for each in inner if each is not NoneType), stored)
     if kind is Note:
@@ -234,6 +293,12 @@ def _typed(kind: Any, stored: Any) -> Any:
 
 
 @cache
+def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Give what a generic type is of, and its arguments."""
+    return get_origin(kind), get_args(kind)
+
+
+@cache
 def _types(kind: type) -> dict[str, Any]:
     """Give the types of a dataclass's fields."""
     hints = get_type_hints(kind)
@@ -245,7 +310,8 @@ def _result(table: pa.Table, stored: Mapping[str, Any]) -> TrialResult:
     kinds = {name: kind for name, kind in _types(TrialResult).items() if name not in OF_FRAMES}
     rest = {name: _typed(kind, stored[name]) for name, kind in kinds.items()}
     rest["cycles"] = {side: spans.reshape(-1, 2) for side, spans in rest["cycles"].items()}
-    return TrialResult(**rest, **_frames(table, stored["engine"]))
+    of_motion = stored["engine"], tuple(stored["solved_from"])
+    return TrialResult(**rest, **_frames(table, rest["body"], rest["settings"], *of_motion))
 
 
 def frame_table(result: TrialResult) -> pa.Table:
@@ -260,8 +326,9 @@ def frame_table(result: TrialResult) -> pa.Table:
     -------
     pyarrow.Table
         ``time_s``; ``q.NAME``, ``v.NAME``, ``a.NAME`` [rad or m, per s, per s²] in the Human Body
-        Model's order; per variant ``tau.measured.NAME`` [N·m or N] and ``residual.measured.Fx`` …
-        ``Mz`` [N, N·m] as reported (x forward, y right, z up, about the pelvis origin);
+        Model's order; ``solved.NAME``, ``q`` before the filter; per variant ``tau.measured.NAME``
+        [N·m or N] and ``residual.measured.Fx`` … ``Mz`` [N, N·m] as reported (x forward, y right,
+        z up, about the pelvis origin);
         ``marker_error.NAME`` [m]; ``event``, such as "left foot_strike", on the frame nearest to
         it. In lab axes (X forward, Y left, Z up): ``ground.measured.left_foot.fx`` … ``mz`` [N,
         N·m] about the lab origin, ``marker.NAME.x`` [m] as measured, ``platform.r11`` … ``z``.
@@ -271,13 +338,10 @@ def frame_table(result: TrialResult) -> pa.Table:
         the residual due to the compensation: ``uncertainty.residual.Fx`` …, lab axes [N, N·m].
     """
     motion, markers, pose = result.motion, result.markers, result.platform
-    columns: dict[str, Column] = {"time_s": motion.time}
-    for symbol, values in (("q", motion.q), ("v", motion.v), ("a", motion.a)):
-        columns |= _by_coordinate(symbol, values)
+    columns: dict[str, Column] = {"time_s": motion.time, **_following(motion, result.variants)}
+    columns |= _by_coordinate("solved", result.solved)
     for variant, dynamics in result.variants.items():
-        columns |= _by_coordinate(f"tau.{variant}", dynamics.tau)
         columns |= _columns(f"residual.{variant}", AXES, reported(dynamics.residual))
-    columns |= _columns("marker_error", motion.markers, motion.marker_error)
     columns["event"] = _event_labels(motion.time, result.events)
     for variant, feet in result.ground.items():
         for foot, wrench in feet.items():
@@ -294,58 +358,97 @@ def frame_table(result: TrialResult) -> pa.Table:
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
 
-def _frames(table: pa.Table, engine: str) -> dict[str, Any]:
-    """Read the columns of `frame_table` back, equal to the last bit; KeyError if one is missing."""
+def _following(motion: Motion, variants: Mapping[str, Dynamics]) -> dict[str, Array]:
+    """Give the columns that usually follow from others."""
+    columns = _columns("marker_error", motion.markers, motion.marker_error)
+    for symbol in "qva":
+        columns |= _by_coordinate(symbol, getattr(motion, symbol))
+    for variant, dynamics in variants.items():
+        columns |= _by_coordinate(f"tau.{variant}", dynamics.tau)
+    return columns
 
-    def read(prefix: str, names: Iterable[str]) -> Array:
-        found = [table.column(f"{prefix}.{name}").to_numpy() for name in names]
-        return frozen(np.column_stack(found) if found else np.empty((table.num_rows, 0)))
+
+@np.errstate(over="ignore", invalid="ignore")
+def _frames(
+    table: pa.Table, body: Body, settings: Settings, engine: str, solved_from: Sequence[str]
+) -> dict[str, Any]:
+    """Read the columns of `frame_table` back and compute those that are not stored.
+
+    KeyError if one is missing.
+    """
+    columns = _arrays(table)
+
+    def read(prefix: str, names: Iterable[str], computed: Array | None = None) -> Array:
+        values = np.empty((table.num_rows, len(names := [*names])))
+        for k, name in enumerate(f"{prefix}.{name}" for name in names):
+            values[:, k] = columns[name] if computed is None or name in columns else computed[:, k]
+        return frozen(values)
 
     def named(prefix: str, last: str = "") -> tuple[str, ...]:
-        columns = (n for n in table.column_names if n.startswith(prefix) and n.endswith(last))
-        return tuple(n[len(prefix) : len(n) - len(last)] for n in columns)
+        chosen = (n for n in columns if n.startswith(prefix) and n.endswith(last))
+        return tuple(n[len(prefix) : len(n) - len(last)] for n in chosen)
 
-    time, names = table.column("time_s").to_numpy(), named("marker.", ".x")
-    places = [read(f"marker.{name}", "xyz") for name in names]
-    position = np.stack(places, axis=1) if places else np.empty((len(time), 0, 3))
-    in_motion = named("marker_error.")
+    time, prefix = columns["time_s"], MARKERS_MM if named(f"{MARKERS_MM}.") else "marker"
+    names = named(f"{prefix}.", ".x")
+    position = read(prefix, (f"{name}.{axis}" for name in names for axis in "xyz"))
+    position = position.reshape(len(time), len(names), 3)
+    markers = Markers(time, names, _metres(position) if prefix == MARKERS_MM else position)
+    solved = read("solved", COORDINATES)
     motion = Motion(
         time=time,
-        q=read("q", COORDINATES),
-        v=read("v", COORDINATES),
-        a=read("a", COORDINATES),
-        markers=in_motion,
-        marker_error=read("marker_error", in_motion),
-        converged=table.column("converged").to_numpy(),
+        q=solved,
+        v=np.full_like(solved, np.nan),
+        a=np.full_like(solved, np.nan),
+        markers=tuple(solved_from),
+        marker_error=_marker_errors(body, solved, markers, solved_from),
+        converged=columns["converged"],
         observed=read("observed", COORDINATES).astype(bool),
     )
-    variants, ground = {}, {}
-    for name in named("residual.", f".{AXES[0]}"):
-        force, residual = read(f"tau.{name}", COORDINATES), reported(read(f"residual.{name}", AXES))
-        variants[name] = Dynamics(time, force, frozen(residual), frozen(force * motion.v), engine)
-        feet = named(f"ground.{name}.", f".{WRENCH[0]}")
-        ground[name] = {foot: read(f"ground.{name}.{foot}", WRENCH) for foot in feet}
+    feet = {n: named(f"ground.{n}.", f".{WRENCH[0]}") for n in named("residual.", f".{AXES[0]}")}
+    ground = {n: {f: read(f"ground.{n}.{f}", WRENCH) for f in feet[n]} for n in feet}
+    forces = np.full_like(solved, np.nan)
+    dynamics = {n: Dynamics(time, forces, forces[:, :6], forces, engine) for n in feet}
+    if len(time):
+        motion = filter_motion(motion, cutoff=settings.cutoff_hz, method=settings.filter)
+        wrenches = list(ground.values())
+        computed = inverse_dynamics_variants(body, motion, wrenches, engine=kernels_engine())
+        dynamics = known_forces(dict(zip(feet, computed, strict=True)), columns["quality"])
+    q, v, a = (read(name, COORDINATES, getattr(motion, name)) for name in "qva")
+    error = read("marker_error", solved_from, motion.marker_error)
+    variants = {}
+    for name, loads in dynamics.items():
+        tau = read(f"tau.{name}", COORDINATES, loads.tau)
+        residual = frozen(reported(read(f"residual.{name}", AXES)))
+        variants[name] = Dynamics(time, tau, residual, frozen(tau * v), engine)
     pose = read("platform", POSE) if named("platform.") else None
     return {
-        "markers": Markers(time, names, frozen(position)),
-        "motion": motion,
+        "markers": markers,
+        "motion": replace(motion, q=q, v=v, a=a, marker_error=error),
+        "solved": solved,
         "variants": variants,
         "ground": ground,
         "platform": None
         if pose is None
         else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
-        "quality": table.column("quality").to_numpy(),
+        "quality": columns["quality"],
         "uncertainty": read("uncertainty.residual", AXES) if named("uncertainty.") else None,
     }
 
 
-def _columns(prefix: str, names: Iterable[str], values: Array | Mask) -> dict[str, Column]:
+def _marker_errors(body: Body, solved: Array, markers: Markers, names: Sequence[str]) -> Array:
+    """Give the distance of each of these markers from the model, (T, K) [m]."""
+    of_model = marker_positions(body, solved)[:, [body.markers.index(name) for name in names]]
+    away = markers.position[:, [markers.names.index(name) for name in names]] - of_model
+    return np.asarray(np.sqrt(np.einsum("tki,tki->tk", away, away)))
+
+
+def _columns(prefix: str, names: Iterable[str], values: Any) -> dict[str, Array]:
     """Name the columns of (T, K) values, each in one piece, which Arrow need not copy."""
     columns = np.ascontiguousarray(values.T)
     return {f"{prefix}.{n}": column for n, column in zip(names, columns, strict=True)}
 
 
-def _by_coordinate(prefix: str, values: Array | Mask) -> dict[str, Column]:
+def _by_coordinate(prefix: str, values: Array | Mask) -> dict[str, Array]:
     """Name the columns of (T, 46) values, in the Human Body Model's order."""
     columns = _columns(prefix, COORDINATES, values)
     return {name: columns[name] for name in (f"{prefix}.{c}" for c in HBM_ORDER)}

@@ -144,6 +144,7 @@ def result_of(chain: Chain) -> TrialResult:
         first_frame=chain.trial.first_frame,
         plates=tuple(plate.place for plate in chain.trial.plates),
         motion=motion,
+        solved=chain.pose.solved.q,
         variants=known_forces(loads.dynamics, quality),
         ground=loads.wrenches,
         overridden_segments=tuple(inputs.segments),

@@ -125,6 +125,8 @@ class TrialResult:
         Where the force plates are with the platform in neutral: without samples.
     motion
         Filtered motion with marker errors.
+    solved
+        Its coordinates before the filter, (T, 46) [m and rad]; a few lost frames are interpolated.
     variants
         Name -> dynamics: "measured" with the plates as measured and, with a calibration,
         "compensated" without what the treadmill's motion adds; the last is closest to the truth.
@@ -200,6 +202,7 @@ class TrialResult:
     first_frame: int
     plates: tuple[Plate, ...]
     motion: Motion
+    solved: Array
     variants: Mapping[str, Dynamics]
     ground: dict[str, dict[str, Array]]
     platform: PlatformPose | None

@@ -132,6 +132,7 @@ def fake_trial(
         first_frame=1,
         plates=(),
         motion=motion,
+        solved=q,
         variants={"measured": dynamics(walking + artefact)}
         | ({"compensated": dynamics(remains)} if compensated else {}),
         ground={"measured": feet} | ({"compensated": feet} if compensated else {}),

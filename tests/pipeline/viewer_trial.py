@@ -55,6 +55,7 @@ def viewer_trial(
         first_frame=FIRST_FRAME,
         plates=tuple(_plate(k + 1, y) for k, y in enumerate((0.25, -0.25))),
         motion=motion,
+        solved=q,
         variants=dynamics,
         ground=ground,
         platform=sway_and_pitch(time) if moving else None,
