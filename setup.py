@@ -62,16 +62,25 @@ class BuildKernels(build_ext):
         """Give a file's name without the version of Python, which does not matter here."""
         return str(Path(*fullname.split(".")).with_suffix(SUFFIX))
 
+    def build_extensions(self) -> None:
+        """Write the C once, which is the same for every width, then build."""
+        Path(self.build_temp).mkdir(parents=True, exist_ok=True)
+        try:
+            self.source = write_source(Path(self.build_temp))
+        except OSError as error:
+            self.warn(f"all libraries are left out: {error}")
+        else:
+            super().build_extensions()
+
     def build_extension(self, ext: Extension) -> None:
-        """Write, compile and check a library."""
+        """Compile and check a library."""
         lanes = int(ext.name.rpartition("_")[2])
-        folder, library = Path(self.build_temp, ext.name), Path(self.get_ext_fullpath(ext.name))
-        folder.mkdir(parents=True, exist_ok=True)
-        built = (folder / library.name).resolve()
+        library = Path(self.get_ext_fullpath(ext.name))
+        built = Path(self.build_temp, library.name).resolve()
         libm = [] if sys.platform == "win32" else ["-lm"]
         try:
             options = [*FLAGS, *VECTORS[lanes], f"-DLANES={lanes}", "-o", str(built)]
-            subprocess.run([*compiler(), *options, str(write_source(folder)), *libm], check=True)
+            subprocess.run([*compiler(), *options, str(self.source), *libm], check=True)
             check = [sys.executable, "-c", CHECK, str(lanes), str(built)]
             subprocess.run(check, cwd=ROOT, check=True)
         except (OSError, subprocess.SubprocessError) as error:
