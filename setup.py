@@ -29,6 +29,9 @@ FLAGS: Final = ("-O1", "-fPIC", "-shared", "-ffp-contract=off", "-Wno-psabi")
 would make the numbers depend on the processor; vectors are passed to no other library (psabi)."""
 VECTORS: Final = {2: (), 4: ("-mavx2",), 8: ("-mavx512f",)}
 """Numbers per vector -> flags; those without flags are there on every processor."""
+QUICK: Final = "--param=ira-max-conflict-table-size=0"
+"""GCC allocates registers by priority alone, a quarter of its time less: kernels are as fast with
+two and with eight numbers per vector, and 8 % slower with four."""
 CHECK: Final = """
 import sys
 from pathlib import Path
@@ -79,8 +82,9 @@ class BuildKernels(build_ext):
         built = Path(self.build_temp, library.name).resolve()
         libm = [] if sys.platform == "win32" else ["-lm"]
         try:
-            options = [*FLAGS, *VECTORS[lanes], f"-DLANES={lanes}", "-o", str(built)]
-            subprocess.run([*compiler(), *options, str(self.source), *libm], check=True)
+            flags = [*FLAGS, *VECTORS[lanes], *[QUICK] * (lanes != 4), f"-DLANES={lanes}"]
+            files = ["-o", str(built), str(self.source), *libm]
+            subprocess.run([*compiler(), *flags, *files], check=True)
             check = [sys.executable, "-c", CHECK, str(lanes), str(built)]
             subprocess.run(check, cwd=ROOT, check=True)
         except (OSError, subprocess.SubprocessError) as error:
