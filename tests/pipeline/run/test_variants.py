@@ -80,8 +80,8 @@ def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypa
     assert (out / "trials" / "sub01_sway.parquet").is_file()
     monkeypatch.undo()
     assert main(["run", str(study), "--out", str(out)]) == 0
-    for figures in ("study_figures", "joint_figures"):
-        monkeypatch.setattr(write, figures, lambda *given: iter(()))
+    for drawn in ("study_figures", "joint_figures", "write_trial_pages"):
+        monkeypatch.setattr(write, drawn, lambda *given: iter(()))
     assert main(["report", str(out)]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Does the conclusion depend on the choices?" in page
