@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -37,6 +38,7 @@ def with_values(recording, change):
     return replace(recording, analog=replace(recording.analog, values=values))
 
 
+@cache
 def empty(seed, **options):
     return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0, seed), seed=seed, **options)
 
@@ -47,7 +49,7 @@ def fit(recording, folder, *options):
     return from_json(out.read_text(encoding="utf-8"))
 
 
-def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(tmp_path):
+def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(fitted, tmp_path):
     perfect, late = empty(1), empty(1, accelerometer_delay_s=0.005)
     rear, front = SENSORS.values()
 
@@ -55,7 +57,7 @@ def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(tmp_
         values[:, rear] = late.analog.values[:, rear]
         values[:, front] *= 1.03
 
-    expected = fit(perfect, tmp_path)
+    expected = from_json(fitted.read_text(encoding="utf-8"))
     found = fit(with_values(perfect, spoil), tmp_path)
     first, second = found.sensors
     assert abs(first.delay_s - 0.005) < 1.96 * first.delay_error_s
@@ -66,10 +68,10 @@ def test_a_late_sensor_is_found_and_corrected_and_a_wrong_gain_does_no_harm(tmp_
         )
 
 
-def test_people_beside_an_empty_plate_are_fitted_too(tmp_path):
+def test_people_beside_an_empty_plate_are_fitted_too(fitted, tmp_path):
     boards = lab.save(empty(2), tmp_path / "boards.c3d")
     found = fit(empty(1), tmp_path, *STATED, "--beside", str(boards))
-    alone = fit(empty(1), tmp_path)
+    alone = from_json(fitted.read_text(encoding="utf-8"))
     assert found.plates["plate 1"].samples > 1.9 * alone.plates["plate 1"].samples
 
 
@@ -120,10 +122,9 @@ def test_sensors_that_exchanged_their_channels_are_named_and_given_right(fitted,
     assert main(command) == 0
 
 
-def test_the_recording_that_a_calibration_was_fitted_to_is_no_check_of_it(tmp_path, capsys):
-    fit(empty(1), tmp_path)
-    copied = shutil.copy(tmp_path / "empty.c3d", tmp_path / "day2.c3d")
-    assert main(["calibration", "check", str(tmp_path / "lab.json"), str(copied)]) == 2
+def test_the_recording_that_a_calibration_was_fitted_to_is_no_check_of_it(fitted, tmp_path, capsys):
+    copied = shutil.copy(fitted.with_name("empty.c3d"), tmp_path / "day2.c3d")
+    assert main(["calibration", "check", str(fitted), str(copied)]) == 2
     assert "the calibration was fitted to it" in capsys.readouterr().err
 
 
@@ -233,7 +234,8 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
 def test_the_verdict_on_a_recording_of_the_study_is_in_everything_that_a_run_leaves(
     moving_study, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr("pipeline.report.write.study_figures", lambda *given: iter(()))
+    for drawn in ("study_figures", "joint_figures", "write_trial_pages"):
+        monkeypatch.setattr(f"pipeline.report.write.{drawn}", lambda *given: iter(()))
     study, out = spoilt(moving_study, tmp_path), tmp_path / "results"
     main(["check", str(study)])
     assert BEYOND in " ".join(capsys.readouterr().out.split())

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -310,13 +309,13 @@ def test_the_page_links_to_that_of_the_laboratory_beside_the_calibration(page, f
     [("empty.c3d", "fit empty.c3d -o lab.json"), ("empty.json", "check empty.json RECORDING")],
 )
 def test_a_page_without_a_record_of_the_treadmill_says_which_command_writes_one(
-    study, tmp_path, quick, unsaved, calibration, command
+    tmp_path, quick, calibration, command
 ):
-    shutil.copytree(study, tmp_path / "study", ignore=shutil.ignore_patterns("laboratory.html"))
+    write_fake_study(tmp_path / "study", subjects=1)
     (tmp_path / "study" / calibration).touch()
     file = tmp_path / "study" / "study.toml"
     file.write_text(file.read_text().replace("empty.json", calibration))
-    write_fake_results(tmp_path / "results", subjects=4, cycles=3)
+    write_fake_results(tmp_path / "results", subjects=1, cycles=2)
     page = write_report(tmp_path / "results", tmp_path / "study").read_text(encoding="utf-8")
     assert f"<code>hbm calibration {command}</code> writes one" in page
 

@@ -29,7 +29,8 @@ def with_part(result):
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("windows")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipeline.report.write.study_figures", lambda *given: iter(()))
+        for figures in ("study_figures", "joint_figures"):
+            patch.setattr(f"pipeline.report.write.{figures}", lambda *given: iter(()))
         for number in (1, 2, 3):
             for condition in ("baseline", "sway", "pitch"):
                 result = fake_trial(number, condition, cycles=4)

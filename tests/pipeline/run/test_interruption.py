@@ -151,13 +151,13 @@ def test_requests_to_stop_that_are_recorded_interrupt_nothing_however_close_they
     assert handlers == [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize(
-    ("words", "suffix"),
+    ("words", "suffix", "number"),
     [
-        ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg"),
-        ("report {out}", ".png"),
-        ("export {study} --format c3d --out {out}", ".c3d"),
+        ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGTERM),
+        ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGINT),
+        ("report {out}", ".png", signal.SIGTERM),
+        ("export {study} --format c3d --out {out}", ".c3d", signal.SIGINT),
     ],
 )
 def test_any_command_that_is_stopped_says_so_and_leaves_no_half_written_file(

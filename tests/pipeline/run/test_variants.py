@@ -7,17 +7,18 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
+from pipeline.report import write
 from pipeline.run.run import forecast, plan, run_study
 from pipeline.run.store import read_trial
 from pipeline.trial import chain, process
 from tests.pipeline.lab import edit
 
-CUTOFFS_HZ = (5, 8, 10, 12)
+CUTOFFS_HZ = (5, 8)
 
 
 @pytest.fixture
 def study(moving_study, tmp_path):
-    """One trial of the moving treadmill, processed with the study's own cut-off and four others."""
+    """One trial of the moving treadmill, processed with the study's own cut-off and two others."""
     folder = shutil.copytree(moving_study, tmp_path / "study")
     for path in folder.glob("sub02*"):
         path.unlink()
@@ -43,7 +44,7 @@ def counting(monkeypatch, module, name):
     return calls
 
 
-def test_five_cut_offs_need_inverse_kinematics_once_and_give_what_each_gives_alone(
+def test_several_cut_offs_need_inverse_kinematics_once_and_give_what_each_gives_alone(
     study, tmp_path, monkeypatch
 ):
     calls = counting(monkeypatch, chain, "solve_motion")
@@ -75,10 +76,12 @@ def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypa
     said = capsys.readouterr().out
     assert "done sub01 sway; FAILED variant cutoff_8: too smooth" in said
     there = {path.parts[-3] for path in (out / "variants").glob("*/trials/*.parquet")}
-    assert there == {"cutoff_5", "cutoff_10", "cutoff_12"}
+    assert there == {"cutoff_5"}
     assert (out / "trials" / "sub01_sway.parquet").is_file()
     monkeypatch.undo()
     assert main(["run", str(study), "--out", str(out)]) == 0
+    for drawn in ("study_figures", "joint_figures", "write_trial_pages"):
+        monkeypatch.setattr(write, drawn, lambda *given: iter(()))
     assert main(["report", str(out)]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Does the conclusion depend on the choices?" in page
@@ -94,5 +97,5 @@ def test_a_run_says_what_is_new_what_is_outdated_and_why(study, tmp_path):
     assert said() == "trials: 1 new"
     list(run_study(read_study(study), out))
     assert said() == "trials: 1 up to date"
-    edit(study / "study.toml", "cutoff_hz = 12", "cutoff_hz = 13")
-    assert said() == "trials: 1 outdated (cutoff_hz 12.0 → 13.0)"
+    edit(study / "study.toml", "cutoff_hz = 8", "cutoff_hz = 9")
+    assert said() == "trials: 1 outdated (cutoff_hz 8.0 → 9.0)"
