@@ -6,10 +6,9 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import chain
 from pathlib import Path
-from typing import ClassVar, Final, Literal, TypeVar
+from typing import Any, ClassVar, Final, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -103,7 +102,9 @@ class StudyExplanation:
     version: Literal[6] = 6
 
 
-_adapter: Final = cache(TypeAdapter)
+ADAPTERS: Final[Mapping[type, TypeAdapter[Any]]] = {
+    kind: TypeAdapter(kind) for kind in (Explanation, StudyExplanation)
+}
 
 
 def explain(
@@ -119,7 +120,7 @@ Explained = TypeVar("Explained", Explanation, StudyExplanation)
 
 def write_explanation(explanation: Explained, path: Path) -> None:
     """Write an explanation as JSON, whole or not at all; numbers come back exactly."""
-    write_text(_adapter(type(explanation)).dump_json(explanation, indent=1).decode(), path)
+    write_text(ADAPTERS[type(explanation)].dump_json(explanation, indent=1).decode(), path)
 
 
 def read_explanation(path: Path, kind: type[Explained]) -> Explained:
@@ -133,7 +134,8 @@ def read_explanation(path: Path, kind: type[Explained]) -> Explained:
         If it cannot be opened.
     """
     try:
-        return _adapter(kind).validate_json(read_text(path))
+        explained: Explained = ADAPTERS[kind].validate_json(read_text(path))
+        return explained
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))

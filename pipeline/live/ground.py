@@ -254,7 +254,7 @@ class LiveGround:
     ) -> None:
         treadmill, frames_hz = laboratory.treadmill, markers.rate_hz
         delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
-        each = [analog.find(six, PLATE_UNITS) for six in channels]
+        self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
         self.resampled = list[tuple[Channels, Convolution, float]]()
         of_plates = zip(each, delays_s, strict=True)
         for (_, delay_s), group in groupby(of_plates, lambda of: (of[0].stream, of[1])):

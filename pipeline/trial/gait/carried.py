@@ -265,7 +265,7 @@ class Support:
         surface = np.repeat(feet.sole.min(axis=1), wrenches.shape[1])
         pressure = center_of_pressure(wrenches.reshape(-1, 6), self.threshold_n, surface)[:, :2]
         depth = np.diagonal(self._depth(pressure.reshape(*loaded.shape, 2)), axis1=1, axis2=2)
-        unknown = np.any(loaded & ~(depth > -MARGIN_M), axis=1) | np.isnan(self.level).any()
+        unknown = (loaded & ~(depth > -MARGIN_M)).any(axis=1) | np.isnan(self.level).any()
         return outside & ~unknown[:, None], idle
 
     def _depth(self, points: Array) -> Array:
@@ -276,7 +276,8 @@ class Support:
 
 def _within(feet: Feet) -> Mask:
     """Whether the outline of each foot is within those of the plates, (T, 2)."""
-    return np.asarray((feet.depth[:, :, :-1] > -MARGIN_M).any(axis=3).all(axis=2))
+    inside = (feet.depth[:, :, :-1] > -MARGIN_M).any(axis=3)
+    return np.asarray(np.all(inside, axis=2))
 
 
 def _grounded(feet: Feet, ground: Array) -> Mask:
