@@ -135,8 +135,7 @@ def open_parquet(content: "BinaryIO | pa.NativeFile", most: int) -> "pq.ParquetF
     file = pq.ParquetFile(content, page_checksum_verification=True)
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     # pages of equal values are short, whatever they state
-    values = sum(g.column(k).num_values for g in groups for k in range(g.num_columns))
-    size = max(8 * values, sum(g.total_byte_size for g in groups))
+    size = sum(max(g.total_byte_size, 8 * g.num_rows * g.num_columns) for g in groups)
     if size > most:
         raise ValueError(too_large(size, most))
     return file

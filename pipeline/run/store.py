@@ -14,6 +14,7 @@ from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
+from zlib import crc32
 
 import numpy as np
 import pyarrow as pa
@@ -43,6 +44,8 @@ FORMAT_VERSION: Final = 14
 """Of stored trials; raised with every change of what they hold."""
 VERSION: Final = b"hbm"
 """Key of the format's version in the file's metadata."""
+SEAL: Final = b"hbm crc32"
+"""Begins what stands before the footer: checksums of pages do not cover it."""
 TRIAL: Final = "trial"
 CHANNELS: Final = "channels"
 """Columns of the first row."""
@@ -77,7 +80,14 @@ def write_trial(result: TrialResult, path: Path) -> None:
     each coordinate; ``quality``, the sum of the flags of `pipeline.trial.quality.Quality` that say
     why the frame does not count or is doubtful; in the first row ``trial`` and ``channels``.
     """
-    table = _table(result)
+    content = sealed(_table(result))
+    with whole_file(path) as temporary, temporary.open("r+b") as written:
+        # ext4 writes to the disk at once what was truncated
+        written.write(content)
+
+
+def sealed(table: pa.Table, version: bytes = str(FORMAT_VERSION).encode()) -> bytes:
+    """Give a table as a Parquet file with checksums of its pages and its footer."""
     floats = [column.name for column in table.schema if pa.types.is_floating(column.type)]
     sink = pa.BufferOutputStream()
     with pq.ParquetWriter(
@@ -91,10 +101,15 @@ def write_trial(result: TrialResult, path: Path) -> None:
         store_schema=False,
     ) as file:
         file.write_table(table)
-        file.add_key_value_metadata({VERSION: str(FORMAT_VERSION).encode()})
-    with whole_file(path) as temporary, temporary.open("r+b") as written:
-        # ext4 writes to the disk at once what was truncated
-        written.write(sink.getvalue())
+        file.add_key_value_metadata({VERSION: version})
+    content = sink.getvalue().to_pybytes()
+    footer = content[-8 - int.from_bytes(content[-8:-4], "little") :]
+    return content[: -len(footer)] + _with_checksum(footer)
+
+
+def _with_checksum(footer: bytes) -> bytes:
+    """Put a checksum before the end of a Parquet file, which says where its pages are."""
+    return SEAL + crc32(footer).to_bytes(4, "little") + footer
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -251,6 +266,9 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
     with _readable(path):
         with open_file(path) as opened:
             content = opened.read()
+        seal = content.rfind(SEAL)
+        if seal >= 0 and content[seal:] != _with_checksum(content[seal + len(SEAL) + 4 :]):
+            raise _DamagedError("its footer is not as it was written")
         file = open_parquet(pa.BufferReader(content), MAX_EXPANSION * len(content))
         version = (file.metadata.metadata or {}).get(VERSION)
     if version is None:
@@ -260,6 +278,8 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
             raise ValueError(
                 f"written by another version of hbm; this one reads format {FORMAT_VERSION}"
             )
+        if seal < 0:
+            raise _DamagedError("its footer has no checksum")
         table = file.read(columns=None if frames else [TRIAL], use_threads=False)
         stored = json.loads(table[TRIAL][0].as_py(), object_hook=_array)
         if table.num_rows != stored["frames"]:
