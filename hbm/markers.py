@@ -64,11 +64,11 @@ class Markers:
             raise ValueError("marker times must increase")
         # every coordinate in one piece of memory: most take marker by marker
         coordinates = np.moveaxis(position, 0, -1)
-        unknown = np.isnan(position)
-        partly = unknown.any(axis=-1) & ~unknown.all(axis=-1)
+        unknown = np.isnan(coordinates)
+        partly = unknown.any(axis=1) & ~unknown.all(axis=1)
         if partly.any() or not coordinates.flags.c_contiguous:
             coordinates = np.array(coordinates, order="C")
-            np.moveaxis(coordinates, -1, 0)[partly] = np.nan
+            np.moveaxis(coordinates, 1, -1)[partly] = np.nan
             frozen(coordinates)
         object.__setattr__(self, "time", read_only(time))
         object.__setattr__(self, "names", names)

@@ -30,7 +30,7 @@ from hbm.engines.engine import kernels_engine
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.poses import marker_positions
-from hbm.spatial import Array, frozen
+from hbm.spatial import Array, Indices, frozen
 from hbm.spelling import short
 from pipeline.config.schema import Settings
 from pipeline.io.input_file import NO_MEMORY, open_file, read_text
@@ -138,9 +138,12 @@ def _table(result: TrialResult) -> pa.Table:
         "feet": {variant: [*result.ground.get(variant, ())] for variant in variants},
     }
     # computed again as on reading; what differs is stored
-    numbers = {name: _numbers(whole[name], step) for name, step in steps.items()}
-    again = _frames(columns, numbers, rest, result.body, result.settings)
-    computed = _following(again["motion"], again["variants"])
+    read = {name: frozen(_numbers(whole[name], step)).T for name, step in steps.items()}
+    ground = {v: {f: read[f"ground.{v}.{f}"] for f in feet} for v, feet in rest["feet"].items()}
+    solved = replace(motion, q=read["solved"])
+    computed = _following(
+        *_computed(solved, result.markers, ground, result.quality, result.body, result.settings)
+    )
     for name, expected in _following(motion, variants).items():
         if not _same(computed[name], expected):
             steps[name] = _steps(expected, LOST)
@@ -187,8 +190,8 @@ def _steps(rows: Any, share: float) -> Array:
 
 def _peaks(rows: Array) -> Array:
     """Give the largest size in each channel, (K, 1)."""
-    sizes = np.abs(rows)
-    return np.asarray(sizes.max(axis=1, keepdims=True, where=np.isfinite(sizes), initial=0.0))
+    sizes = np.where(np.isfinite(rows), np.abs(rows), 0.0)
+    return np.asarray(sizes.max(axis=1, keepdims=True))
 
 
 def _whole(rows: Any, steps: Array) -> Any:
@@ -203,7 +206,8 @@ def _numbers(whole: Any, steps: Array) -> Array:
 
 def _packed(whole: Any) -> Any:
     """Give changes from sample to sample, small ones of both signs as small positive numbers."""
-    changes = np.diff(whole, axis=1, prepend=0)
+    changes = whole.copy()
+    changes[:, 1:] -= whole[:, :-1]
     return (changes << 1) ^ (changes >> 63)
 
 
@@ -216,8 +220,8 @@ def _unpacked(packed: Any) -> Any:
 
 def _same(found: Array, expected: Array) -> bool:
     """Whether channels are others but for rounding."""
-    close = np.abs(found - expected) <= LOST * _peaks(expected)
-    return bool(np.all(close | (np.isnan(found) & np.isnan(expected))))
+    apart = np.abs(found - expected) > LOST * _peaks(expected)
+    return not apart.any() and np.array_equal(np.isnan(found), np.isnan(expected))
 
 
 def _metres(bits: Any) -> Array:
@@ -317,7 +321,8 @@ def _result(table: pa.Table | None, stored: dict[str, Any]) -> TrialResult:
     rest = dict(_without_frames().model_validate(stored))
     steps = {name: np.array(step)[:, None] for name, step in stored["steps"].items()}
     if table is None:
-        names = ("time_s", "converged", "quality", "observed")
+        residuals = [f"residual.{variant}.{axis}" for variant in stored["feet"] for axis in AXES]
+        names = ("time_s", "converged", "quality", "observed", *residuals)
         columns: Rows = dict.fromkeys(names, np.empty(0, int))
         rows = {name: np.empty((len(step), 0)) for name, step in steps.items()}
     else:
@@ -334,8 +339,8 @@ def _frames(
     columns: Rows, rows: Rows, stored: Mapping[str, Any], body: Body, settings: Settings
 ) -> dict[str, Any]:
     """Read what has frames back and compute what is not stored; KeyError if anything is missing."""
-    time, feet, names = columns["time_s"], stored["feet"], tuple(stored["markers"])
-    frames, engine = len(time), stored["engine"]
+    time, quality, engine = columns["time_s"], columns["quality"], stored["engine"]
+    names, solved_from = tuple(stored["markers"]), tuple(stored["solved_from"])
 
     def read(name: str, computed: Array | None = None) -> Array:
         if computed is not None and name not in rows:
@@ -343,34 +348,28 @@ def _frames(
         return frozen(np.ascontiguousarray(rows[name].T))
 
     position = _metres(rows["marker_mm"]) if "marker_mm" in rows else rows["marker"]
-    position = np.moveaxis(frozen(position).reshape(len(names), 3, frames), -1, 0)
+    position = np.moveaxis(frozen(position).reshape(len(names), 3, len(time)), -1, 0)
     markers, solved = Markers(time, names, position), read("solved")
-    unknown = np.full((frames, N_Q), np.nan)
     motion = Motion(
         time=time,
         q=solved,
-        v=unknown,
-        a=unknown,
-        markers=tuple(stored["solved_from"]),
-        marker_error=np.empty((frames, len(stored["solved_from"]))),
+        v=solved,
+        a=solved,
+        markers=solved_from,
+        marker_error=np.empty((len(time), len(solved_from))),
         converged=columns["converged"].astype(bool),
         observed=columns["observed"][:, None] & BITS > 0,
     )
-    ground = {v: {f: read(f"ground.{v}.{f}") for f in feet[v]} for v in feet}
-    dynamics = {v: Dynamics(time, unknown, unknown[:, :6], unknown, engine) for v in feet}
-    if frames:
-        motion = replace(motion, marker_error=_marker_errors(body, solved, markers, motion.markers))
-        motion = filter_motion(motion, cutoff=settings.cutoff_hz, method=settings.filter)
-        wrenches = list(ground.values())
-        computed = inverse_dynamics_variants(body, motion, wrenches, engine=kernels_engine())
-        dynamics = known_forces(dict(zip(feet, computed, strict=True)), columns["quality"])
+    ground = {v: {f: read(f"ground.{v}.{f}") for f in feet} for v, feet in stored["feet"].items()}
+    dynamics = {v: Dynamics(time, solved, solved[:, :6], solved, engine) for v in ground}
+    if len(time):
+        motion, dynamics = _computed(motion, markers, ground, quality, body, settings)
     of_motion = {n: read(n, getattr(motion, n)) for n in ("q", "v", "a", "marker_error")}
     variants = {}
     for name, loads in dynamics.items():
-        tau, residual = read(f"tau.{name}", loads.tau), loads.residual
-        if frames:
-            axes = [columns[f"residual.{name}.{axis}"] for axis in AXES]
-            residual = frozen(reported(np.column_stack(axes)))
+        tau = read(f"tau.{name}", loads.tau)
+        axes = [columns[f"residual.{name}.{axis}"] for axis in AXES]
+        residual = frozen(reported(np.column_stack(axes)))
         variants[name] = Dynamics(time, tau, residual, frozen(tau * of_motion["v"]), engine)
     pose = read("platform") if "platform" in rows else None
     return {
@@ -382,14 +381,31 @@ def _frames(
         "platform": None
         if pose is None
         else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
-        "quality": columns["quality"],
+        "quality": quality,
         "uncertainty": read("uncertainty") if "uncertainty" in rows else None,
     }
 
 
-def _marker_errors(body: Body, solved: Array, markers: Markers, names: Sequence[str]) -> Array:
-    """Give the distance of each of these markers from the model, (T, K) [m]."""
-    of_model = marker_positions(body, solved)[:, [body.markers.index(name) for name in names]]
+def _computed(
+    motion: Motion,
+    markers: Markers,
+    ground: Mapping[str, Mapping[str, Array]],
+    quality: Indices,
+    body: Body,
+    settings: Settings,
+) -> tuple[Motion, dict[str, Dynamics]]:
+    """Compute what follows from a solved motion as the chain does, but for the residual."""
+    motion = replace(motion, marker_error=_marker_errors(body, motion, markers))
+    motion = filter_motion(motion, cutoff=settings.cutoff_hz, method=settings.filter)
+    wrenches = list(ground.values())
+    variants = inverse_dynamics_variants(body, motion, wrenches, engine=kernels_engine())
+    return motion, known_forces(dict(zip(ground, variants, strict=True)), quality)
+
+
+def _marker_errors(body: Body, motion: Motion, markers: Markers) -> Array:
+    """Give the distance of each marker of a solved motion from the model, (T, K) [m]."""
+    names = motion.markers
+    of_model = marker_positions(body, motion.q)[:, [body.markers.index(name) for name in names]]
     away = markers.position[:, [markers.names.index(name) for name in names]] - of_model
     return np.asarray(np.sqrt(np.einsum("tki,tki->tk", away, away)))
 
