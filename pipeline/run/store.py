@@ -19,7 +19,7 @@ from zlib import crc32
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, create_model
 from pydantic_core import to_json
 
 from compensation.platform import PlatformPose
@@ -60,6 +60,7 @@ MAX_EXPANSION: Final = 40
 """Of a file in memory."""
 MAX_REASON: Final = 120
 """Characters of a library's message, or of a file's name, within ours."""
+AGAIN: Final = "'hbm run' makes it again; otherwise delete it"
 RUN: Final = "run.json"
 OF_FRAMES: Final = frozenset(
     {"markers", "motion", "variants", "ground", "platform", "quality", "uncertainty", "solved"}
@@ -138,12 +139,12 @@ def _table(result: TrialResult) -> pa.Table:
         "feet": {variant: [*result.ground.get(variant, ())] for variant in variants},
     }
     # computed again as on reading; what differs is stored
-    read = {name: frozen(_numbers(whole[name], step)).T for name, step in steps.items()}
-    ground = {v: {f: read[f"ground.{v}.{f}"] for f in feet} for v, feet in rest["feet"].items()}
-    solved = replace(motion, q=read["solved"])
-    computed = _following(
-        *_computed(solved, result.markers, ground, result.quality, result.body, result.settings)
-    )
+    read = {name: frozen(_numbers(whole[name], step)) for name, step in steps.items()}
+    ground = {v: {f: read[f"ground.{v}.{f}"].T for f in feet} for v, feet in rest["feet"].items()}
+    solved = replace(motion, q=read["solved"].T)
+    markers = _markers(motion.time, result.markers.names, read)
+    of_trial = result.quality, result.body, result.settings
+    computed = _following(*_computed(solved, markers, ground, *of_trial))
     for name, expected in _following(motion, variants).items():
         if not _same(computed[name], expected):
             steps[name] = _steps(expected, LOST)
@@ -168,7 +169,7 @@ def _channels(result: TrialResult) -> Rows:
     for variant, feet in result.ground.items():
         rows |= {f"ground.{variant}.{foot}": wrench.T for foot, wrench in feet.items()}
     if (pose := result.platform) is not None:
-        rows["platform"] = np.hstack([pose.rotation.reshape(-1, 9), pose.position]).T
+        rows |= {"rotation": pose.rotation.reshape(-1, 9).T, "position": pose.position.T}
     if result.uncertainty is not None:
         rows["uncertainty"] = result.uncertainty.T
     return rows
@@ -267,30 +268,30 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
     '74.6 kg'
     """
     path = Path(path)
+    name = short(path.name, MAX_REASON)
     with _readable(path):
         with open_file(path) as opened:
             content = opened.read()
         seal = content.rfind(SEAL)
         if seal >= 0 and content[seal:] != _with_checksum(content[seal + len(SEAL) + 4 :]):
-            raise _DamagedError("its footer is not as it was written")
+            raise ValueError("its footer is not as it was written")
         file = open_parquet(pa.BufferReader(content), MAX_EXPANSION * len(content))
         version = (file.metadata.metadata or {}).get(VERSION)
     if version is None:
-        raise ValueError(f"{short(path.name, MAX_REASON)} is not the result of a trial")
+        raise ValueError(f"{name} is not the result of a trial")
+    if version != str(FORMAT_VERSION).encode():
+        other = f"written by another version of hbm; this one reads format {FORMAT_VERSION}"
+        raise ValueError(f"{name}: {other}; {AGAIN}")
     with _readable(path):
-        if version != str(FORMAT_VERSION).encode():
-            raise ValueError(
-                f"written by another version of hbm; this one reads format {FORMAT_VERSION}"
-            )
         if seal < 0:
-            raise _DamagedError("its footer has no checksum")
+            raise ValueError("its footer has no checksum")
         table = file.read(columns=None if frames else [TRIAL], use_threads=False)
         stored = json.loads(table[TRIAL][0].as_py(), object_hook=_array)
         if table.num_rows != stored["frames"]:
-            raise _DamagedError(f"it has {table.num_rows} frames, expected {stored['frames']}")
+            raise ValueError(f"it has {table.num_rows} frames, expected {stored['frames']}")
         result = _result(table if frames else None, stored)
         if not (result.shortage or result.span or any(map(len, result.cycles.values()))):
-            raise _DamagedError("it has residuals without the gait cycles or span that they are of")
+            raise ValueError("it has residuals without the gait cycles or span that they are of")
         return result
 
 
@@ -340,16 +341,14 @@ def _frames(
 ) -> dict[str, Any]:
     """Read what has frames back and compute what is not stored; KeyError if anything is missing."""
     time, quality, engine = columns["time_s"], columns["quality"], stored["engine"]
-    names, solved_from = tuple(stored["markers"]), tuple(stored["solved_from"])
+    solved_from = tuple(stored["solved_from"])
 
     def read(name: str, computed: Array | None = None) -> Array:
         if computed is not None and name not in rows:
             return computed
         return frozen(np.ascontiguousarray(rows[name].T))
 
-    position = _metres(rows["marker_mm"]) if "marker_mm" in rows else rows["marker"]
-    position = np.moveaxis(frozen(position).reshape(len(names), 3, len(time)), -1, 0)
-    markers, solved = Markers(time, names, position), read("solved")
+    markers, solved = _markers(time, stored["markers"], rows), read("solved")
     motion = Motion(
         time=time,
         q=solved,
@@ -371,19 +370,26 @@ def _frames(
         axes = [columns[f"residual.{name}.{axis}"] for axis in AXES]
         residual = frozen(reported(np.column_stack(axes)))
         variants[name] = Dynamics(time, tau, residual, frozen(tau * of_motion["v"]), engine)
-    pose = read("platform") if "platform" in rows else None
+    pose = None
+    if "rotation" in rows:
+        pose = PlatformPose(read("rotation").reshape(-1, 3, 3), read("position"))
     return {
         "markers": markers,
         "motion": replace(motion, **of_motion),
         "solved": solved,
         "variants": variants,
         "ground": ground,
-        "platform": None
-        if pose is None
-        else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
+        "platform": pose,
         "quality": quality,
         "uncertainty": read("uncertainty") if "uncertainty" in rows else None,
     }
+
+
+def _markers(time: Array, names: Sequence[str], rows: Rows) -> Markers:
+    """Give the markers whose positions are in these channels."""
+    position = _metres(rows["marker_mm"]) if "marker_mm" in rows else rows["marker"]
+    by_marker = frozen(position).reshape(len(names), 3, len(time))
+    return Markers(time, tuple(names), np.moveaxis(by_marker, -1, 0))
 
 
 def _computed(
@@ -419,35 +425,21 @@ def event_labels(time: Array, events: Sequence[Event]) -> list[str]:
     return labels
 
 
-class _DamagedError(Exception):
-    """A file that is not as it was written, or no trial could be written so."""
-
-
-DAMAGED: Final = (
-    *(_DamagedError, ValidationError, pa.ArrowException, LookupError, RecursionError),
-    *(ArithmeticError, AttributeError, TypeError),
-)
-"""What is raised by content of another shape than a trial's."""
-
-
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     """Turn every fault of a stored trial into one line that names the file."""
-    name, again = short(path.name, MAX_REASON), "'hbm run' makes it again; otherwise delete it"
+    name = short(path.name, MAX_REASON)
     try:
         yield
     except MemoryError as error:
         raise ValueError(f"{name}: {NO_MEMORY}") from error
-    except (OSError, *DAMAGED) as error:
+    except Exception as error:
         if isinstance(error, OSError) and error.errno is not None:
-            # the file cannot be opened; without a number, it cannot be decompressed
+            # the file cannot be opened; without a number, its content is damaged
             raise OSError(error.errno, error.strerror, str(path)) from error
         text = f"no {error.args[0]}" if isinstance(error, KeyError) else str(error)
         reason = short(" ".join(text.split()), MAX_REASON)
-        raise ValueError(f"{name} is damaged: {reason}; {again}") from error
-    except ValueError as error:
-        reason = short(" ".join(str(error).split()), MAX_REASON)
-        raise ValueError(f"{name}: {reason}; {again}") from error
+        raise ValueError(f"{name} is damaged: {reason}; {AGAIN}") from error
 
 
 def record_run(folder: Path, study: Path) -> None:
