@@ -103,7 +103,7 @@ def sealed(table: pa.Table, version: bytes = str(FORMAT_VERSION).encode()) -> by
     ) as file:
         file.write_table(table)
         file.add_key_value_metadata({VERSION: version})
-    content = sink.getvalue().to_pybytes()
+    content: bytes = sink.getvalue().to_pybytes()
     footer = content[-8 - int.from_bytes(content[-8:-4], "little") :]
     return content[: -len(footer)] + _with_checksum(footer)
 
@@ -119,16 +119,15 @@ def _table(result: TrialResult) -> pa.Table:
     motion, variants = result.motion, result.variants
     columns: dict[str, Any] = {"time_s": motion.time}
     for variant, dynamics in variants.items():
-        residual = reported(dynamics.residual).T
-        steps = _steps(residual, LOST)
-        rounded = _numbers(_whole(residual, steps), steps)
-        columns |= {f"residual.{variant}.{a}": row for a, row in zip(AXES, rounded, strict=True)}
+        residual = _numbers(*_rounded(reported(dynamics.residual).T, LOST))
+        columns |= {f"residual.{variant}.{a}": row for a, row in zip(AXES, residual, strict=True)}
     columns["event"] = event_labels(motion.time, result.events)
     columns |= {"converged": motion.converged, "quality": result.quality}
     columns["observed"] = motion.observed @ BITS
-    rows = _channels(result)
-    steps = {n: _steps(rows[n], STEPS.get(n.split(".")[0], LOST)) for n in rows}
-    whole = {name: _whole(rows[name], step) for name, step in steps.items()}
+    rounded = {
+        name: _rounded(rows, STEPS.get(name.split(".")[0], LOST))
+        for name, rows in _channels(result).items()
+    }
     rest = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in OF_FRAMES}
     rest |= {
         "source": result.source.name,
@@ -139,7 +138,7 @@ def _table(result: TrialResult) -> pa.Table:
         "feet": {variant: [*result.ground.get(variant, ())] for variant in variants},
     }
     # computed again as on reading; what differs is stored
-    read = {name: frozen(_numbers(whole[name], step)) for name, step in steps.items()}
+    read = {name: frozen(_numbers(*whole_and_steps)) for name, whole_and_steps in rounded.items()}
     ground = {v: {f: read[f"ground.{v}.{f}"].T for f in feet} for v, feet in rest["feet"].items()}
     solved = replace(motion, q=read["solved"].T)
     markers = _markers(motion.time, result.markers.names, read)
@@ -147,10 +146,9 @@ def _table(result: TrialResult) -> pa.Table:
     computed = _following(*_computed(solved, markers, ground, *of_trial))
     for name, expected in _following(motion, variants).items():
         if not _same(computed[name], expected):
-            steps[name] = _steps(expected, LOST)
-            whole[name] = _whole(expected, steps[name])
-    rest["steps"] = {name: step[:, 0].tolist() for name, step in steps.items()}
-    packed = _packed(np.concatenate([*whole.values()]))
+            rounded[name] = _rounded(expected, LOST)
+    rest["steps"] = {name: steps[:, 0].tolist() for name, (_, steps) in rounded.items()}
+    packed = _packed(np.concatenate([whole for whole, _ in rounded.values()]))
     later = len(motion.time) - 1
     ends = np.array([0, *[packed.size] * (later + 1)], np.int32)
     columns[TRIAL] = [to_json(rest, fallback=_plain).decode(), *[None] * later]
@@ -181,12 +179,14 @@ def _following(motion: Motion, variants: Mapping[str, Dynamics]) -> Rows:
     return rows | {f"tau.{variant}": dynamics.tau.T for variant, dynamics in variants.items()}
 
 
-def _steps(rows: Any, share: float) -> Array:
-    """Give the power of two to which each channel is rounded, (K, 1); of whole numbers one."""
+def _rounded(rows: Any, share: float) -> tuple[Any, Array]:
+    """Give channels as whole numbers of steps, and these: powers of two, of whole numbers one."""
     if rows.dtype != float:
-        return np.ones((len(rows), 1))
+        return rows.astype(np.int64), np.ones((len(rows), 1))
     lost = share * _peaks(rows)
-    return np.asarray(2.0 ** np.floor(np.log2(np.where(lost > 0, lost, 1.0))))
+    lost[lost == 0] = 1.0
+    steps = 2.0 ** np.floor(np.log2(lost))
+    return np.where(np.isfinite(rows), np.rint(rows / steps), GAP).astype(np.int64), steps
 
 
 def _peaks(rows: Array) -> Array:
@@ -195,13 +195,8 @@ def _peaks(rows: Array) -> Array:
     return np.asarray(sizes.max(axis=1, keepdims=True))
 
 
-def _whole(rows: Any, steps: Array) -> Any:
-    """Give channels as whole numbers of their steps."""
-    return np.where(np.isfinite(rows), np.rint(rows / steps), GAP).astype(np.int64)
-
-
 def _numbers(whole: Any, steps: Array) -> Array:
-    """Undo `_whole`."""
+    """Undo `_rounded`."""
     return np.where(whole == GAP, np.nan, whole * steps)
 
 
@@ -285,11 +280,12 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
     with _readable(path):
         if seal < 0:
             raise ValueError("its footer has no checksum")
-        table = file.read(columns=None if frames else [TRIAL], use_threads=False)
-        stored = json.loads(table[TRIAL][0].as_py(), object_hook=_array)
-        if table.num_rows != stored["frames"]:
-            raise ValueError(f"it has {table.num_rows} frames, expected {stored['frames']}")
-        result = _result(table if frames else None, stored)
+        texts = file.read(columns=[TRIAL], use_threads=False)[TRIAL]
+        stored = json.loads(texts[0].as_py(), object_hook=_array)
+        if len(texts) != stored["frames"]:
+            raise ValueError(f"it has {len(texts)} frames, expected {stored['frames']}")
+        table = file.read(use_threads=False) if frames else file.schema_arrow.empty_table()
+        result = _result(table, stored)
         if not (result.shortage or result.span or any(map(len, result.cycles.values()))):
             raise ValueError("it has residuals without the gait cycles or span that they are of")
         return result
@@ -317,21 +313,15 @@ def _without_frames() -> type[BaseModel]:
     return create_model("WithoutFrames", __config__=arrays, **kinds)
 
 
-def _result(table: pa.Table | None, stored: dict[str, Any]) -> TrialResult:
-    """Put a trial together from its frames, if any, and the rest."""
+def _result(table: pa.Table, stored: dict[str, Any]) -> TrialResult:
+    """Put a trial together from its frames and the rest."""
     rest = dict(_without_frames().model_validate(stored))
-    steps = {name: np.array(step)[:, None] for name, step in stored["steps"].items()}
-    if table is None:
-        residuals = [f"residual.{variant}.{axis}" for variant in stored["feet"] for axis in AXES]
-        names = ("time_s", "converged", "quality", "observed", *residuals)
-        columns: Rows = dict.fromkeys(names, np.empty(0, int))
-        rows = {name: np.empty((len(step), 0)) for name, step in steps.items()}
-    else:
-        columns = {n: table[n].to_numpy() for n in table.column_names if n not in (TRIAL, CHANNELS)}
-        packed = table[CHANNELS].chunk(0).values.to_numpy().reshape(-1, table.num_rows)
-        ends = np.cumsum([len(step) for step in steps.values()])
-        parts = np.split(_unpacked(packed), ends[:-1])
-        rows = {n: _numbers(w, steps[n]) for n, w in zip(steps, parts, strict=True)}
+    columns = {n: table[n].to_numpy() for n in table.column_names if n not in (TRIAL, CHANNELS)}
+    steps = np.concatenate([*stored["steps"].values()])[:, None]
+    packed = table[CHANNELS].combine_chunks().flatten().to_numpy()
+    numbers = _numbers(_unpacked(packed.reshape(len(steps), table.num_rows)), steps)
+    ends = np.cumsum([len(part) for part in stored["steps"].values()])
+    rows = dict(zip(stored["steps"], np.split(numbers, ends[:-1]), strict=True))
     return TrialResult(**rest, **_frames(columns, rows, stored, rest["body"], rest["settings"]))
 
 
@@ -363,7 +353,7 @@ def _frames(
     dynamics = {v: Dynamics(time, solved, solved[:, :6], solved, engine) for v in ground}
     if len(time):
         motion, dynamics = _computed(motion, markers, ground, quality, body, settings)
-    of_motion = {n: read(n, getattr(motion, n)) for n in ("q", "v", "a", "marker_error")}
+    of_motion: Rows = {n: read(n, getattr(motion, n)) for n in ("q", "v", "a", "marker_error")}
     variants = {}
     for name, loads in dynamics.items():
         tau = read(f"tau.{name}", loads.tau)
