@@ -132,7 +132,7 @@ def open_parquet(content: "BinaryIO | pa.NativeFile", most: int) -> "pq.ParquetF
     """
     import pyarrow.parquet as pq
 
-    file = pq.ParquetFile(content, page_checksum_verification=True)
+    file = pq.ParquetFile(content)
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     # pages of equal values are short, whatever they state
     size = sum(max(g.total_byte_size, 8 * g.num_rows * g.num_columns) for g in groups)

@@ -2,8 +2,8 @@
 
 Each frame is a row, with its time, residuals, events and flags. The first row holds all else: what
 has no frames as JSON, and channels as whole numbers, each less the one before. What follows from
-others within milliseconds is not stored: `read_trial` computes it as the chain did. Parquet's
-checksums of pages find damage.
+others within milliseconds is not stored: `read_trial` computes it as the chain did. A checksum is
+of the whole file, for a damaged footer can end the process that reads it.
 """
 
 import json
@@ -45,7 +45,7 @@ FORMAT_VERSION: Final = 14
 VERSION: Final = b"hbm"
 """Key of the format's version in the file's metadata."""
 SEAL: Final = b"hbm crc32"
-"""Begins what stands before the footer: checksums of pages do not cover it."""
+"""Stands before the checksum of the file. Parquet's own are of single pages, not of the footer."""
 TRIAL: Final = "trial"
 CHANNELS: Final = "channels"
 """Columns of the first row."""
@@ -88,7 +88,7 @@ def write_trial(result: TrialResult, path: Path) -> None:
 
 
 def sealed(table: pa.Table, version: bytes = str(FORMAT_VERSION).encode()) -> bytes:
-    """Give a table as a Parquet file with checksums of its pages and its footer."""
+    """Give a table as a Parquet file with a checksum."""
     floats = [column.name for column in table.schema if pa.types.is_floating(column.type)]
     sink = pa.BufferOutputStream()
     with pq.ParquetWriter(
@@ -98,19 +98,19 @@ def sealed(table: pa.Table, version: bytes = str(FORMAT_VERSION).encode()) -> by
         use_dictionary=["event"],
         use_byte_stream_split=[*floats, f"{CHANNELS}.list.element"],
         write_statistics=False,
-        write_page_checksum=True,
         store_schema=False,
     ) as file:
         file.write_table(table)
         file.add_key_value_metadata({VERSION: version})
     content: bytes = sink.getvalue().to_pybytes()
-    footer = content[-8 - int.from_bytes(content[-8:-4], "little") :]
-    return content[: -len(footer)] + _with_checksum(footer)
+    place = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
+    pages, footer = content[:place], content[place:]
+    return pages + SEAL + _checksum(pages, footer) + footer
 
 
-def _with_checksum(footer: bytes) -> bytes:
-    """Put a checksum before the end of a Parquet file, which says where its pages are."""
-    return SEAL + crc32(footer).to_bytes(4, "little") + footer
+def _checksum(pages: bytes, footer: bytes) -> bytes:
+    """Give the checksum of a Parquet file, which stands between its pages and its footer."""
+    return crc32(footer, crc32(pages)).to_bytes(4, "little")
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -267,9 +267,9 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
     with _readable(path):
         with open_file(path) as opened:
             content = opened.read()
-        seal = content.rfind(SEAL)
-        if seal >= 0 and content[seal:] != _with_checksum(content[seal + len(SEAL) + 4 :]):
-            raise ValueError("its footer is not as it was written")
+        pages, seal, rest = content.rpartition(SEAL)
+        if seal and rest[:4] != _checksum(pages, rest[4:]):
+            raise ValueError("its bytes are not those that were written")
         file = open_parquet(pa.BufferReader(content), MAX_EXPANSION * len(content))
         version = (file.metadata.metadata or {}).get(VERSION)
     if version is None:
@@ -278,8 +278,8 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
         other = f"written by another version of hbm; this one reads format {FORMAT_VERSION}"
         raise ValueError(f"{name}: {other}; {AGAIN}")
     with _readable(path):
-        if seal < 0:
-            raise ValueError("its footer has no checksum")
+        if not seal:
+            raise ValueError("it has no checksum")
         texts = file.read(columns=[TRIAL], use_threads=False)[TRIAL]
         stored = json.loads(texts[0].as_py(), object_hook=_array)
         if len(texts) != stored["frames"]:
