@@ -20,6 +20,8 @@ from hbm.motion import AnkleZero, Motion, clinical_angles
 from hbm.spatial import Array
 from pipeline.export.models import write_template
 from pipeline.io.write import whole_file, write_csv, write_text
+from pipeline.run.store import event_labels
+from pipeline.trial.residuals import AXES, reported
 from pipeline.trial.result import TrialResult
 
 MAX_JITTER: Final = 0.1
@@ -48,11 +50,13 @@ def write_tables(
     -------
     list of Path
         Coordinates and external loads (.mot), generalized forces (.sto), measured markers (.trc),
-        clinical angles (.csv), and the description of the loads (.xml).
+        clinical angles (.csv), all of them and more by frame as columns of one table (.parquet),
+        and the description of the loads (.xml).
     """
-    suffixes = "_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc", "_loads.xml"
+    suffixes = ["_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc"]
+    suffixes += ["_frames.parquet", "_loads.xml"]
     written = [folder / f"{name}{suffix}" for suffix in suffixes]
-    angles, coordinates, forces, loads, markers, _ = written
+    angles, coordinates, forces, loads, markers, frames, _ = written
     variant, dynamics = list(result.variants.items())[-1]
     pelvis = np.array([name.startswith("Pelvis") for name in COORDINATES])
     dynamics = dynamics.without_forces(np.outer(~result.counts, pelvis))
@@ -61,7 +65,44 @@ def write_tables(
     write_forces(dynamics, forces)
     write_external_loads(result.motion.time, result.ground[variant], loads)
     write_trc(result.markers, markers)
+    with whole_file(frames) as temporary:
+        frame_table(result).to_parquet(temporary, index=False, compression="zstd")
     return written
+
+
+def frame_table(result: TrialResult) -> pd.DataFrame:
+    """Lay a trial out with one row per frame.
+
+    Parameters
+    ----------
+    result
+        The trial.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``time_s``; ``event``, such as "left foot_strike", on the frame nearest to it;
+        ``converged``; ``quality``, the sum of the flags of `pipeline.trial.quality.Quality`;
+        ``q.NAME``, ``v.NAME``, ``a.NAME`` [rad or m, per s, per s²]; ``solved.NAME``, ``q`` before
+        the filter; ``marker_error.NAME`` [m]; per variant ``tau.measured.NAME`` [N·m or N],
+        ``residual.measured.Fx`` … ``Mz`` [N, N·m] as reported (x forward, y right, z up, about the
+        pelvis origin), and in lab axes (X forward, Y left, Z up) about the lab origin
+        ``ground.measured.left_foot.Fx`` … ``Mz`` [N, N·m].
+    """
+    motion = result.motion
+    blocks = {symbol: (COORDINATES, getattr(motion, symbol)) for symbol in "qva"}
+    blocks |= {"solved": (COORDINATES, result.solved)}
+    blocks |= {"marker_error": (motion.markers, motion.marker_error)}
+    for variant, dynamics in result.variants.items():
+        blocks[f"tau.{variant}"] = COORDINATES, dynamics.tau
+        blocks[f"residual.{variant}"] = AXES, reported(dynamics.residual)
+        for foot, wrench in result.ground[variant].items():
+            blocks[f"ground.{variant}.{foot}"] = AXES, wrench
+    columns = {"time_s": motion.time, "event": event_labels(motion.time, result.events)}
+    columns |= {"converged": motion.converged, "quality": result.quality}
+    for block, (names, values) in blocks.items():
+        columns |= {f"{block}.{n}": column for n, column in zip(names, values.T, strict=True)}
+    return pd.DataFrame(columns)
 
 
 def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.DataFrame:

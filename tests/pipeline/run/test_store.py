@@ -13,6 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from hbm.coordinates import COORDINATES
+from pipeline.export.tables import write_tables
 from pipeline.io import write
 from pipeline.io.recording import Event, Plate
 from pipeline.io.write import read_parquet
@@ -66,6 +68,22 @@ def test_what_follows_from_other_columns_is_not_stored(written):
     names = pq.read_schema(written).names
     assert not [n for n in names if n.startswith(("q.", "v.", "a.", "tau.", "marker_error."))]
     assert written.stat().st_size < 1000 * pq.read_metadata(written).num_rows
+
+
+def test_what_is_not_stored_is_exported_frame_by_frame(processed, written, tmp_path):
+    result = read_trial(written)
+    write_tables(result, tmp_path, "walk")
+    frames = pd.read_parquet(tmp_path / "walk_frames.parquet")
+    stored = pd.read_parquet(written)
+    for name in ("time_s", "event", "quality", "residual.compensated.My"):
+        assert_identical(frames[name].to_numpy(), stored[name].to_numpy())
+    k = COORDINATES.index("LKneeFlexion")
+    for symbol in "qva":
+        found = frames[f"{symbol}.LKneeFlexion"].to_numpy()
+        assert_identical(found, getattr(processed.motion, symbol)[:, k], lost=2 * LOST)
+    moment = processed.measured.tau[:, k]
+    assert_identical(frames["tau.measured.LKneeFlexion"].to_numpy(), moment, lost=2 * LOST)
+    assert {f"marker_error.{name}" for name in processed.motion.markers} < {*frames}
 
 
 def without_folder(result):
