@@ -221,19 +221,19 @@ def _blurred_limit(side: Array, step_s: float) -> Mask | None:
         inside = np.searchsorted(high, high + 2 * width) - np.arange(len(high))
         level = high[int(np.argmax(inside))] + width
         runs = stretches(side > level / 2)
-        whole = (runs[:, 0] > 0) & (runs[:, 1] < len(side))
-        runs = runs[whole & (np.diff(runs)[:, 0] * step_s < STANDS_S)]
-        # samples of each contact that are at the limit and near it
-        away = np.abs(side - level)
-        at, near = away <= width, away <= 4 * width
-        count, around = (np.add.reduceat(x, runs.ravel(), dtype=int)[::2] for x in (at, near))
-        least = np.maximum(PLATEAU * np.diff(runs)[:, 0], MIN_PLATEAU_S / step_s)
+        runs = runs[(runs[:, 0] > 0) & (runs[:, 1] < len(side))]
+        # samples of each contact, and those that are at the limit
+        lasts, at = runs[:, 1] - runs[:, 0], np.abs(side - level) <= width
+        count = np.searchsorted(np.flatnonzero(at), runs) @ [-1, 1]
+        stays = (lasts * step_s < STANDS_S) & (count > MIN_PLATEAU_S / step_s)
         flat = np.zeros(len(side), bool)
-        for start, stop in runs[(count > least) & (count > NOT_CROSSED * around)]:
-            contact = slice(start, stop)
-            if side[contact].max() < OVERSHOOT * level and (
-                half == ROUNDED or _is_white(side[contact][near[contact]])
-            ):
+        for start, stop in runs[stays & (count > PLATEAU * lasts)]:
+            contact, of_contact = slice(start, stop), side[start:stop]
+            near = np.abs(of_contact - level) <= 4 * width
+            crossed = np.count_nonzero(at[contact]) <= NOT_CROSSED * np.count_nonzero(near)
+            if crossed or of_contact.max() >= OVERSHOOT * level:
+                continue
+            if half == ROUNDED or _is_white(of_contact[near]):
                 flat[contact] = at[contact]
         if flat.any():
             return flat

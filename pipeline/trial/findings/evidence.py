@@ -11,7 +11,7 @@ from hbm.body import BALL_ABOVE_SOLE, Body
 from hbm.motion import Motion
 from hbm.plausibility.motion import unseen_covariance
 from hbm.signals.filtering import low_pass
-from hbm.signals.samples import stretches
+from hbm.signals.samples import median_of, stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
@@ -140,7 +140,7 @@ class Evidence:
     @property
     def step_s(self) -> float:
         """From frame to frame."""
-        return float(np.median(np.diff(self.time)))
+        return median_of(np.diff(self.time))
 
     def loaded_s(self, number: int) -> float:
         """How long a plate carries while the motion is known [s]."""
