@@ -172,7 +172,7 @@ def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
         difference = late - wanted[max(-lag, 0) : len(wanted) - max(lag, 0)]
         difference = difference[np.isfinite(difference).all(axis=1)]
         if 2 * len(difference) > known:
-            spreads[lag] = np.abs(difference - np.median(difference, axis=0)).mean()
+            spreads[lag] = float(np.abs(difference - _median(difference)).mean())
     return min(spreads, key=spreads.__getitem__)
 
 
@@ -189,8 +189,9 @@ def _step(
     used = np.isfinite(before + late + after + wanted).all(axis=1)
     independent = _independent(used, step_s)
     left = (wanted - late)[used]
-    columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -wanted[used]])
-    left = left - np.median(left, axis=0)
+    slope = (after - before)[used] / (around[2] - around[0])
+    columns = np.stack([slope, -tissue[used], -wanted[used]])
+    left = left - _median(left)
     weight = 1 / np.sqrt(1 + (left / scale) ** 2)
     left, columns = (x - _mean(x, weight)[..., None, :] for x in (left, columns))
     scale = _size(left) if np.isinf(scale).all() else scale
@@ -198,10 +199,10 @@ def _step(
     flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
     covariance = np.linalg.inv(weighted @ flat.T + np.diag(USUAL**-2.0))
     size = covariance @ (weighted @ left.ravel())
-    rest = left - np.tensordot(size, columns, 1)
-    alone = np.tensordot(covariance[0] / covariance[0, 0], columns, 1)
-    of_axis = np.einsum("tk,tk->k", alone**2, per_frame)
-    from_axis = np.einsum("tk,tk,tk->k", alone, rest, per_frame)
+    rest = left - (size @ flat).reshape(left.shape)
+    alone = (covariance[0] / covariance[0, 0] @ flat).reshape(left.shape)
+    of_axis = (alone**2 * per_frame).sum(axis=0)
+    from_axis = (alone * rest * per_frame).sum(axis=0)
     disagreement = float(np.sum(from_axis**2 / np.maximum(of_axis, np.finfo(float).tiny))) / 2
     variance = covariance[0, 0] * independent / (independent - 2) * max(disagreement, 1.0)
     return float(size[0]), float(np.sqrt(variance)), _size(rest)
@@ -212,8 +213,14 @@ def _size(error: Array) -> Array:
 
     Halfway to that of all axes: one stride shows little of each axis by itself.
     """
-    own = 1.4826 * np.median(np.abs(error), axis=0)
-    return np.asarray(np.sqrt((own**2 + np.mean(own**2)) / 2))
+    variance = np.square(1.4826 * _median(np.abs(error)))
+    return np.asarray(np.sqrt((variance + variance.mean()) / 2))
+
+
+def _median(values: Array) -> Array:
+    """Give the median of known values, (T, 3), in each axis, (3,): faster than NumPy's."""
+    ordered = np.sort(values, axis=0)
+    return np.asarray((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
 
 
 def _mean(values: Array, weight: Array) -> Array:

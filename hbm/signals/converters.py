@@ -218,13 +218,14 @@ def _blurred_limit(side: Array, step_s: float) -> Mask | None:
     for half in (ROUNDED, *NOISY):
         # the band that holds most samples
         width = half * top
-        inside = np.searchsorted(high, high + 2 * width) - np.arange(len(high))
-        level = high[int(np.argmax(inside))] + width
+        inside = high.searchsorted(high + 2 * width) - np.arange(len(high))
+        level = high[inside.argmax()] + width
         runs = stretches(side > level / 2)
         runs = runs[(runs[:, 0] > 0) & (runs[:, 1] < len(side))]
         # samples of each contact, and those that are at the limit
         lasts, at = runs[:, 1] - runs[:, 0], np.abs(side - level) <= width
-        count = np.searchsorted(np.flatnonzero(at), runs) @ [-1, 1]
+        before, after = np.flatnonzero(at).searchsorted(runs.T)
+        count = after - before
         stays = (lasts * step_s < STANDS_S) & (count > MIN_PLATEAU_S / step_s)
         flat = np.zeros(len(side), bool)
         for start, stop in runs[stays & (count > PLATEAU * lasts)]:

@@ -97,24 +97,21 @@ def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
     ball rises above `OFF_SHARE` of it. Belts may so differ from each other, change their speed, or
     stand still, and the platform may move.
     """
-    back, events, pelvis = -time[::-1], list[Event](), motion[:, 0]
-    pelvis_speed = butterworth(pelvis, time, TURN_CUTOFF_HZ, "zero_phase").velocity
+    back, events = -time[::-1], list[Event]()
+    pelvis_speed = butterworth(motion[:, 0], time, TURN_CUTOFF_HZ, "zero_phase").velocity
+    # ankles ahead of the pelvis and balls behind it, and their speeds
+    apart = (motion[:, 1:] - motion[:, :1]) * [1.0, 1.0, -1.0, -1.0]
+    apart = low_pass(apart, time, TURN_CUTOFF_HZ, "zero_phase")
+    speeds = butterworth(motion[:, 1:], time, SPEED_CUTOFF_HZ, "zero_phase").velocity
     for foot, side in enumerate(SIDES):
-        ankle, ball = motion[:, 1 + foot], motion[:, 3 + foot]
-        ahead, behind = (
-            turns(time, low_pass(distance, time, TURN_CUTOFF_HZ, "zero_phase")).tolist()
-            for distance in (ankle - pelvis, pelvis - ball)
-        )
-        ankle_speed, ball_speed = (
-            butterworth(place, time, SPEED_CUTOFF_HZ, "zero_phase").velocity
-            for place in (ankle, ball)
-        )
+        ahead, behind = (turns(time, distance).tolist() for distance in apart.T[foot::2])
+        ankle_speed, ball_speed = speeds.T[foot::2]
         known = np.isfinite(ball_speed + pelvis_speed)
         stances = [(a, b) for a, b in _stances(ahead, behind) if known[a:b].all()]
         if not stances:
             continue
-        middle, *speeds = _ground(time, stances, ball_speed, pelvis_speed)
-        ground, walking = (np.interp(time, middle, speed) for speed in speeds)
+        middle, *of_stances = _ground(time, stances, ball_speed, pelvis_speed)
+        ground, walking = (np.interp(time, middle, speed) for speed in of_stances)
         strike = ankle_speed - ground - STRIKE_SHARE * walking
         off = ball_speed - ground - OFF_SHARE * walking
         strikes = (_falls_through(time, strike, k) for k in ahead)
