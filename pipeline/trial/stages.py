@@ -126,8 +126,8 @@ def _filtered(feet: Array, solved: Motion, settings: Settings) -> dict[str, Arra
     if settings.filter == "realtime":
         unknown = np.isnan(feet).any(axis=(1, 2)) | ~solved.converged
         feet = np.where(unknown[:, None, None], np.nan, feet)
-    how = solved.time, settings.cutoff_hz, settings.filter
-    return {foot: low_pass(feet[:, k], *how) for k, foot in enumerate(FEET)}
+    filtered = low_pass(feet, solved.time, settings.cutoff_hz, settings.filter)
+    return {foot: filtered[:, k] for k, foot in enumerate(FEET)}
 
 
 def frame_quality(

@@ -102,10 +102,9 @@ class Evidence:
         settings: Settings,
     ) -> "Evidence":
         """Collect it from the stages of a trial: the motion is filtered, the solved one is not."""
-        time, pelvis, every = motion.time, motion.q[:, :3], np.stack([*wrenches])
+        time, pelvis, every = motion.time, motion.q[:, :3], np.stack([*wrenches], axis=1)
         places, weight_n = places_of(body, solved.q), body.mass * GRAVITY_MPS2
-        cutoff_hz, method = settings.cutoff_hz, settings.filter
-        filtered = np.stack([low_pass(wrench, time, cutoff_hz, method) for wrench in every])
+        filtered = low_pass(every, time, settings.cutoff_hz, settings.filter).swapaxes(0, 1)
         # the residual is what the motion needs beyond the plates
         needed = residual + shift_wrench(filtered.sum(axis=0), pelvis)
         known = carried & np.isfinite(needed).all(axis=1)
@@ -118,7 +117,7 @@ class Evidence:
             plates=tuple(plates),
             time=time,
             wrenches=filtered,
-            load=every[..., 2],
+            load=every[..., 2].T,
             needed=needed,
             pelvis=pelvis,
             carried=known,

@@ -12,11 +12,9 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy
 
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.coordinates import UP
-from hbm.signals.resampling import Signal
 from hbm.spatial import (
     WRENCH_COMPONENTS,
     Array,
@@ -172,7 +170,7 @@ class View:
     stances
         Of each plate, with the numbers of their frames within ``frames``.
     signals
-        Of each plate at any times, in its own axes about the centre of its surface.
+        Of each plate at all times, in its own axes about the centre of its surface, (T, 6).
     wrenches
         The same at the frames, (U, 6).
     to_lab
@@ -193,7 +191,7 @@ class View:
     frames: Indices
     of_motion: Indices
     stances: tuple[Stances, ...]
-    signals: tuple[Signal, ...]
+    signals: tuple[Array, ...]
     wrenches: tuple[Array, ...]
     to_lab: tuple[Array, ...]
     to_residual: tuple[Array, ...]
@@ -233,7 +231,10 @@ class View:
             frames=every,
             of_motion=np.searchsorted(every, carried),
             stances=tuple(of_plates),
-            signals=tuple(_signal(evidence, k) for k in range(len(places))),
+            signals=tuple(
+                rotate_wrench(shift_wrench(np.nan_to_num(w), p.center), p.rotation.T)
+                for w, p in zip(evidence.wrenches, places, strict=True)
+            ),
             wrenches=(),
             to_lab=tuple(shift_wrench(u, -p.center) for u, p in zip(units, places, strict=True)),
             to_residual=tuple(shifted @ whiten for shifted in to_pelvis),
@@ -247,9 +248,13 @@ class View:
 
     def at(self, plate: int, later_s: Array) -> Array:
         """Give what a plate that is later by N times measures at the frames, (N, U, 6)."""
-        time = self.evidence.time
-        times = time[self.frames] + (BODY_LAG_S + later_s[:, None])
-        return self.signals[plate](times.clip(time[0], time[-1]))
+        time, wrench = self.evidence.time, self.signals[plate]
+        times = (time[self.frames] + (BODY_LAG_S + later_s[:, None])).clip(time[0], time[-1])
+        # on straight lines, at once for all channels
+        after = time.searchsorted(times).clip(1)
+        share = (times - time[after - 1]) / (time[after] - time[after - 1])
+        before = wrench[after - 1]
+        return np.asarray(before + share[..., None] * (wrench[after] - before))
 
     def needed(self) -> Array:
         """Give what the motion needs, in standard deviations, (6 F,)."""
@@ -310,13 +315,6 @@ class Fitted(NamedTuple):
         """Whether it is as large as what is named."""
         most = MAX_MOVE_M if self.hypothesis.kind == "moved" else np.inf
         return LEAST.get(self.hypothesis.kind, 0.0) <= float(np.linalg.norm(self.size)) <= most
-
-
-def _signal(evidence: Evidence, plate: int) -> Signal:
-    """Give the wrench of a plate at any times, in its own axes, with straight lines in between."""
-    place, known = evidence.plates[plate], np.nan_to_num(evidence.wrenches[plate])
-    wrench = rotate_wrench(shift_wrench(known, place.center), place.rotation.T)
-    return scipy.interpolate.make_interp_spline(evidence.time, wrench, 1)
 
 
 def _thinned(rows: Indices, most: int) -> Indices:
