@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from compensation.delay import Delay
 from hbm.signals.filtering import oscillation
 from hbm.signals.resampling import Signal, interpolant
+from hbm.signals.samples import median_of
 from hbm.spatial import Array, Mask
 
 MAX_DELAY_S: Final = 0.15
@@ -172,7 +173,7 @@ def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
         difference = late - wanted[max(-lag, 0) : len(wanted) - max(lag, 0)]
         difference = difference[np.isfinite(difference).all(axis=1)]
         if 2 * len(difference) > known:
-            spreads[lag] = float(np.abs(difference - _median(difference)).mean())
+            spreads[lag] = float(np.abs(difference - [*map(median_of, difference.T)]).mean())
     return min(spreads, key=spreads.__getitem__)
 
 
@@ -189,11 +190,12 @@ def _step(
     used = np.isfinite(before + late + after + wanted).all(axis=1)
     independent = _independent(used, step_s)
     left = (wanted - late)[used]
-    slope = (after - before)[used] / (around[2] - around[0])
-    columns = np.stack([slope, -tissue[used], -wanted[used]])
-    left = left - _median(left)
+    columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -wanted[used]])
+    left = left - [*map(median_of, left.T)]
     weight = 1 / np.sqrt(1 + (left / scale) ** 2)
-    left, columns = (x - _mean(x, weight)[..., None, :] for x in (left, columns))
+    # without the weighted mean over frames
+    total = weight.sum(axis=0)
+    left, columns = (x - (weight * x).sum(-2, keepdims=True) / total for x in (left, columns))
     scale = _size(left) if np.isinf(scale).all() else scale
     per_frame = weight * independent / len(left) / np.maximum(scale, NOISE_FLOOR_N) ** 2
     flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
@@ -213,16 +215,5 @@ def _size(error: Array) -> Array:
 
     Halfway to that of all axes: one stride shows little of each axis by itself.
     """
-    variance = np.square(1.4826 * _median(np.abs(error)))
+    variance = np.square([1.4826 * median_of(each) for each in np.abs(error).T])
     return np.asarray(np.sqrt((variance + variance.mean()) / 2))
-
-
-def _median(values: Array) -> Array:
-    """Give the median of known values, (T, 3), in each axis, (3,): faster than NumPy's."""
-    ordered = np.sort(values, axis=0)
-    return np.asarray((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
-
-
-def _mean(values: Array, weight: Array) -> Array:
-    """Give the weighted mean over frames of (…, T, 3), (…, 3)."""
-    return np.asarray((weight * values).sum(axis=-2) / weight.sum(axis=0))

@@ -54,8 +54,7 @@ class Note:
     def __post_init__(self) -> None:
         if self.code not in catalogue():
             raise ValueError(f"no note has the code {self.code!r}; hbm/notes.toml lists them")
-        fields = _fields(self.code)
-        if self.values.keys() != fields:
+        if self.values.keys() != (fields := _fields(self.code)):
             wanted, given = (", ".join(sorted(v)) or "none" for v in (fields, self.values))
             raise ValueError(f"note {self.code!r}: its values are {wanted}, got {given}")
         try:
@@ -142,8 +141,7 @@ def catalogue() -> Mapping[str, Mapping[str, str]]:
 def _fields(code: str) -> frozenset[str]:
     """Give the names of the values in the sentences and the advice of a note."""
     sentences = (catalogue()[code].get(part, "") for part in ("text", "advice", "light"))
-    parsed = Formatter().parse(" ".join(sentences))
-    return frozenset(name for _, name, _, _ in parsed if name is not None)
+    return frozenset(name for _, name, *_ in Formatter().parse(" ".join(sentences)) if name)
 
 
 def _plain(value: object) -> NoteValue:

@@ -213,32 +213,30 @@ slowly has more."""
 
 
 def _blurred_limit(side: Array, step_s: float) -> Mask | None:
-    top = float(side.max())
-    high = np.sort(side[side > 0.3 * top])
-    for half in (ROUNDED, *NOISY):
-        # the band that holds most samples
-        width = half * top
-        inside = high.searchsorted(high + 2 * width) - np.arange(len(high))
-        level = high[inside.argmax()] + width
-        runs = stretches(side > level / 2)
-        runs = runs[(runs[:, 0] > 0) & (runs[:, 1] < len(side))]
-        # samples of each contact, and those that are at the limit
-        lasts, at = runs[:, 1] - runs[:, 0], np.abs(side - level) <= width
-        before, after = np.flatnonzero(at).searchsorted(runs.T)
-        count = after - before
-        stays = (lasts * step_s < STANDS_S) & (count > MIN_PLATEAU_S / step_s)
-        flat = np.zeros(len(side), bool)
-        for start, stop in runs[stays & (count > PLATEAU * lasts)]:
-            contact, of_contact = slice(start, stop), side[start:stop]
-            near = np.abs(of_contact - level) <= 4 * width
-            crossed = np.count_nonzero(at[contact]) <= NOT_CROSSED * np.count_nonzero(near)
-            if crossed or of_contact.max() >= OVERSHOOT * level:
-                continue
-            if half == ROUNDED or _is_white(of_contact[near]):
-                flat[contact] = at[contact]
-        if flat.any():
-            return flat
-    return None
+    top, padded = float(side.max()), np.append(side, -np.inf)
+    high, width = np.sort(side[side > 0.3 * top]), top * np.array([ROUNDED, *NOISY])
+    # the band of each width that holds most samples
+    inside = high.searchsorted(high + 2 * width[:, None]) - np.arange(len(high))
+    level = high[inside.argmax(axis=1)] + width
+    # samples of each contact, and those that are at the limit, in one row for all bands
+    at = np.abs(padded - level[:, None]) <= width[:, None]
+    runs = stretches((padded > level[:, None] / 2).ravel())
+    before, after = np.flatnonzero(at).searchsorted(runs.T)
+    count, lasts, flat = after - before, runs[:, 1] - runs[:, 0], np.zeros(at.shape, bool)
+    stays = (lasts * step_s < STANDS_S) & (count > MIN_PLATEAU_S / step_s)
+    for start, stop in runs[stays & (count > PLATEAU * lasts)]:
+        band, first = divmod(start, len(padded))
+        contact = slice(first, first + stop - start)
+        of_contact, at_limit = side[contact], at[band, contact]
+        near = np.abs(of_contact - level[band]) <= 4 * width[band]
+        flat[band, contact] = at_limit & (
+            first > 0
+            and contact.stop < len(side)
+            and np.count_nonzero(at_limit) > NOT_CROSSED * np.count_nonzero(near)
+            and of_contact.max() < OVERSHOOT * level[band]
+            and (band == 0 or _is_white(of_contact[near]))
+        )
+    return next((of_band[:-1] for of_band in flat if of_band.any()), None)
 
 
 def _is_white(values: Array) -> bool:

@@ -61,7 +61,7 @@ def stretches(mask: Mask) -> Indices:
     """
     between = np.zeros(len(mask) + 2, bool)  # false before and after
     between[1:-1] = mask
-    return (between[1:] != between[:-1]).nonzero()[0].reshape(-1, 2)
+    return np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
 
 
 def median_of(values: Array) -> float:

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Final
 
 import numpy as np
 
 from hbm.notes import Note
 from hbm.signals.converters import Wraps, find_wraps
-from hbm.spatial import WRENCH_COMPONENTS, Array, frozen, shift_wrench
+from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import parse_mending
 
@@ -114,19 +113,17 @@ def of_channels(plate: Plate, change: Array, wrench: Array) -> Array:
     return shift_wrench(shift_wrench(wrench, plate.transducer) @ change.T, -plate.transducer)
 
 
-@cache
 def turning(degrees: str | int) -> Array:
     """Give what turns a wrench about the plate's third axis, (6, 6)."""
     angle = np.radians(int(degrees))
     cos, sin = round(np.cos(angle)), round(np.sin(angle))
     about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return frozen(np.kron(np.eye(2), about_z))
+    return np.kron(np.eye(2), about_z)
 
 
-@cache
 def reversing(what: str) -> Array:
     """Give what reverses one component of a wrench, or all, (6, 6)."""
-    return frozen(np.diag([-1.0 if what in (name, "all") else 1.0 for name in WRENCH_COMPONENTS]))
+    return np.diag([-1.0 if what in (name, "all") else 1.0 for name in WRENCH_COMPONENTS])
 
 
 def _amplifying(what: str) -> Array:

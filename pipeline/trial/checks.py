@@ -1,7 +1,6 @@
 """Checks of a trial's markers and motion: what is wrong, or cannot be."""
 
 from collections.abc import Iterator, Mapping
-from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from hbm.plausibility.labels import (
 )
 from hbm.plausibility.motion import impossible_angles, large_marker_errors, undetermined_notes
 from hbm.signals.samples import stretches
-from hbm.spatial import Mask, frozen
+from hbm.spatial import Mask
 from pipeline.io.recording import Recording
 
 LENGTHS: Final = {
@@ -138,15 +137,7 @@ MAX_UNSEEN_PELVIS_S: Final = 0.1
 MAX_UNSEEN_LIMB_S: Final = 0.2
 SEGMENTS: Final = np.array([coordinate.segment for coordinate in TREE])
 """That each coordinate moves, (46,)."""
-
-
-@cache
-def _columns(*parts: str) -> Mask:
-    """Find the coordinates that move some segments, (46,)."""
-    return frozen(np.isin(SEGMENTS, parts))
-
-
-OF_LEGS: Final = _columns(*LIMBS["left leg"], *LIMBS["right leg"])
+OF_LEGS: Final = np.isin(SEGMENTS, [*LIMBS["left leg"], *LIMBS["right leg"]])
 """Coordinates of the legs, (46,)."""
 MAX_MISSING_SHARE: Final = 0.5
 """Of the frames: a joint that more of them do not show has no markers, and no gaps."""
@@ -220,8 +211,8 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
     """
     free, unseen = _free(body, motion), _unseen(body, motion)
     for limb, parts in {"trunk": ("thorax",), **LIMBS}.items():
-        of_limb, with_mass = _columns(*parts), [s for s in parts if s in body.segments]
-        heavy = free & _columns(*with_mass)
+        of_limb, with_mass = np.isin(SEGMENTS, parts), [s for s in parts if s in body.segments]
+        heavy = free & np.isin(SEGMENTS, with_mass)
         lost: Mask = np.asarray(unseen[:, heavy].all(axis=1) & heavy.any())
         if lost.any():
             yield limb, sum(body.segments[s].mass for s in with_mass) / body.mass, lost, of_limb

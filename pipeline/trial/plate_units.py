@@ -330,8 +330,7 @@ def _moment_power(stored: Array, lever: Array, foot: Array) -> int | None:
 
 def _off(stored: Array, lever: Array, foot: Array, powers: int | tuple[int, int] | None) -> float:
     """Give how far pressures are from feet if moments are larger by powers of ten, RMS [m]."""
-    moved = 10.0 ** np.array(powers or 0) * stored + lever - foot
-    return float(_rms(moved)) if len(foot) else np.inf
+    return float(_rms(np.power(10.0, powers or 0) * stored + lever - foot)) if len(foot) else np.inf
 
 
 def _rms(vectors: Array) -> Array:

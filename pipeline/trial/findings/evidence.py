@@ -15,7 +15,6 @@ from hbm.signals.samples import median_of, stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import FEET
 
 MIN_STANCE_S: Final = 0.25
@@ -93,7 +92,7 @@ class Evidence:
         cls,
         body: Body,
         motion: Motion,
-        solved: Motion,
+        places: Array,
         plates: Sequence[Plate],
         wrenches: Sequence[Array],
         unloaded: Sequence[Array | None],
@@ -101,9 +100,9 @@ class Evidence:
         carried: Mask,
         settings: Settings,
     ) -> "Evidence":
-        """Collect it from the stages of a trial: the motion is filtered, the solved one is not."""
+        """Collect it from the stages of a trial: the motion is filtered, the places are not."""
         time, pelvis, every = motion.time, motion.q[:, :3], np.stack([*wrenches], axis=1)
-        places, weight_n = places_of(body, solved.q), body.mass * GRAVITY_MPS2
+        weight_n = body.mass * GRAVITY_MPS2
         filtered = low_pass(every, time, settings.cutoff_hz, settings.filter).swapaxes(0, 1)
         # the residual is what the motion needs beyond the plates
         needed = residual + shift_wrench(filtered.sum(axis=0), pelvis)

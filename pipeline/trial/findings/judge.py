@@ -204,11 +204,9 @@ class View:
     @classmethod
     def of(cls, evidence: Evidence, *, mass_is_stated: bool, frames: Mask | None = None) -> "View":
         """Choose the frames, all that carry or some of them, (T,)."""
-        use = evidence.carried & evidence.walking
-        use &= np.ones(len(use), bool) if frames is None else frames
-        known: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & (
-            np.ones(len(evidence.time), bool) if frames is None else frames
-        )
+        frames = np.ones(len(evidence.time), bool) if frames is None else frames
+        use = evidence.carried & evidence.walking & frames
+        known: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & frames
         stances = [*_spread_over([s for s in find_stances(evidence) if known[s.rows].all()])]
         carried = _thinned(np.flatnonzero(use), MOST_FRAMES)
         every = np.unique(np.concatenate([carried, *(s.rows for s in stances)]).astype(int))
@@ -256,13 +254,11 @@ class View:
         before = wrench[after - 1]
         return np.asarray(before + share[..., None] * (wrench[after] - before))
 
-    def needed(self) -> Array:
-        """Give what the motion needs, in standard deviations, (6 F,)."""
-        needed = self.evidence.needed[self.frames[self.of_motion]]
-        return np.asarray((needed @ self.whiten).ravel())
-
     def measured(self, plate: int, wrench: Array) -> Array:
-        """Give what a plate adds to that, (H, 6 F), of wrenches in its own axes, (H, U, 6)."""
+        """Give what a plate adds to the residual, in standard deviations, (H, 6 F).
+
+        Of wrenches in its own axes, (H, U, 6).
+        """
         # frame by frame, so that all wrenches of a frame are one product
         of_frames = np.swapaxes(wrench[:, self.of_motion], 0, 1) @ self.to_residual[plate]
         return np.swapaxes(of_frames, 0, 1).reshape(len(wrench), -1)
@@ -454,10 +450,11 @@ class _Comparison:
     @classmethod
     def of(cls, view: View) -> "_Comparison":
         """Compare plates as they are."""
-        wrenches = [wrench[None] for wrench in view.wrenches]
-        measured = tuple(view.measured(k, wrench)[0] for k, wrench in enumerate(wrenches))
-        feet = [view.feet(k, wrench, k)[0] for k, wrench in enumerate(wrenches)]
-        needed = view.needed()
+        # what the motion needs, in standard deviations, and what plates add
+        needed = (view.evidence.needed[view.frames[view.of_motion]] @ view.whiten).ravel()
+        wrenches = [*enumerate(view.wrenches)]
+        measured = tuple(view.measured(k, wrench[None])[0] for k, wrench in wrenches)
+        feet = [view.feet(k, wrench[None], k)[0] for k, wrench in wrenches]
         ends = np.cumsum([len(needed), *map(len, feet)]).tolist()
         # a body that is heavier by a share needs as much more; the feet stay
         heavier = np.pad(needed, (0, ends[-1] - len(needed)))
@@ -476,8 +473,7 @@ class _Comparison:
             size, covariance, score, spread = self._least(group, mass_sd)
             fall = self._unlikely(self.score) - self._unlikely(score)
             gained = fall - (spread - self.spread) - [COST[each.kind] for each in group]
-            every = map(Fitted, group, size, covariance, gained.tolist())
-            fitted |= zip(group, every, strict=True)
+            fitted |= zip(group, map(Fitted, group, size, covariance, gained.tolist()), strict=True)
         return [fitted[each] for each in hypotheses]
 
     def _unlikely(self, score: Array | float) -> Array:

@@ -145,8 +145,8 @@ def _lost(plate: Plate, largest_n: float, step_s: float) -> list[Indices]:
         if len(runs):
             beside, change = channel[runs - (1, 0)], np.abs(np.diff(channel))
             least = max(MIN_BESIDE * np.abs(channel).max(), BEYOND_NOISE * np.median(change))
-            passes = beside.prod(axis=1) <= 0  # zero
-            runs = runs[(np.abs(beside) > least).all(axis=1) & ~passes]
+            # else it passes zero
+            runs = runs[(np.abs(beside) > least).all(axis=1) & (beside.prod(axis=1) > 0)]
         every.append(runs)
     return every
 
@@ -196,7 +196,8 @@ def _dead(channels: Array) -> Mask:
         without = channels[others < UNLOADED * largest, axis]
         if largest > MIN_LOAD and min(len(with_load), len(without)) > MIN_SAMPLES:
             noise = ALIVE * without.std()
-            if with_load.std() < noise:
-                dead[axis] = abs(np.median(with_load) - np.median(without)) < noise
+            dead[axis] = with_load.std() < noise and (
+                abs(np.median(with_load) - np.median(without)) < noise
+            )
     # a plate that nobody is on is silent; one that is constant does not measure
     return dead if load.max() > MIN_LOAD or constant.all() else np.zeros(6, bool)

@@ -7,14 +7,12 @@ from typing import Final
 import numpy as np
 
 from compensation.platform import PlatformPose
-from hbm.body import Body
 from hbm.markers import Markers, MarkerSet
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
-from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact
 from pipeline.trial.gait.events import (
     LABELS,
@@ -41,15 +39,13 @@ MID_STANCE: Final = 0.3, 0.6
 """Of the time in which a foot travels backwards against the pelvis: it rests on the ground."""
 
 
-def foot_motion(body: Body, q: Array, pose: PlatformPose | None) -> Array:
+def foot_motion(places: Array, pose: PlatformPose | None) -> Array:
     """Give how pelvis and feet moved forward on the platform that carries them.
 
     Parameters
     ----------
-    body
-        The subject.
-    q
-        Coordinates, not filtered, (T, 46) [m and rad].
+    places
+        Of pelvis, ankles and balls, not filtered, of `places_of`, (T, 5, 3) [m].
     pose
         The platform's pose at these times; None where it stands still.
 
@@ -59,7 +55,6 @@ def foot_motion(body: Body, q: Array, pose: PlatformPose | None) -> Array:
         Forward places of pelvis, ankles and balls, left before right, in the frame of the platform,
         the belts moving in it, (T, 5) [m]; NaN where the pose of body or platform is unknown.
     """
-    places = places_of(body, q)
     if pose is None:
         return places[..., 0]
     relative = places - pose.position[:, None]
