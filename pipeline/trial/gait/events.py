@@ -348,7 +348,7 @@ def find_peaks(values: Array, apart: int, prominence: float) -> Indices:
     for k in np.argsort(values[peaks])[::-1]:
         if kept[k]:
             kept &= (np.abs(peaks - peaks[k]) >= apart) | (peaks == peaks[k])
-    fenced = np.pad(values, 1, constant_values=np.inf)
+    fenced = np.concatenate([[np.inf], values, [np.inf]])
     for k in np.flatnonzero(kept):
         height, sides = values[peaks[k]], (fenced[peaks[k] + 1 :: -1], fenced[peaks[k] + 1 :])
         # on each side down to the lowest sample before a higher one
