@@ -38,7 +38,7 @@ NAMES = {
     **{"TRUE": "null", "2024-05-03": "=1+1", "1": "-3.2"},
 }
 """Subjects and their groups."""
-CONDITIONS = ("baseline", "1e5", "NA")
+CONDITIONS = ("1e5", "NA")
 
 
 def test_every_name_stays_as_it_is_in_csv_and_workbook(tmp_path, monkeypatch):
