@@ -1,7 +1,6 @@
 """A subject's body from a calibration pose: geometry, inertias and markers on the skeleton."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -24,7 +23,7 @@ from hbm.coordinates import COORDINATES, LAST_Q, LIMBS, MOVING, SEGMENTS, SIDES,
 from hbm.ik.problem import undetermined
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
-from hbm.model import Body, pin_model
+from hbm.model import Body
 from hbm.notes import Note
 from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
@@ -127,7 +126,7 @@ def build_body(
     ValueError
         If mass, stature or the length of the legs is implausible, or no marker set fits; if an
         override is impossible, or states something worn on a foot besides its shoe; if a landmark
-        is missing that no rule can replace, or Pinocchio refuses the body.
+        is missing that no rule can replace.
 
     Examples
     --------
@@ -238,8 +237,6 @@ def build_body(
     body = replace(body, notes=(*notes, *mass_not_shown(body, undetermined(body, markers)[1])))
     if not still:
         body = _with_fitted_tracking_markers(body, calibration, set(landmark.values()))
-    with suppress(ImportError):  # on Windows, for which Pinocchio has no wheel
-        pin_model(body)
     return body
 
 
