@@ -117,13 +117,19 @@ def between(position: Array, pairs: Iterable[Pair]) -> Array:
 
 
 def typical(vectors: Array) -> Array:
-    """Give the mean of vectors, (N, 3), without gaps and those far longer than most."""
-    known = vectors[np.isfinite(vectors).all(axis=-1)]
-    if not len(known):
-        return np.full(3, np.nan)
-    with np.errstate(over="ignore"):
-        length = np.linalg.norm(known, axis=-1)
-    return np.asarray(known[length <= MAX_LENGTH_RATIO * np.median(length)].mean(axis=0))
+    """Give the means of vectors, (N, ..., 3), without gaps and those far longer than most."""
+    if not len(vectors):
+        return np.full(vectors.shape[1:], np.nan)
+    known = np.isfinite(vectors).all(axis=-1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.where(known, np.linalg.norm(vectors, axis=-1), np.nan)
+        # the median of the known ones: unknown ones are sorted last
+        count = known.sum(axis=0)
+        middle = np.stack([(count - 1) // 2, count // 2])
+        median = np.take_along_axis(np.sort(length, axis=0), middle, axis=0).mean(axis=0)
+        usual = length <= MAX_LENGTH_RATIO * median
+        total = np.where(usual[..., None], vectors, 0.0).sum(axis=0)
+        return np.asarray(total / usual.sum(axis=0)[..., None])
 
 
 def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> list[Pair]:
@@ -361,7 +367,7 @@ def _infer_left(
     """Give the file's axis that points to the subject's left, (3,), what shows it, and doubts."""
     across = between(position, sites.across.values())
     across = across - (across @ up)[..., None] * up
-    by_pair = np.reshape([typical(across[:, k]) for k in range(across.shape[1])], (-1, 3))
+    by_pair = typical(across)
     seen = np.isfinite(by_pair).all(axis=-1)
     names = [short(name) for name, known in zip(sites.across, seen, strict=True) if known]
     if not names:
@@ -372,8 +378,7 @@ def _infer_left(
     # opposite pairs show the same line; which way is left, most pairs of the whole body say
     same_way = by_pair * np.where(by_pair @ by_pair[0] < 0, -1, 1)[:, None]
     line = _nearest_axis(same_way.mean(axis=0), source)
-    every = between(position, sites.every).swapaxes(0, 1)
-    votes = sum(float(np.nan_to_num(np.sign(typical(pair) @ line))) for pair in every)
+    votes = np.nansum(np.sign(typical(between(position, sites.every)) @ line))
     if votes == 0:
         raise AxesUnknownError(
             f"of {source}, as many lie one way round as the other: labels are exchanged"
@@ -418,4 +423,4 @@ def _axis_name(axis: Array) -> str:
 
 
 def _direction_name(vector: Array) -> str:
-    return next(name for name, lab in DIRECTIONS.items() if np.allclose(lab, vector))
+    return max(DIRECTIONS, key=lambda name: float(vector @ DIRECTIONS[name]))
