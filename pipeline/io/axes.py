@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from hbm.markers import MarkerSet, exchange, recognise_marker_set, usual_landmarks
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.signals.samples import medians_of_known
+from hbm.spatial import Array, Mask
 from hbm.spelling import listed, short
 from pipeline.io.recording import Fact
 from pipeline.io.stated import correction
@@ -118,16 +119,10 @@ def between(position: Array, pairs: Iterable[Pair]) -> Array:
 
 def typical(vectors: Array) -> Array:
     """Give the means of vectors, (N, ..., 3), without gaps and those far longer than most."""
-    if not len(vectors):
-        return np.full(vectors.shape[1:], np.nan)
     known = np.isfinite(vectors).all(axis=-1)
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.where(known, np.linalg.norm(vectors, axis=-1), np.nan)
-        # the median of the known ones: unknown ones are sorted last
-        count = known.sum(axis=0)
-        middle = np.stack([(count - 1) // 2, count // 2])
-        median = np.take_along_axis(np.sort(length, axis=0), middle, axis=0).mean(axis=0)
-        usual = length <= MAX_LENGTH_RATIO * median
+        usual = length <= MAX_LENGTH_RATIO * medians_of_known(length.T)
         total = np.where(usual[..., None], vectors, 0.0).sum(axis=0)
         return np.asarray(total / usual.sum(axis=0)[..., None])
 
@@ -368,7 +363,7 @@ def _infer_left(
     across = between(position, sites.across.values())
     across = across - (across @ up)[..., None] * up
     by_pair = typical(across)
-    seen = np.isfinite(by_pair).all(axis=-1)
+    seen: Mask = np.asarray(np.isfinite(by_pair).all(axis=-1))
     names = [short(name) for name, known in zip(sites.across, seen, strict=True) if known]
     if not names:
         absent = listed(sites.across or ["such as LASIS and RASIS"])
