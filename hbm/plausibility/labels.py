@@ -327,11 +327,11 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     here, there, away = paths[marker, :, frame], expected[marker, :, frame], jump[marker, frame]
     changes: list[tuple[int, int]] = []
     for step in range(1, jumped.sum(axis=0).max(initial=0)):
-        a = np.flatnonzero(frame[step:] == frame[:-step])
-        b = a + step
-        apart = np.maximum(distance(here[a], there[b]), distance(here[b], there[a]))
-        near = apart < MAX_EXCHANGED_SHARE * np.minimum(away[a], away[b])
-        changes += zip(a[near].tolist(), b[near].tolist(), strict=True)
+        one = np.flatnonzero(frame[step:] == frame[:-step])
+        other = one + step
+        apart = np.maximum(distance(here[one], there[other]), distance(here[other], there[one]))
+        near = apart < MAX_EXCHANGED_SHARE * np.minimum(away[one], away[other])
+        changes += zip(one[near].tolist(), other[near].tolist(), strict=True)
     found: dict[str, list[float]] = {}
     for a, b in sorted(changes):
         own = np.flatnonzero(frame == frame[a])
