@@ -234,7 +234,8 @@ def build_body(
         notes=tuple(notes),
         landmark_rules=landmark_rules,
     )
-    body = replace(body, notes=(*notes, *mass_not_shown(body, undetermined(body, markers)[1])))
+    if unseen := mass_not_shown(body, undetermined(body, markers)[1]):
+        body = replace(body, notes=(*notes, *unseen))
     if not still:
         body = _with_fitted_tracking_markers(body, calibration, set(landmark.values()))
     return body
