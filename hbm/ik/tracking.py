@@ -157,8 +157,8 @@ MAX_DISTANCE_FROM_START: Final = 0.5
 of several."""
 
 MAX_SHARE_FAR: Final = 0.5
-"""Of the frames: where more are far from their start, the frames are no continuous recording, and
-tell nothing of each other."""
+"""Of the frames with markers: where more are far from their start, the frames are no continuous
+recording, and tell nothing of each other."""
 
 MIN_CLEAR_PIVOT: Final = 1e-3
 """Curvature, per unit of weight, of a rotation that markers show well [m²/rad²]: that of a marker
@@ -226,14 +226,15 @@ def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int
     frames = np.arange(len(problem.time))
     start, usual_pivots = _starting_points(problem, frames)
     found = problem.newton(frames, start)
-    far = ~found.converged | _far(found.q, start)
-    if np.mean(far) > MAX_SHARE_FAR:
+    # where no marker is, there is nothing to find, and nothing to tell of other frames
+    shown = np.isfinite(found.error).any(axis=1)
+    far = shown & (~found.converged | _far(found.q, start))
+    if np.count_nonzero(far) > MAX_SHARE_FAR * np.count_nonzero(shown):
         usual_pivots = None
     doubted = np.flatnonzero(far)
     which = doubted[try_start(problem, found, doubted, problem.rigid_fit(doubted))]
     if usual_pivots is None:
-        # where no marker is, there is nothing to find
-        shown, likely = np.isfinite(found.error).any(axis=1), doubtful(problem, found)
+        likely = doubtful(problem, found)
         every = some_lower(problem, found, np.flatnonzero(shown & ~likely))
         which = np.flatnonzero(shown & (likely | every))
     look_for_lower(problem, found, which)
