@@ -109,15 +109,15 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
         notes.append(Note.of("markers_frozen", frames=len(frozen_s), **ends))
     # for how long markers alone did not move, while their segments did
     segment_of = body.segment_of
-    here = [name for name in body.markers if name in markers.names]
+    at = {name: k for k, name in enumerate(markers.names) if name in segment_of}
     _, repeated = _repeated(markers.position)
     constant_s: dict[str, float] = {}
-    for name in here:
-        segment, alone = segment_of[name], repeated[:, markers.names.index(name)]
-        for stretch in _lasting(alone, markers.time, MIN_CONSTANT_S):
-            others = [o for o in here if segment_of[o] == segment and o != name]
-            others = others or [o for o in here if segment_of[o] == PARENT.get(segment)]
-            if any(_extent(_of(markers, other)[stretch]) > MIN_MOTION_M for other in others):
+    for name in (name for name in body.markers if name in at):
+        segment = segment_of[name]
+        for stretch in _lasting(repeated[:, at[name]], markers.time, MIN_CONSTANT_S):
+            others = [at[o] for o in at if segment_of[o] == segment and o != name]
+            others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
+            if any(_extent(markers.position[stretch, k]) > MIN_MOTION_M for k in others):
                 lasted_s = float(markers.time[stretch.stop - 1] - markers.time[stretch.start - 1])
                 constant_s[name] = constant_s.get(name, 0.0) + lasted_s
     if constant_s:
@@ -228,16 +228,12 @@ def sides_exchanged(
         if name.startswith("L") and (right := landmark.get(f"R{name[1:]}"))
         if not segment[left].endswith(CROSSING_SEGMENTS)
     ]
-    leftward_m = medians_of_known((_between(markers, judged) * to_the_left.T).sum(axis=1))
+    leftward_m = medians_of_known((_between(markers, judged) * to_the_left).sum(axis=1))
     exchanged = leftward_m < -MIN_SEPARATION_M
     if not exchanged.any():
         return None
     pairs, every = [*compress(judged, exchanged)], not (leftward_m > MIN_SEPARATION_M).any()
     return ExchangedSides(recording, tuple(pairs), exchange(pairs, recording, every))
-
-
-def _of(markers: Markers, name: str) -> Array:
-    return np.asarray(markers.position[:, markers.names.index(name)])
 
 
 def _between(markers: Markers, pairs: Sequence[tuple[str, str]]) -> Array:
@@ -255,18 +251,14 @@ def _between(markers: Markers, pairs: Sequence[tuple[str, str]]) -> Array:
 
 
 def _to_the_left(markers: Markers, landmark: Mapping[str, str]) -> Array:
-    """Give the horizontal direction to the subject's left, (T, 3); NaN where it is unknown."""
-    front = [landmark.get(name, "") for name in ("LASIS", "RASIS")]
-    back = [landmark.get(name, "") for name in ("LPSIS", "RPSIS")]
+    """Give the horizontal direction to the subject's left, (3, T); NaN where it is unknown."""
+    front, back = ([landmark.get(side + name, "") for side in "LR"] for name in ("ASIS", "PSIS"))
     if not set(back) <= set(markers.names):
-        back = [landmark.get("SACR", "")]
-    if not {*front, *back} <= set(markers.names):
-        return np.full((len(markers.time), 3), np.nan)
-    ends = [np.mean([_of(markers, name) for name in names], axis=0) for names in (front, back)]
-    forward = (ends[0] - ends[1]) * [1.0, 1.0, 0.0]
-    length = np.linalg.norm(forward, axis=1, keepdims=True)
-    forward = np.where(length > MIN_FORWARD_M, forward, np.nan) / length
-    return np.cross([0.0, 0.0, 1.0], forward)
+        back = 2 * [landmark.get("SACR", "")]
+    forward = _between(markers, [*zip(front, back, strict=True)]).mean(axis=0)
+    length = np.hypot(forward[0], forward[1])
+    left = np.stack([-forward[1], forward[0], 0 * length])
+    return np.where(length > MIN_FORWARD_M, left, np.nan) / length
 
 
 MIN_JUMP_M: Final = 0.03
@@ -311,8 +303,6 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     LHEE/RHEE 0.3 0.6
     """
     names = [name for name in names if name in markers.names]
-    if not names:
-        return ()
     columns = [markers.names.index(name) for name in names]
     paths = np.moveaxis(markers.position, 0, -1)[columns]
     expected = np.empty(paths.shape)
