@@ -258,7 +258,7 @@ def _to_the_left(markers: Markers, landmark: Mapping[str, str]) -> Array:
     forward = _between(markers, [*zip(front, back, strict=True)]).mean(axis=0)
     length = np.hypot(forward[0], forward[1])
     left = np.stack([-forward[1], forward[0], 0 * length])
-    return np.where(length > MIN_FORWARD_M, left, np.nan) / length
+    return np.asarray(np.where(length > MIN_FORWARD_M, left, np.nan) / length)
 
 
 MIN_JUMP_M: Final = 0.03
