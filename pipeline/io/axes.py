@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from hbm.markers import MarkerSet, exchange, recognise_marker_set, usual_landmarks
 from hbm.notes import Note
 from hbm.signals.samples import medians_of_known
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array, Mask, cross
 from hbm.spelling import listed, short
 from pipeline.io.recording import Fact
 from pipeline.io.stated import correction
@@ -267,7 +267,7 @@ def settle_axes(
             else:
                 reason = f"axes cannot be inferred: {error}; {ASK}"
             raise AxesUnknownError(reason) from error
-        words = tuple(map(_direction_name, np.transpose([np.cross(left, up), left, up])))
+        words = tuple(map(_direction_name, np.transpose([cross(left, up), left, up])))
         by_toes = np.isfinite(between(position, sites.feet)).all(axis=-1).any()
         shown = (
             f"up by {', '.join(up_evidence)}; left by the marker pairs {', '.join(pairs)}; forward "
@@ -296,7 +296,7 @@ def settle_axes(
         return axes, notes
     except ValueError as error:
         return axes, [*notes, Fact("in_doubt", "labels", str(error))]
-    if (facing := _direction_name(rotation @ np.cross(left, up))) != "forward":
+    if (facing := _direction_name(rotation @ cross(left, up))) != "forward":
         notes.append(Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs))
     return axes, [*notes, *doubts]
 
@@ -391,7 +391,7 @@ def _infer_left(
         if cosine < MAX_COSINE_OPPOSITE
     ]
     agreeing = [name for name, cosine in zip(names, cosines, strict=True) if cosine > 0]
-    forward, pairs = np.cross(left, up), agreeing[:PAIRS_NAMED]
+    forward, pairs = cross(left, up), agreeing[:PAIRS_NAMED]
     if typical(between(position, sites.feet).reshape(-1, 3)) @ forward < 0:
         raise ValueError(
             f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}, but the "
