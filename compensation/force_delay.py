@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from compensation.delay import Delay
 from hbm.signals.filtering import oscillation
 from hbm.signals.resampling import Signal, interpolant
+from hbm.signals.samples import median_of
 from hbm.spatial import Array, Mask
 
 MAX_DELAY_S: Final = 0.15
@@ -172,7 +173,7 @@ def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
         difference = late - wanted[max(-lag, 0) : len(wanted) - max(lag, 0)]
         difference = difference[np.isfinite(difference).all(axis=1)]
         if 2 * len(difference) > known:
-            spreads[lag] = np.abs(difference - np.median(difference, axis=0)).mean()
+            spreads[lag] = float(np.abs(difference - [*map(median_of, difference.T)]).mean())
     return min(spreads, key=spreads.__getitem__)
 
 
@@ -190,18 +191,20 @@ def _step(
     independent = _independent(used, step_s)
     left = (wanted - late)[used]
     columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -wanted[used]])
-    left = left - np.median(left, axis=0)
+    left = left - [*map(median_of, left.T)]
     weight = 1 / np.sqrt(1 + (left / scale) ** 2)
-    left, columns = (x - _mean(x, weight)[..., None, :] for x in (left, columns))
+    # without the weighted mean over frames
+    total = weight.sum(axis=0)
+    left, columns = (x - (weight * x).sum(-2, keepdims=True) / total for x in (left, columns))
     scale = _size(left) if np.isinf(scale).all() else scale
     per_frame = weight * independent / len(left) / np.maximum(scale, NOISE_FLOOR_N) ** 2
     flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
     covariance = np.linalg.inv(weighted @ flat.T + np.diag(USUAL**-2.0))
     size = covariance @ (weighted @ left.ravel())
-    rest = left - np.tensordot(size, columns, 1)
-    alone = np.tensordot(covariance[0] / covariance[0, 0], columns, 1)
-    of_axis = np.einsum("tk,tk->k", alone**2, per_frame)
-    from_axis = np.einsum("tk,tk,tk->k", alone, rest, per_frame)
+    rest = left - (size @ flat).reshape(left.shape)
+    alone = (covariance[0] / covariance[0, 0] @ flat).reshape(left.shape)
+    of_axis = (alone**2 * per_frame).sum(axis=0)
+    from_axis = (alone * rest * per_frame).sum(axis=0)
     disagreement = float(np.sum(from_axis**2 / np.maximum(of_axis, np.finfo(float).tiny))) / 2
     variance = covariance[0, 0] * independent / (independent - 2) * max(disagreement, 1.0)
     return float(size[0]), float(np.sqrt(variance)), _size(rest)
@@ -212,10 +215,5 @@ def _size(error: Array) -> Array:
 
     Halfway to that of all axes: one stride shows little of each axis by itself.
     """
-    own = 1.4826 * np.median(np.abs(error), axis=0)
-    return np.asarray(np.sqrt((own**2 + np.mean(own**2)) / 2))
-
-
-def _mean(values: Array, weight: Array) -> Array:
-    """Give the weighted mean over frames of (…, T, 3), (…, 3)."""
-    return np.asarray((weight * values).sum(axis=-2) / weight.sum(axis=0))
+    variance = np.square([1.4826 * median_of(each) for each in np.abs(error).T])
+    return np.asarray(np.sqrt((variance + variance.mean()) / 2))

@@ -54,15 +54,11 @@ class Note:
     def __post_init__(self) -> None:
         if self.code not in catalogue():
             raise ValueError(f"no note has the code {self.code!r}; hbm/notes.toml lists them")
-        entry = catalogue()[self.code]
-        sentences = (entry.get(part, "") for part in ("text", "advice", "light"))
-        parsed = Formatter().parse(" ".join(sentences))
-        fields = {name for _, name, _, _ in parsed if name is not None}
-        if set(self.values) != fields:
+        if self.values.keys() != (fields := _fields(self.code)):
             wanted, given = (", ".join(sorted(v)) or "none" for v in (fields, self.values))
             raise ValueError(f"note {self.code!r}: its values are {wanted}, got {given}")
         try:
-            _ = self.text, self.advice, self.light
+            _ = self.text, self.advice, "light" in catalogue()[self.code] and self.light
         except (TypeError, ValueError) as error:
             raise ValueError(f"note {self.code!r}: {error}; got {dict(self.values)}") from error
 
@@ -139,6 +135,13 @@ def provenance(notes: Iterable[Note]) -> tuple[tuple[str, str], ...]:
 def catalogue() -> Mapping[str, Mapping[str, str]]:
     """Give code -> "text", "item" or the "meaning" and "advice" of a warning, maybe "light"."""
     return packaged_toml("hbm", "notes.toml")
+
+
+@cache
+def _fields(code: str) -> frozenset[str]:
+    """Give the names of the values in the sentences and the advice of a note."""
+    sentences = (catalogue()[code].get(part, "") for part in ("text", "advice", "light"))
+    return frozenset(name for _, name, *_ in Formatter().parse(" ".join(sentences)) if name)
 
 
 def _plain(value: object) -> NoteValue:

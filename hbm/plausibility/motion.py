@@ -244,13 +244,13 @@ def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
         for segment, several in of_segment.items()
         if len(several) >= MIN_MARKERS_OF_SEGMENT
     ]
-    large_m = {}
+    square, large_m = np.square(motion.marker_error), dict[str, float]()
+    number, total = np.isfinite(square).sum(axis=0), np.nansum(square, axis=0)
     for name, own, limit_m in judged:
-        rms_m = float(np.sqrt(np.nanmean(motion.marker_error[:, own] ** 2)))
+        rms_m = float(np.sqrt(total[own].sum() / number[own].sum()))
         if rms_m > limit_m:
             large_m[name] = rms_m
-    farthest = sorted(large_m, key=lambda name: -large_m[name])[:MAX_ERRORS_NAMED]
-    farthest_m = {name: large_m[name] for name in farthest}
+    farthest_m = dict(sorted(large_m.items(), key=lambda each: -each[1])[:MAX_ERRORS_NAMED])
     return (Note.of("marker_error_large", farthest_m=farthest_m),) if large_m else ()
 
 

@@ -213,31 +213,30 @@ slowly has more."""
 
 
 def _blurred_limit(side: Array, step_s: float) -> Mask | None:
-    top = float(side.max())
-    high = np.sort(side[side > 0.3 * top])
-    for half in (ROUNDED, *NOISY):
-        # the band that holds most samples
-        width = half * top
-        inside = np.searchsorted(high, high + 2 * width) - np.arange(len(high))
-        level = high[int(np.argmax(inside))] + width
-        runs = stretches(side > level / 2)
-        whole = (runs[:, 0] > 0) & (runs[:, 1] < len(side))
-        runs = runs[whole & (np.diff(runs)[:, 0] * step_s < STANDS_S)]
-        # samples of each contact that are at the limit and near it
-        away = np.abs(side - level)
-        at, near = away <= width, away <= 4 * width
-        count, around = (np.add.reduceat(x, runs.ravel(), dtype=int)[::2] for x in (at, near))
-        least = np.maximum(PLATEAU * np.diff(runs)[:, 0], MIN_PLATEAU_S / step_s)
-        flat = np.zeros(len(side), bool)
-        for start, stop in runs[(count > least) & (count > NOT_CROSSED * around)]:
-            contact = slice(start, stop)
-            if side[contact].max() < OVERSHOOT * level and (
-                half == ROUNDED or _is_white(side[contact][near[contact]])
-            ):
-                flat[contact] = at[contact]
-        if flat.any():
-            return flat
-    return None
+    top, padded = float(side.max()), np.append(side, -np.inf)
+    high, width = np.sort(side[side > 0.3 * top]), top * np.array([ROUNDED, *NOISY])
+    # the band of each width that holds most samples
+    inside = high.searchsorted(high + 2 * width[:, None]) - np.arange(len(high))
+    level = high[inside.argmax(axis=1)] + width
+    # samples of each contact, and those that are at the limit, in one row for all bands
+    at = np.abs(padded - level[:, None]) <= width[:, None]
+    runs = stretches((padded > level[:, None] / 2).ravel())
+    before, after = np.flatnonzero(at).searchsorted(runs.T)
+    count, lasts, flat = after - before, runs[:, 1] - runs[:, 0], np.zeros(at.shape, bool)
+    stays = (lasts * step_s < STANDS_S) & (count > MIN_PLATEAU_S / step_s)
+    for start, stop in runs[stays & (count > PLATEAU * lasts)]:
+        band, first = divmod(start, len(padded))
+        contact = slice(first, first + stop - start)
+        of_contact, at_limit = side[contact], at[band, contact]
+        near = np.abs(of_contact - level[band]) <= 4 * width[band]
+        flat[band, contact] = at_limit & (
+            first > 0
+            and contact.stop < len(side)
+            and np.count_nonzero(at_limit) > NOT_CROSSED * np.count_nonzero(near)
+            and of_contact.max() < OVERSHOOT * level[band]
+            and (band == 0 or _is_white(of_contact[near]))
+        )
+    return next((of_band[:-1] for of_band in flat if of_band.any()), None)
 
 
 def _is_white(values: Array) -> bool:

@@ -333,7 +333,7 @@ class Chain:
         return Evidence.of(
             self.body,
             pose.motion,
-            pose.solved,
+            self.loads.places,
             ground.plates,
             ground.variants[ground.best],
             self.unloaded,
@@ -378,7 +378,7 @@ class Chain:
         weight_n = body.mass * GRAVITY_MPS2
         contacts = self.loads.shared.contacts
         of_plates = plate_events(contacts, plate_loads(self.lab), self.time, weight_n)
-        motion = foot_motion(body, pose.solved.q, self.ground.pose)
+        motion = foot_motion(self.loads.places, self.ground.pose)
         swings: Swings = foot_swings(trial.markers, body.marker_set)
         carried = float(np.mean(free_of(self.quality, NO_SUPPORT)))
         wanted = self.settings.events

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hbm.body import Body
+from hbm.signals.samples import median_of
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.io.axes import MIN_MEAN_LOAD_N, find_sites, mean_force
 from pipeline.io.mended_plates import mended_plates, of_channels
@@ -222,16 +223,16 @@ def _with_torque(factor: Factor) -> Factor:
     return factor._replace(torque=-2 - (arm_m > MIN_ARM_OF_NMM_M) if arm_m > MAX_ARM_M else 0)
 
 
-def _load_kg(vertical: Array) -> float:
-    """Give what a plate carries while it is loaded, from the size of its vertical force [N]."""
-    highest = np.percentile(vertical, 98)
-    return float(np.median(vertical[vertical >= HALF * highest])) / GRAVITY_MPS2
+def _load(vertical: Array) -> tuple[float, float]:
+    """Give what a plate reads at most [N] and carries while it is loaded [kg], by its size [N]."""
+    highest_n = float(np.percentile(vertical, 98))
+    return highest_n, median_of(vertical[vertical >= HALF * highest_n]) / GRAVITY_MPS2
 
 
 def _tenfold(plates: Sequence[Plate], time: Array, mass_kg: float | None) -> int:
     """Give the power of ten, 1 or -1, by which all plates together miss a body's mass; or 0."""
     loads = [np.interp(time, p.time, np.abs(p.wrench_in_plate[:, 2])) for p in plates]
-    load_kg = _load_kg(np.nan_to_num(np.sum(loads, axis=0))) if loads else 0.0
+    load_kg = _load(np.nan_to_num(np.sum(loads, axis=0)))[1] if loads else 0.0
     if mass_kg is None:
         return int(MAX_DRIFT_KG <= load_kg < MIN_LOAD_KG)
     power = np.log10(mass_kg / load_kg) if load_kg > MAX_DRIFT_KG else 0.0
@@ -247,15 +248,14 @@ def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None, ten: 
     vertical = vertical[np.isfinite(vertical)]
     if not vertical.any():
         return Factor(plate, 0, 0)
-    highest, load_kg = np.percentile(vertical, 98), _load_kg(vertical)
-    change = np.abs(np.diff(vertical))
-    smooth = change.any() and highest > MIN_SMOOTH * np.median(change[change > 0])
+    highest_n, load_kg = _load(vertical)
     for power in [ten] if ten else _load_powers(load_kg, mass_kg):
         # moments of forces at centres of pressure grow with the forces
         scales = 10.0 ** np.repeat([power, power * (plate.units.count(",") == 2)], 3)
         wrench = of_channels(plate, np.diag(scales), plate.wrench_in_plate)
         rows = _pressure_and_feet(replace(plate, wrench_in_plate=wrench), feet, time)
-        moment = _moment_power(*rows)
+        moment, change = _moment_power(*rows), np.abs(np.diff(vertical))
+        smooth = change.any() and highest_n > MIN_SMOOTH * np.median(change[change > 0])
         if power < 0 or (smooth and _off(*rows, moment) < MAX_OFF_M):
             return Factor(plate, power, moment)
     return Factor(plate, 0, _moment_power(*_pressure_and_feet(plate, feet, time)))
@@ -308,7 +308,8 @@ def _moment_power(stored: Array, lever: Array, foot: Array) -> int | None:
     if _rms(stored) < NEVER_MOVES_M and _rms(foot) > MIN_FOOT_M:
         exponent = float(np.log10(_rms(at_foot) / _rms(stored)))
         return round(exponent) if abs(exponent - round(exponent)) < NEAR_POWER else 0
-    off = {powers: _off(stored, lever, foot, powers) for powers in POWERS}
+    moved = 10.0 ** np.array(POWERS)[:, None] * stored + lever - foot
+    off = dict(zip(POWERS, _rms(moved).tolist(), strict=True))
     powers = min(POWERS, key=lambda pair: off[pair])
     power = powers[0] or powers[1]
     if off[power, power] < SAME * off[powers]:
@@ -329,8 +330,9 @@ def _moment_power(stored: Array, lever: Array, foot: Array) -> int | None:
 
 def _off(stored: Array, lever: Array, foot: Array, powers: int | tuple[int, int] | None) -> float:
     """Give how far pressures are from feet if moments are larger by powers of ten, RMS [m]."""
-    return _rms(10.0 ** np.array(powers or 0) * stored + lever - foot) if len(foot) else np.inf
+    return float(_rms(np.power(10.0, powers or 0) * stored + lever - foot)) if len(foot) else np.inf
 
 
-def _rms(vectors: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(vectors).sum(axis=1))))
+def _rms(vectors: Array) -> Array:
+    """Give the RMS length of K vectors, (..., K, 2), (...)."""
+    return np.asarray(np.sqrt(np.square(vectors).sum(axis=-1).mean(axis=-1)))

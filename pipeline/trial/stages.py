@@ -65,6 +65,8 @@ class Loads(NamedTuple):
 
     Attributes
     ----------
+    places
+        Of the feet and the pelvis before the filter, as `places_of` gives them, (T, 5, 3) [m].
     shared
         Whose foot each plate carries.
     wrenches
@@ -76,6 +78,7 @@ class Loads(NamedTuple):
         (T,) [N].
     """
 
+    places: Array
     shared: SharedPlates
     wrenches: dict[str, dict[str, Array]]
     dynamics: dict[str, Dynamics]
@@ -114,7 +117,7 @@ def dynamics_under_feet(
     dynamics = dict(zip(wrenches, found, strict=True))
     measured = np.sum([*wrenches[ground.best].values()], axis=0)[:, 2]
     need = measured + dynamics[ground.best].residual[:, 2]
-    return Loads(shared, wrenches, dynamics, need, measured)
+    return Loads(places, shared, wrenches, dynamics, need, measured)
 
 
 def _filtered(feet: Array, solved: Motion, settings: Settings) -> dict[str, Array]:
@@ -126,8 +129,8 @@ def _filtered(feet: Array, solved: Motion, settings: Settings) -> dict[str, Arra
     if settings.filter == "realtime":
         unknown = np.isnan(feet).any(axis=(1, 2)) | ~solved.converged
         feet = np.where(unknown[:, None, None], np.nan, feet)
-    how = solved.time, settings.cutoff_hz, settings.filter
-    return {foot: low_pass(feet[:, k], *how) for k, foot in enumerate(FEET)}
+    filtered = low_pass(feet, solved.time, settings.cutoff_hz, settings.filter)
+    return {foot: filtered[:, k] for k, foot in enumerate(FEET)}
 
 
 def frame_quality(

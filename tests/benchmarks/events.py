@@ -197,7 +197,7 @@ def event_sources(
     return {
         "of_file": recording.events,
         "of_plates": plate_events(contacts, plate_loads(lab), motion.time, weight_n),
-        "motion": foot_motion(body, motion.q, ground.pose),
+        "motion": foot_motion(places_of(body, motion.q), ground.pose),
         "markers": markers,
         "marker_set": body.marker_set,
     }

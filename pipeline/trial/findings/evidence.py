@@ -11,11 +11,10 @@ from hbm.body import BALL_ABOVE_SOLE, Body
 from hbm.motion import Motion
 from hbm.plausibility.motion import unseen_covariance
 from hbm.signals.filtering import low_pass
-from hbm.signals.samples import stretches
+from hbm.signals.samples import median_of, stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import FEET
 
 MIN_STANCE_S: Final = 0.25
@@ -93,7 +92,7 @@ class Evidence:
         cls,
         body: Body,
         motion: Motion,
-        solved: Motion,
+        places: Array,
         plates: Sequence[Plate],
         wrenches: Sequence[Array],
         unloaded: Sequence[Array | None],
@@ -101,11 +100,10 @@ class Evidence:
         carried: Mask,
         settings: Settings,
     ) -> "Evidence":
-        """Collect it from the stages of a trial: the motion is filtered, the solved one is not."""
-        time, pelvis, every = motion.time, motion.q[:, :3], np.stack([*wrenches])
-        places, weight_n = places_of(body, solved.q), body.mass * GRAVITY_MPS2
-        cutoff_hz, method = settings.cutoff_hz, settings.filter
-        filtered = np.stack([low_pass(wrench, time, cutoff_hz, method) for wrench in every])
+        """Collect it from the stages of a trial: the motion is filtered, the places are not."""
+        time, pelvis, every = motion.time, motion.q[:, :3], np.stack([*wrenches], axis=1)
+        weight_n = body.mass * GRAVITY_MPS2
+        filtered = low_pass(every, time, settings.cutoff_hz, settings.filter).swapaxes(0, 1)
         # the residual is what the motion needs beyond the plates
         needed = residual + shift_wrench(filtered.sum(axis=0), pelvis)
         known = carried & np.isfinite(needed).all(axis=1)
@@ -118,7 +116,7 @@ class Evidence:
             plates=tuple(plates),
             time=time,
             wrenches=filtered,
-            load=every[..., 2],
+            load=every[..., 2].T,
             needed=needed,
             pelvis=pelvis,
             carried=known,
@@ -140,7 +138,7 @@ class Evidence:
     @property
     def step_s(self) -> float:
         """From frame to frame."""
-        return float(np.median(np.diff(self.time)))
+        return median_of(np.diff(self.time))
 
     def loaded_s(self, number: int) -> float:
         """How long a plate carries while the motion is known [s]."""

@@ -169,8 +169,10 @@ class View:
         Those at which the motion is compared, (F,), numbers within ``frames``.
     stances
         Of each plate, with the numbers of their frames within ``frames``.
+    signals
+        Of each plate at all times, in its own axes about the centre of its surface, (T, 6).
     wrenches
-        Of each plate in its own axes about the centre of its surface, (U, 6).
+        The same at the frames, (U, 6).
     to_lab
         Of each plate: matrix by which these are multiplied, for lab axes about the lab origin.
     to_residual
@@ -189,6 +191,7 @@ class View:
     frames: Indices
     of_motion: Indices
     stances: tuple[Stances, ...]
+    signals: tuple[Array, ...]
     wrenches: tuple[Array, ...]
     to_lab: tuple[Array, ...]
     to_residual: tuple[Array, ...]
@@ -201,11 +204,9 @@ class View:
     @classmethod
     def of(cls, evidence: Evidence, *, mass_is_stated: bool, frames: Mask | None = None) -> "View":
         """Choose the frames, all that carry or some of them, (T,)."""
-        use = evidence.carried & evidence.walking
-        use &= np.ones(len(use), bool) if frames is None else frames
-        known: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & (
-            np.ones(len(evidence.time), bool) if frames is None else frames
-        )
+        frames = np.ones(len(evidence.time), bool) if frames is None else frames
+        use = evidence.carried & evidence.walking & frames
+        known: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & frames
         stances = [*_spread_over([s for s in find_stances(evidence) if known[s.rows].all()])]
         carried = _thinned(np.flatnonzero(use), MOST_FRAMES)
         every = np.unique(np.concatenate([carried, *(s.rows for s in stances)]).astype(int))
@@ -228,6 +229,10 @@ class View:
             frames=every,
             of_motion=np.searchsorted(every, carried),
             stances=tuple(of_plates),
+            signals=tuple(
+                rotate_wrench(shift_wrench(np.nan_to_num(w), p.center), p.rotation.T)
+                for w, p in zip(evidence.wrenches, places, strict=True)
+            ),
             wrenches=(),
             to_lab=tuple(shift_wrench(u, -p.center) for u, p in zip(units, places, strict=True)),
             to_residual=tuple(shifted @ whiten for shifted in to_pelvis),
@@ -237,35 +242,35 @@ class View:
             mass_sd=MASS_SD[mass_is_stated],
             independent=6 * independent,
         )
-        return replace(view, wrenches=tuple(map(view.at, range(len(of_plates)))))
+        return replace(view, wrenches=tuple(view.at(k, np.zeros(1))[0] for k in range(len(places))))
 
-    def at(self, plate: int, later_s: float = 0.0) -> Array:
-        """Give what a plate that is later measures at the frames, in its own axes, (U, 6)."""
-        evidence, place = self.evidence, self.evidence.plates[plate]
-        times = evidence.time[self.frames] + BODY_LAG_S + later_s
-        known = np.nan_to_num(evidence.wrenches[plate])
-        wrench = np.stack([np.interp(times, evidence.time, c) for c in known.T], axis=1)
-        return rotate_wrench(shift_wrench(wrench, place.center), place.rotation.T)
-
-    def needed(self) -> Array:
-        """Give what the motion needs, in standard deviations, (6 F,)."""
-        needed = self.evidence.needed[self.frames[self.of_motion]]
-        return np.asarray((needed @ self.whiten).ravel())
+    def at(self, plate: int, later_s: Array) -> Array:
+        """Give what a plate that is later by N times measures at the frames, (N, U, 6)."""
+        time, wrench = self.evidence.time, self.signals[plate]
+        times = (time[self.frames] + (BODY_LAG_S + later_s[:, None])).clip(time[0], time[-1])
+        # on straight lines, at once for all channels
+        after = time.searchsorted(times).clip(1)
+        share = (times - time[after - 1]) / (time[after] - time[after - 1])
+        before = wrench[after - 1]
+        return np.asarray(before + share[..., None] * (wrench[after] - before))
 
     def measured(self, plate: int, wrench: Array) -> Array:
-        """Give what a plate adds to that, (H, 6 F), of wrenches in its own axes, (H, U, 6)."""
+        """Give what a plate adds to the residual, in standard deviations, (H, 6 F).
+
+        Of wrenches in its own axes, (H, U, 6).
+        """
         # frame by frame, so that all wrenches of a frame are one product
         of_frames = np.swapaxes(wrench[:, self.of_motion], 0, 1) @ self.to_residual[plate]
         return np.swapaxes(of_frames, 0, 1).reshape(len(wrench), -1)
 
-    def feet(self, plate: int, wrench: Array, signal: int | None = None) -> Array:
+    def feet(self, plate: int, wrench: Array, signal: int) -> Array:
         """Give how far the pressure on a plate is from the feet, in standard deviations, (H, N).
 
         Of wrenches in its own axes, (H, U, 6). Along, across and up, of the median stance of each
         foot. The stances are those at which the plate is loaded, or another one whose signal it
         has.
         """
-        stances = self.stances[plate if signal is None else signal]
+        stances = self.stances[signal]
         if not len(stances.feet):
             return np.zeros((len(wrench), 0))
         in_lab = wrench[:, stances.rows] @ self.to_lab[plate]
@@ -382,37 +387,44 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
     yield Hypothesis("all_late", tuple(numbers))
 
 
-def corrected(view: View, hypothesis: Hypothesis, size: Array) -> dict[int, Array]:
-    """Give what the plates of a fault would measure without it, in their own axes, (U, 6)."""
+ONE_CHANNEL: Final = dict(zip(WRENCH_COMPONENTS, np.eye(6)[:, None] * np.eye(6), strict=True))
+"""Channel -> what takes it alone, (6, 6)."""
+
+
+def corrected(view: View, hypothesis: Hypothesis, sizes: Array) -> dict[tuple[int, int], Array]:
+    """Give what plates would measure without a fault of N sizes, (N, S), in their axes, (N, U, 6).
+
+    By the plate, and the one whose signal it is.
+    """
     match hypothesis.kind:
         case "mass":
             return {}
         case "exchanged":
             i, j = hypothesis.plates
-            return {i: view.wrenches[j], j: view.wrenches[i]}
+            return {(i, j): view.wrenches[j][None], (j, i): view.wrenches[i][None]}
         case "late" | "all_late":
-            return {k: view.at(k, float(size[0])) for k in hypothesis.plates}
+            return {(k, k): view.at(k, sizes[:, 0]) for k in hypothesis.plates}
     (k,) = hypothesis.plates
-    return {k: view.wrenches[k] @ correcting(view, hypothesis, size)}
+    return {(k, k): view.wrenches[k] @ correcting(view, hypothesis, sizes)}
 
 
-def correcting(view: View, hypothesis: Hypothesis, size: Array) -> Array:
-    """Give the matrix by which the wrenches of a plate lose its fault, (6, 6)."""
+def correcting(view: View, hypothesis: Hypothesis, sizes: Array) -> Array:
+    """Give the matrices by which the wrenches of a plate lose a fault of N sizes, (N, 6, 6)."""
     (k,), what = hypothesis.plates, hypothesis.what
     match hypothesis.kind:
         case "moved":
             # the same wrench acts at another place: its moment about the old one
-            return shift_wrench(np.eye(6), -np.array([*size, 0.0]))
+            return shift_wrench(np.eye(6), -(sizes @ np.eye(2, 3))[:, None])
         case "askew":
             upright = view.evidence.plates[k].rotation.T @ UP
-            return rotate_wrench(np.eye(6), rotation_about(upright, float(size[0])))
+            return rotate_wrench(np.eye(6), rotation_about(upright, sizes))
         case "gain":
-            channels = np.diag([1 + size[0] * (name == what) for name in WRENCH_COMPONENTS])
+            channels = np.eye(6) + sizes[..., None] * ONE_CHANNEL[what]
         case "reversed":
-            channels = reversing(what)
+            channels = reversing(what)[None]
         case _:
-            channels = turning(what)
-    return np.asarray(view.to_channels[k] @ channels.T @ view.from_channels[k])
+            channels = turning(what)[None]
+    return np.asarray(view.to_channels[k] @ channels.mT @ view.from_channels[k])
 
 
 def fit(view: View, hypothesis: Hypothesis) -> Fitted:
@@ -422,88 +434,94 @@ def fit(view: View, hypothesis: Hypothesis) -> Fitted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
-    """What plates leave without a fault: their parts in it, and its score and spread."""
+    """What plates leave without a fault: what each adds to that, and its score and spread.
+
+    A row is R numbers: the residual, then the feet on each plate, whose place in it is ``feet``.
+    """
 
     view: View
-    needed: Array
+    plain: Array
+    heavier: Array
     measured: tuple[Array, ...]
-    together: Array
-    feet: tuple[Array, ...]
-    score: float
-    spread: float
+    feet: tuple[slice, ...]
+    score: float = 0.0
+    spread: float = 0.0
 
     @classmethod
     def of(cls, view: View) -> "_Comparison":
         """Compare plates as they are."""
-        numbers = range(len(view.wrenches))
-        measured = tuple(view.measured(k, view.wrenches[k][None])[0] for k in numbers)
-        feet = tuple(view.feet(k, view.wrenches[k][None])[0] for k in numbers)
-        together = np.sum(measured, axis=0)
-        plain = cls(view, view.needed(), measured, together, feet, 0.0, 0.0)
-        _, _, (score,), (spread,) = plain._least([Hypothesis("mass", ())], view.mass_sd)
+        # what the motion needs, in standard deviations, and what plates add
+        needed = (view.evidence.needed[view.frames[view.of_motion]] @ view.whiten).ravel()
+        wrenches = [*enumerate(view.wrenches)]
+        measured = tuple(view.measured(k, wrench[None])[0] for k, wrench in wrenches)
+        feet = [view.feet(k, wrench[None], k)[0] for k, wrench in wrenches]
+        ends = np.cumsum([len(needed), *map(len, feet)]).tolist()
+        # a body that is heavier by a share needs as much more; the feet stay
+        heavier = np.pad(needed, (0, ends[-1] - len(needed)))
+        row = np.concatenate([needed - np.sum(measured, axis=0), *feet])
+        plain = cls(view, row, heavier, measured, tuple(map(slice, ends[:-1], ends[1:])))
+        _, _, (score,), (spread,) = plain._least([Hypothesis("mass", ())], [view.mass_sd])
         return replace(plain, score=score, spread=spread)
 
     def fit(self, hypotheses: Sequence[Hypothesis]) -> list[Fitted]:
-        """Fit hypotheses, and compare what they leave; those alike in plates and sizes at once."""
-        fitted = dict[Hypothesis, Fitted]()
-        alike = dict[tuple[tuple[int, ...], int], list[Hypothesis]]()
+        """Fit hypotheses, and compare what they leave; those with as many sizes at once."""
+        fitted, alike = dict[Hypothesis, Fitted](), dict[int, list[Hypothesis]]()
         for each in hypotheses:
-            alike.setdefault((each.plates, len(each.sd)), []).append(each)
+            alike.setdefault(len(each.sd), []).append(each)
         for group in alike.values():
-            mass_sd = self.view.mass_sd if group[0].plates else WRONG_MASS_SD
-            least = zip(group, *self._least(group, mass_sd), strict=True)
-            for each, size, covariance, score, spread in least:
-                fall = self._unlikely(self.score) - self._unlikely(score)
-                gained = fall - (spread - self.spread) - COST[each.kind]
-                fitted[each] = Fitted(each, size, covariance, float(gained))
+            mass_sd = [self.view.mass_sd if each.plates else WRONG_MASS_SD for each in group]
+            size, covariance, score, spread = self._least(group, mass_sd)
+            fall = self._unlikely(self.score) - self._unlikely(score)
+            gained = fall - (spread - self.spread) - [COST[each.kind] for each in group]
+            fitted |= zip(group, map(Fitted, group, size, covariance, gained.tolist()), strict=True)
         return [fitted[each] for each in hypotheses]
 
-    def _unlikely(self, score: float) -> float:
+    def _unlikely(self, score: Array | float) -> Array:
         """Give how unlikely a sum of squares is that has a scale of its own, after Student."""
-        values = self.view.independent + sum(map(len, self.feet))
-        return float((values + FREEDOM) * np.log1p(score / FREEDOM))
+        values = self.view.independent + len(self.plain) - self.feet[0].start
+        return np.asarray((values + FREEDOM) * np.log1p(score / FREEDOM))
 
     def _left(self, alike: Sequence[Hypothesis], sizes: Array) -> Array:
-        """Give residual and feet, (H, R), without each of H faults of some sizes, (H, S)."""
-        plates, view = alike[0].plates, self.view
-        of_plates = [corrected(view, *each) for each in zip(alike, sizes, strict=True)]
-        residual = np.tile(self.needed - self.together, (len(alike), 1))
-        signals = plates[::-1] if alike[0].kind == "exchanged" else plates
-        feet = []
-        for k, signal in zip(plates, signals, strict=True):
-            wrenches = np.stack([each[k] for each in of_plates])
-            residual = residual + self.measured[k] - view.measured(k, wrenches)
-            feet.append(view.feet(k, wrenches, signal))
-        return np.concatenate([residual, *feet], axis=1)
+        """Give residual and feet, (H, N, R), without each of H faults of N sizes, (H, N, S)."""
+        of_plates = dict[tuple[int, int], dict[int, Array]]()
+        for row, each in enumerate(zip(alike, sizes, strict=True)):
+            for places, wrench in corrected(self.view, *each).items():
+                of_plates.setdefault(places, {})[row] = wrench
+        rows = np.tile(self.plain, (*sizes.shape[:2], 1))
+        for (k, signal), of_rows in of_plates.items():
+            at, wrenches = [*of_rows], np.concatenate([*of_rows.values()])
+            change = self.measured[k] - self.view.measured(k, wrenches)
+            feet = self.view.feet(k, wrenches, signal)
+            rows[at, :, : change.shape[1]] += change.reshape(len(at), -1, change.shape[1])
+            rows[at, :, self.feet[signal]] = feet.reshape(len(at), rows.shape[1], -1)
+        return rows
 
     def _least(
-        self, alike: Sequence[Hypothesis], mass_sd: float
+        self, alike: Sequence[Hypothesis], mass_sd: Sequence[float]
     ) -> tuple[Array, Array, Array, Array]:
         """Give size and covariance of each fault that leave least, the scores and their spreads.
 
-        Of H faults of the same plates with as many sizes, S: (H, S), (H, S, S), (H,) and (H,).
+        Of H faults with as many sizes, S: (H, S), (H, S, S), (H,) and (H,).
         """
-        others = sum(float(f @ f) for k, f in enumerate(self.feet) if k not in alike[0].plates)
-        sd = np.array([[mass_sd, *each.sd] for each in alike])
+        sd = np.array([[mass, *each.sd] for mass, each in zip(mass_sd, alike, strict=True)])
         x, small = np.zeros(sd.shape), 1e-3 * sd[:, 1:]
-        plain = self._left(alike, x[:, 1:])
-        # a body that is heavier by a share needs as much more; the feet stay
-        heavier = np.pad(self.needed, (0, plain.shape[1] - len(self.needed)))
+        # a fault as it is, and larger along each of its sizes
+        larger = np.eye(small.shape[1] + 1)[:, 1:] * small[:, None]
+        heavier = np.broadcast_to(self.heavier, (len(sd), 1, len(self.heavier)))
         for _ in range(STEPS if small.size else 1):
-            slopes = [np.broadcast_to(heavier, plain.shape)]
-            for along, step in zip(np.eye(small.shape[1]), small.T, strict=True):
-                changed = self._left(alike, x[:, 1:] + along * small)
-                slopes.append((changed - plain) / step[:, None])
-            rows, here = np.stack(slopes, axis=1), plain + x[:, :1] * heavier
+            at_once = self._left(alike, x[:, None, 1:] + larger)
+            plain, changed = at_once[:, 0], at_once[:, 1:] - at_once[:, :1]
+            rows = np.concatenate([heavier, changed / small[..., None]], axis=1)
+            here = plain + x[:, :1] * self.heavier
             # Gauss and Newton, with what is usual before anything is seen
-            information = rows @ np.swapaxes(rows, 1, 2) + np.eye(sd.shape[1]) / sd[:, None] ** 2
+            information = rows @ rows.mT + np.eye(sd.shape[1]) / sd[:, None] ** 2
             step = np.linalg.solve(
                 information, (np.vecdot(rows, here[:, None]) + x / sd**2)[..., None]
             )
             x = x - np.clip(step[..., 0], -3 * sd, 3 * sd)
-            plain = self._left(alike, x[:, 1:]) if small.size else plain
-        left = plain + x[:, :1] * heavier
-        score = np.vecdot(left, left) + np.sum((x / sd) ** 2, axis=1) + others
+        plain = self._left(alike, x[:, None, 1:])[:, 0] if small.size else plain
+        left = plain + x[:, :1] * self.heavier
+        score = np.vecdot(left, left) + np.sum((x / sd) ** 2, axis=1)
         # a fault that may have many sizes is less likely to have this one
         spread = np.linalg.slogdet(information * sd[:, None] * sd[:, :, None])[1]
         return x[:, 1:], np.linalg.inv(information)[:, 1:, 1:], score, spread

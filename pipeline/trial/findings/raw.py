@@ -138,15 +138,16 @@ def _lost(plate: Plate, largest_n: float, step_s: float) -> list[Indices]:
     loaded = np.abs(plate.wrench_in_plate[:, 2]) > MIN_LOADED * largest_n
     every = []
     for channel in plate.wrench_in_plate.T:
-        least = MIN_BESIDE * np.abs(channel).max()
-        least = max(least, BEYOND_NOISE * float(np.median(np.abs(np.diff(channel)))))
         runs = stretches(channel == 0)
         inside = (runs[:, 0] > 0) & (runs[:, 1] < len(channel))
         runs = runs[inside & (np.diff(runs)[:, 0] <= round(MAX_LOST_S / step_s))]
-        around = runs - (1, 0)  # samples before and after
-        lost = loaded[around].all(axis=1) & (np.abs(channel[around]) > least).all(axis=1)
-        lost &= channel[around].prod(axis=1) > 0  # else it passes zero
-        every.append(runs[lost])
+        runs = runs[loaded[runs - (1, 0)].all(axis=1)]  # samples before and after
+        if len(runs):
+            beside, change = channel[runs - (1, 0)], np.abs(np.diff(channel))
+            least = max(MIN_BESIDE * np.abs(channel).max(), BEYOND_NOISE * np.median(change))
+            # else it passes zero
+            runs = runs[(np.abs(beside) > least).all(axis=1) & (beside.prod(axis=1) > 0)]
+        every.append(runs)
     return every
 
 
@@ -189,11 +190,14 @@ def _dead(channels: Array) -> Mask:
     load[:, constant] = 0.0
     dead = constant.copy()
     for axis in np.flatnonzero(~constant):
-        others = np.delete(load, axis, axis=1).max(axis=1)
-        with_load = channels[others > LOADED * others.max(), axis]
-        without = channels[others < UNLOADED * others.max(), axis]
-        if others.max() > MIN_LOAD and min(len(with_load), len(without)) > MIN_SAMPLES:
-            change = abs(np.median(with_load) - np.median(without))
-            dead[axis] = max(with_load.std(), change) < ALIVE * without.std()
+        others = load[:, np.arange(6) != axis].max(axis=1)
+        largest = others.max()
+        with_load = channels[others > LOADED * largest, axis]
+        without = channels[others < UNLOADED * largest, axis]
+        if largest > MIN_LOAD and min(len(with_load), len(without)) > MIN_SAMPLES:
+            noise = ALIVE * without.std()
+            dead[axis] = with_load.std() < noise and (
+                abs(np.median(with_load) - np.median(without)) < noise
+            )
     # a plate that nobody is on is silent; one that is constant does not measure
     return dead if load.max() > MIN_LOAD or constant.all() else np.zeros(6, bool)

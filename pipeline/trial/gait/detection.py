@@ -7,14 +7,12 @@ from typing import Final
 import numpy as np
 
 from compensation.platform import PlatformPose
-from hbm.body import Body
 from hbm.markers import Markers, MarkerSet
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
-from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact
 from pipeline.trial.gait.events import (
     LABELS,
@@ -41,15 +39,13 @@ MID_STANCE: Final = 0.3, 0.6
 """Of the time in which a foot travels backwards against the pelvis: it rests on the ground."""
 
 
-def foot_motion(body: Body, q: Array, pose: PlatformPose | None) -> Array:
+def foot_motion(places: Array, pose: PlatformPose | None) -> Array:
     """Give how pelvis and feet moved forward on the platform that carries them.
 
     Parameters
     ----------
-    body
-        The subject.
-    q
-        Coordinates, not filtered, (T, 46) [m and rad].
+    places
+        Of pelvis, ankles and balls, not filtered, of `places_of`, (T, 5, 3) [m].
     pose
         The platform's pose at these times; None where it stands still.
 
@@ -59,7 +55,6 @@ def foot_motion(body: Body, q: Array, pose: PlatformPose | None) -> Array:
         Forward places of pelvis, ankles and balls, left before right, in the frame of the platform,
         the belts moving in it, (T, 5) [m]; NaN where the pose of body or platform is unknown.
     """
-    places = places_of(body, q)
     if pose is None:
         return places[..., 0]
     relative = places - pose.position[:, None]
@@ -97,24 +92,21 @@ def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
     ball rises above `OFF_SHARE` of it. Belts may so differ from each other, change their speed, or
     stand still, and the platform may move.
     """
-    back, events, pelvis = -time[::-1], list[Event](), motion[:, 0]
-    pelvis_speed = butterworth(pelvis, time, TURN_CUTOFF_HZ, "zero_phase").velocity
+    back, events = -time[::-1], list[Event]()
+    pelvis_speed = butterworth(motion[:, 0], time, TURN_CUTOFF_HZ, "zero_phase").velocity
+    # ankles ahead of the pelvis and balls behind it, and their speeds
+    apart = (motion[:, 1:] - motion[:, :1]) * [1.0, 1.0, -1.0, -1.0]
+    apart = low_pass(apart, time, TURN_CUTOFF_HZ, "zero_phase")
+    speeds = butterworth(motion[:, 1:], time, SPEED_CUTOFF_HZ, "zero_phase").velocity
     for foot, side in enumerate(SIDES):
-        ankle, ball = motion[:, 1 + foot], motion[:, 3 + foot]
-        ahead, behind = (
-            turns(time, low_pass(distance, time, TURN_CUTOFF_HZ, "zero_phase")).tolist()
-            for distance in (ankle - pelvis, pelvis - ball)
-        )
-        ankle_speed, ball_speed = (
-            butterworth(place, time, SPEED_CUTOFF_HZ, "zero_phase").velocity
-            for place in (ankle, ball)
-        )
+        ahead, behind = (turns(time, distance).tolist() for distance in apart.T[foot::2])
+        ankle_speed, ball_speed = speeds.T[foot::2]
         known = np.isfinite(ball_speed + pelvis_speed)
         stances = [(a, b) for a, b in _stances(ahead, behind) if known[a:b].all()]
         if not stances:
             continue
-        middle, *speeds = _ground(time, stances, ball_speed, pelvis_speed)
-        ground, walking = (np.interp(time, middle, speed) for speed in speeds)
+        middle, *of_stances = _ground(time, stances, ball_speed, pelvis_speed)
+        ground, walking = (np.interp(time, middle, speed) for speed in of_stances)
         strike = ankle_speed - ground - STRIKE_SHARE * walking
         off = ball_speed - ground - OFF_SHARE * walking
         strikes = (_falls_through(time, strike, k) for k in ahead)

@@ -10,7 +10,7 @@ import numpy as np
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth, low_pass
-from hbm.signals.samples import stretches
+from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
@@ -326,7 +326,7 @@ def _turning_points(time: Array, distance: Array) -> Array:
 
 def turns(time: Array, distance: Array, least_m: float = MIN_EXCURSION_M) -> Indices:
     """Find the frames in which a filtered distance (T,) is largest; none in a gap."""
-    apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
+    apart = max(1, round(MIN_STRIDE_S / median_of(np.diff(time))))
     frames = [np.zeros(0, int)]
     for start, stop in stretches(np.isfinite(distance)):
         frames.append(start + find_peaks(distance[start:stop], apart, least_m))
@@ -348,10 +348,11 @@ def find_peaks(values: Array, apart: int, prominence: float) -> Indices:
     for k in np.argsort(values[peaks])[::-1]:
         if kept[k]:
             kept &= (np.abs(peaks - peaks[k]) >= apart) | (peaks == peaks[k])
+    fenced = np.concatenate([[np.inf], values, [np.inf]])
     for k in np.flatnonzero(kept):
-        height, sides = values[peaks[k]], (values[peaks[k] :: -1], values[peaks[k] :])
+        height, sides = values[peaks[k]], (fenced[peaks[k] + 1 :: -1], fenced[peaks[k] + 1 :])
         # on each side down to the lowest sample before a higher one
-        lowest = [side[: np.argmax(np.append(side, np.inf) > height)].min() for side in sides]
+        lowest = [side[: (side > height).argmax()].min() for side in sides]
         kept[k] = height - max(lowest) >= prominence
     return np.asarray(peaks[kept])
 
