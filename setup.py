@@ -53,6 +53,11 @@ def compiler() -> list[str]:
     return [found or "cc"]
 
 
+def check(lanes: int, library: Path) -> subprocess.CompletedProcess[bytes]:
+    """Run the check of a library."""
+    return subprocess.run([sys.executable, "-c", CHECK, str(lanes), str(library)], cwd=ROOT)
+
+
 class BuildKernels(build_ext):
     """Builds one library for each width of vectors, all at once; one that fails is left out."""
 
@@ -76,19 +81,20 @@ class BuildKernels(build_ext):
             super().build_extensions()
 
     def build_extension(self, ext: Extension) -> None:
-        """Compile and check a library."""
+        """Compile and check a library; a right one is kept where it is used from this folder."""
         lanes = int(ext.name.rpartition("_")[2])
         library = Path(self.get_ext_fullpath(ext.name))
-        built = Path(self.build_temp, library.name).resolve()
-        libm = [] if sys.platform == "win32" else ["-lm"]
-        try:
+        built = library_path(lanes)
+        if not (self.editable_mode and built.is_file() and check(lanes, built).returncode == 0):
+            built = Path(self.build_temp, library.name).resolve()
+            libm = [] if sys.platform == "win32" else ["-lm"]
             flags = [*FLAGS, *VECTORS[lanes], *[QUICK] * (lanes != 4), f"-DLANES={lanes}"]
             files = ["-o", str(built), str(self.source), *libm]
-            subprocess.run([*compiler(), *flags, *files], check=True)
-            check = [sys.executable, "-c", CHECK, str(lanes), str(built)]
-            subprocess.run(check, cwd=ROOT, check=True)
-        except (OSError, subprocess.SubprocessError) as error:
-            raise CompileError(f"{library.name} is left out: {error}") from error
+            try:
+                subprocess.run([*compiler(), *flags, *files], check=True)
+                check(lanes, built).check_returncode()
+            except (OSError, subprocess.SubprocessError) as error:
+                raise CompileError(f"{library.name} is left out: {error}") from error
         library.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(built, library)
 

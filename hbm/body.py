@@ -1,7 +1,6 @@
 """A subject's body from a calibration pose: geometry, inertias and markers on the skeleton."""
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -24,7 +23,7 @@ from hbm.coordinates import COORDINATES, LAST_Q, LIMBS, MOVING, SEGMENTS, SIDES,
 from hbm.ik.problem import undetermined
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
-from hbm.model import Body, pin_model
+from hbm.model import Body
 from hbm.notes import Note
 from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
@@ -127,7 +126,7 @@ def build_body(
     ValueError
         If mass, stature or the length of the legs is implausible, or no marker set fits; if an
         override is impossible, or states something worn on a foot besides its shoe; if a landmark
-        is missing that no rule can replace, or Pinocchio refuses the body.
+        is missing that no rule can replace.
 
     Examples
     --------
@@ -235,11 +234,10 @@ def build_body(
         notes=tuple(notes),
         landmark_rules=landmark_rules,
     )
-    body = replace(body, notes=(*notes, *mass_not_shown(body, undetermined(body, markers)[1])))
+    if unseen := mass_not_shown(body, undetermined(body, markers)[1]):
+        body = replace(body, notes=(*notes, *unseen))
     if not still:
         body = _with_fitted_tracking_markers(body, calibration, set(landmark.values()))
-    with suppress(ImportError):  # on Windows, for which Pinocchio has no wheel
-        pin_model(body)
     return body
 
 
@@ -427,8 +425,8 @@ def _select_frames(
             f"the calibration window {first_s:g}–{last_s:g} s holds no frame; the recording runs "
             f"from {time[0]:g} to {time[-1]:g} s"
         )
-    paths = [markers.position[:, markers.names.index(name)] for name in used]
-    seen = np.stack([~np.isnan(path[window, 0]) for path in paths]).T
+    paths = np.moveaxis(markers.position, 0, -1)[[markers.names.index(name) for name in used]]
+    seen = ~np.isnan(paths[:, 0, window].T)
     complete = window[seen[:, seen.any(axis=0)].all(axis=1)]
     if not len(complete):
         rarest = used[int(np.argmin(np.where(seen.any(axis=0), seen.sum(axis=0), np.inf)))]
@@ -444,13 +442,13 @@ def _select_frames(
     return complete[spread], float(np.mean(known)) if len(known) else 0.0
 
 
-def _speed(paths: Sequence[Array], time: Array) -> Array:
-    """Give the mean speed of the visible markers, (T, 3) each, around each frame, (T,) [m/s]."""
+def _speed(paths: Array, time: Array) -> Array:
+    """Give the mean speed of the visible markers, (K, 3, T), around each frame, (T,) [m/s]."""
     speed = np.full(len(time), np.nan)
     if len(time) < 2:
         return speed
     step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(time) - 1)
-    ways = [np.sqrt(sum((x[step:] - x[:-step]) ** 2 for x in path.T)) for path in paths]
+    ways = np.sqrt(((paths[..., step:] - paths[..., :-step]) ** 2).sum(axis=1))
     count = np.count_nonzero(~np.isnan(ways), axis=0)
     mean = np.nansum(ways, axis=0) / (time[step:] - time[:-step]) / np.maximum(count, 1)
     speed[step // 2 : step // 2 + len(mean)] = np.where(count > 0, mean, np.nan)

@@ -145,8 +145,8 @@ def inverse_dynamics(
     Comput 51:1069). The force residual is ``Σ m(a − g) − Σ F`` and the moment residual the same
     balance of moments about the pelvis origin.
 
-    Pinocchio computes it where it can be imported, else the package's own kernels; they agree to
-    1e-11 of the largest force.
+    The package's own kernels compute it where they are compiled, else Pinocchio where it can be
+    imported; they agree to 1e-11 of the largest force.
 
     Deviations from the original
     ----------------------------

@@ -448,7 +448,7 @@ def _short_of(chosen: MarkerSet, names: Iterable[str], part: str = LOWER_BODY) -
     return len(_absent(needed, names)) > (1 - MIN_SHARE_OF_PART) * len(needed) or not needed
 
 
-def _mismatch(names: Sequence[str]) -> str:
+def _mismatch(names: tuple[str, ...]) -> str:
     """Say which labels there are, what the two nearest sets lack, and what to do."""
     sets = [each for each in marker_sets().values() if _legs_shown(each, names)]
     nearest: list[MarkerSet] = []
@@ -476,19 +476,21 @@ def _lacking(chosen: MarkerSet, names: Sequence[str]) -> str:
     return f"{found} of pelvis and legs (missing {listed(absent)})"
 
 
-def renaming(names: Iterable[str]) -> dict[str, str]:
+@lru_cache
+def renaming(names: tuple[str, ...]) -> Mapping[str, str]:
     """Give labels to rename, old -> new, if their letters and sides alone make them a set's.
 
     Empty where they are of a set as they stand, or of none by their letters either.
     """
-    names = list(names)
+    sets = marker_sets().values()
+    if not all(_short_of(s, names) for s in sets):
+        return {}
     spelt = {_letters(name): name for name in names} | {name: name for name in names}
-    every = (label for s in marker_sets().values() for m in s.markers for label in m.labels)
+    every = (label for s in sets for m in s.markers for label in m.labels)
     found = {label: spelt.get(label, spelt.get(_letters(label))) for label in every}
     alike = {label: name for label, name in found.items() if name is not None}
-    sets = marker_sets().values()
     shown = [s for s in sets if not _short_of(s, alike)]
-    if not shown or not all(_short_of(s, names) for s in sets):
+    if not shown:
         return {}
     labels = _completed(_nearest(shown, list(alike)), list(alike)).present(alike).segment
     return {alike[label]: label for label in labels if alike[label] != label}

@@ -187,8 +187,6 @@ def pin_model(body: Body) -> Any:
     ------
     ImportError
         On Windows, for which Pinocchio has no wheel.
-    ValueError
-        If Pinocchio refuses the body.
     """
     import pinocchio as pin
 
@@ -201,21 +199,18 @@ def pin_model(body: Body) -> Any:
         inertia = pin.Inertia(part.mass, np.array(part.center), np.array(part.tensor))
         return int(model.addFrame(pin.Frame(name, joint, frame[to], place, kind, inertia)))
 
-    try:
-        for joint in body.joints:
-            prismatic, revolute = pin.JointModelPrismaticUnaligned, pin.JointModelRevoluteUnaligned
-            kind = (prismatic if joint.translates else revolute)(*joint.axis)
-            place = pin.SE3(np.eye(3), np.array(joint.offset))
-            number = model.addJoint(joint.parent + 1, kind, place, joint.name)
-            frame[joint.segment] = model.addJointFrame(number)
-        for s, carrier in FIXED_TO.items():
-            frame[s] = attach(f"{s}_joint", pin.FrameType.FIXED_JOINT, carrier, np.zeros(3))
-        for s in (*MOVING, *FIXED_TO):
-            part = body.segments.get(s, NO_INERTIA)
-            frame[s] = attach(s, pin.FrameType.BODY, s, np.zeros(3), part)
-        rows = zip(body.markers, body.marker_segment, body.marker_position, strict=True)
-        for name, s, position in rows:
-            attach(name, pin.FrameType.SENSOR, s, position)
-    except RuntimeError as error:
-        raise ValueError(f"Pinocchio refuses the body: {error}") from error
+    for joint in body.joints:
+        prismatic, revolute = pin.JointModelPrismaticUnaligned, pin.JointModelRevoluteUnaligned
+        kind = (prismatic if joint.translates else revolute)(*joint.axis)
+        place = pin.SE3(np.eye(3), np.array(joint.offset))
+        number = model.addJoint(joint.parent + 1, kind, place, joint.name)
+        frame[joint.segment] = model.addJointFrame(number)
+    for s, carrier in FIXED_TO.items():
+        frame[s] = attach(f"{s}_joint", pin.FrameType.FIXED_JOINT, carrier, np.zeros(3))
+    for s in (*MOVING, *FIXED_TO):
+        part = body.segments.get(s, NO_INERTIA)
+        frame[s] = attach(s, pin.FrameType.BODY, s, np.zeros(3), part)
+    rows = zip(body.markers, body.marker_segment, body.marker_position, strict=True)
+    for name, s, position in rows:
+        attach(name, pin.FrameType.SENSOR, s, position)
     return model

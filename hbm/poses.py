@@ -74,7 +74,8 @@ def marker_positions(body: Body, q: Array) -> Array:
         on = segments == segment
         # axes times position, plus origin: one product for all frames and markers of the segment
         local = np.column_stack([body.marker_position[on], np.ones(on.sum())])
-        placed = poses[:, segment] @ np.kron(local.T, np.eye(3))
+        product = np.einsum("ka,ij->aikj", local, np.eye(3)).reshape(12, -1)
+        placed = poses[:, segment] @ product
         positions[:, on] = placed.reshape(len(q), len(local), 3)
     return positions
 

@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from hbm.coordinates import SEGMENTS
-from hbm.spatial import Array, freeze_arrays, read_only, skew
+from hbm.spatial import Array, cross, freeze_arrays, read_only, skew, unit
 from hbm.spelling import did_you_mean, no_segment, parse_toml, shown
 
 Sex = Literal["male", "female", "unspecified"]
@@ -184,13 +184,10 @@ def segment_inertia(
     if length == 0:
         raise ValueError("a segment's two ends coincide; check its landmarks")
     z = along / length
-    x = np.cross(lateral, z)
-    x /= np.linalg.norm(x)
-    axes = np.column_stack([x, np.cross(z, x), z])
+    x = unit(cross(lateral, z))
+    axes = np.column_stack([x, cross(z, x), z])
     moments = part.mass * mass * (part.gyration * length) ** 2
-    return Inertia(
-        part.mass * mass, proximal + part.center * along, axes @ np.diag(moments) @ axes.T
-    )
+    return Inertia(part.mass * mass, proximal + part.center * along, axes * moments @ axes.T)
 
 
 MAX_CENTER_DISTANCE_M: Final = 1.0

@@ -30,7 +30,7 @@ def test_intervals_are_tighter_where_people_shake_the_platform_less(one_laborato
     assert (squares.running > 1.5**2 * squares.pitch).all()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_intervals_of_several_laboratories_hold(monkeypatch):
     """Single components may leave 90 to 99 % by chance: 12 zeros scatter one by about 5 %."""
     monkeypatch.setattr(inertia_intervals, "SENSORS", (2,))

@@ -3,7 +3,6 @@
 import ast
 import runpy
 from pathlib import Path
-from string import Formatter
 
 from hbm.notes import catalogue
 
@@ -39,12 +38,3 @@ def test_every_warning_has_a_meaning_and_advice_and_the_page_of_the_notes_is_mad
     path = ROOT / "docs" / "notes_page.py"
     page = runpy.run_path(str(path))["notes_page"]()
     assert (ROOT / "docs" / "notes.md").read_text(encoding="utf-8") == page, f"run {path}"
-
-
-def test_a_warning_has_at_most_20_words_with_its_values_and_asks_nothing():
-    for code, entry in catalogue().items():
-        parts = Formatter().parse(entry["text"])
-        words = " ".join(before + ("x" if field else "") for before, field, *_ in parts).split()
-        if "advice" in entry:
-            assert len(words) <= 20, (code, entry["text"])
-            assert "?" not in entry["text"], code

@@ -24,7 +24,7 @@ def test_a_fault_is_found_and_the_verdict_is_that_of_the_known_fault(fault, shar
     assert (plates.verdict == plates.truth).all()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("fault", FAULT)
 def test_every_fault_far_beyond_its_limit_is_found_and_never_fit(fault):
     plates = faulty(fault, 3.0, seed=78)

@@ -109,12 +109,15 @@ def shape_of(
     for s, parent in PARENT.items():
         R, o = build.frames[parent]
         shape.offsets[s] = in_axes_of(R, build.frames[s][1] - o)
-    for name, position in markers.items():
-        R, o = build.frames[segment[name]]
-        shape.markers[name] = in_axes_of(R, position - o)
+    shape.markers = dict(markers)
+    for s in {segment[name] for name in markers}:
+        names = [name for name in markers if segment[name] == s]
+        R, o = build.frames[s]
+        local = (np.stack([markers[name] for name in names], axis=1) - o[:, None]) @ R
+        shape.markers |= zip(names, local.swapaxes(0, 1), strict=True)
 
     def means(of_frames: Mapping[str, Array]) -> dict[str, Array]:
-        return {name: values.mean(axis=0) for name, values in of_frames.items()}
+        return dict(zip(of_frames, np.mean([*of_frames.values()], axis=1), strict=True))
 
     axes = {name: unit(axis) for name, axis in means(shape.axes).items()}
     return Shape(means(shape.offsets), axes, means(shape.ends), means(shape.markers))

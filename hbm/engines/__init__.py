@@ -1,1 +1,1 @@
-"""The two engines of inverse dynamics: Pinocchio, and the package's own kernels."""
+"""The two engines of inverse dynamics: the package's own kernels, and Pinocchio."""

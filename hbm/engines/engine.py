@@ -1,4 +1,4 @@
-"""Which implementation of the equations of motion runs: Pinocchio, or the package's own kernels."""
+"""Which implementation of the equations of motion runs: the package's own kernels, or Pinocchio."""
 
 from collections.abc import Callable, Collection, Mapping
 from functools import cache
@@ -39,8 +39,11 @@ class Engine(NamedTuple):
 
 
 def choose_engine() -> Engine:
-    """Give the engine to run: Pinocchio where it can be imported, else the kernels."""
-    return pinocchio_engine() or kernels_engine()
+    """Give the engine to run: compiled kernels, else Pinocchio, else kernels that casadi runs."""
+    from hbm.kernels.native import kernels  # casadi, which takes a moment
+
+    compiled = kernels().solve_frames is not None
+    return kernels_engine() if compiled else pinocchio_engine() or kernels_engine()
 
 
 def pinocchio_engine() -> Engine | None:

@@ -132,7 +132,6 @@ class Problem:
         self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
         self.names = tuple(body.markers[k] for k in known)
         self.segment = tuple(body.marker_segment[k] for k in known)
-        self.joints = body.joints
         self.attachment = MarkerAttachment(
             np.array([MOVING.index(s) for s in self.segment]),
             body.marker_position[known],
@@ -141,6 +140,7 @@ class Problem:
             markers.position,
             np.array([markers.names.index(name) for name in self.names]),
         )
+        self.start = Start(self.attachment, body.joints)
         self.slope = neutral_slopes(body)[:, known]
         self.prior, self.reference = np.empty(N_Q), np.zeros((1, N_Q))
         position = markers.position[:, self.attachment.column, 0]
@@ -195,8 +195,9 @@ class Problem:
         """Give starting points that depend on the frame itself alone, (F, 46)."""
         start = np.empty((len(rows), N_Q))
         for first in range(0, len(rows), FRAMES_AT_ONCE):
-            block = slice(first, first + FRAMES_AT_ONCE)
-            start[block] = Start(self.attachment, rows[block], self.joints).coordinates()
+            block, markers = slice(first, first + FRAMES_AT_ONCE), self.attachment
+            measured = markers.measured(rows[block])
+            start[block] = self.start.coordinates(measured, markers.weight)
         return start
 
     def cost(self, solved: Solved) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from hbm.coordinates import FIRST_Q, LAST_Q, MOVING, N_Q, PARENT, TREE
 from hbm.ik.descent import MarkerAttachment
 from hbm.model import Joint
-from hbm.spatial import Array, Indices, Mask, fit_rotation, skew
+from hbm.spatial import Array, Mask, cross, fit_rotation, skew
 
 MIN_FRAMES_CLOSED_FORM: Final = 24
 """For fewer frames singular values are as fast."""
@@ -62,7 +62,7 @@ def nearest_rotation(covariance: Array) -> Array:
         return fit_rotation(covariance)
     flat = covariance.reshape(-1, 9)
     # the cofactors of a row are the cross product of the two other rows; entry by entry in memory
-    cofactor = np.cross(covariance[:, (1, 2, 0)], covariance[:, (2, 0, 1)])
+    cofactor = cross(covariance[:, (1, 2, 0)], covariance[:, (2, 0, 1)])
     cofactor = np.asfortranarray(cofactor.reshape(-1, 9))
     norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
     determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
@@ -208,15 +208,10 @@ ROOT_SEGMENTS: Final = (
 
 
 class Start:
-    """The measured markers of some frames, (T,), and the skeleton that is aligned with them."""
+    """The skeleton, to be aligned with measured markers."""
 
-    def __init__(
-        self, attachment: MarkerAttachment, rows: Indices, joints: tuple[Joint, ...]
-    ) -> None:
-        measured, self.local = attachment.measured(rows), attachment.local
-        seen = np.isfinite(measured[..., 0])
-        self.position = np.where(seen[..., None], measured, 0.0)
-        self.weight = seen * attachment.weight
+    def __init__(self, attachment: MarkerAttachment, joints: tuple[Joint, ...]) -> None:
+        self.local = attachment.local
         self.offsets = {s: joints[i].offset for s, i in FIRST_Q.items()}
         self.columns = {s: np.flatnonzero(attachment.segment == k) for k, s in enumerate(MOVING)}
         self.rotations = {
@@ -226,20 +221,23 @@ class Start:
         self.axis = np.array([joint.axis for joint in joints])
         self.terms = rotation_terms(self.axis)
 
-    def coordinates(self) -> Array:
-        """Align the segments with their markers, from trunk to tip: coordinates, (T, 46).
+    def coordinates(self, measured: Array, weight: Array) -> Array:
+        """Align the segments with their markers, (F, K, 3) and (K,), from trunk to tip.
 
-        Those without markers are zero. Frames with fewer than three markers are NaN.
+        Gives coordinates, (F, 46): those without markers are zero; frames with fewer than three
+        markers are NaN.
         """
-        R, o, solved = self.pelvis()
-        q = np.zeros((len(self.position), N_Q))
+        seen = np.isfinite(measured[..., 0])
+        position, weights = np.where(seen[..., None], measured, 0.0), seen * weight
+        R, o, solved = self.pelvis(position, weights)
+        q = np.zeros((len(position), N_Q))
         q[:, :3], q[:, 3:6] = o, three_angles(R, 3)
         poses = {"pelvis": (R, o)}
         for s in MOVING[1:]:
             R, o = poses[PARENT[s]]
             o = o + R @ self.offsets[s]
             own, to_parent = self.columns[s], np.swapaxes(R, 1, 2)
-            w, from_joint = self.weight[:, own], self.position[:, own] - o[:, None]
+            w, from_joint = weights[:, own], position[:, own] - o[:, None]
             coordinates = slice(FIRST_Q[s], LAST_Q[s] + 1)
             if self.rotations[s] and len(own):
                 covariance = to_parent @ _cross_covariance(w, from_joint, self.local[own])
@@ -260,9 +258,9 @@ class Start:
         q[~solved] = np.nan
         return q
 
-    def pelvis(self) -> tuple[Array, Array, Mask]:
+    def pelvis(self, position: Array, weights: Array) -> tuple[Array, Array, Mask]:
         """Fit the pelvis to its own markers; if they are few, with its neighbours held neutral."""
-        frames = len(self.position)
+        frames = len(position)
         R, o = np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3))
         solved = np.zeros(frames, bool)
         neutral = {"pelvis": np.zeros(3)}
@@ -273,10 +271,10 @@ class Start:
             if len(own) < MIN_ROOT_MARKERS or solved.all():
                 continue
             model = np.concatenate([neutral[s] + self.local[self.columns[s]] for s in segments])
-            todo = ~solved & ((self.weight[:, own] > 0).sum(axis=1) >= MIN_ROOT_MARKERS)
-            w = self.weight[todo][:, own]
+            todo = ~solved & ((weights[:, own] > 0).sum(axis=1) >= MIN_ROOT_MARKERS)
+            w = weights[todo][:, own]
             w = w / w.sum(axis=1, keepdims=True)
-            measured = self.position[todo][:, own]
+            measured = position[todo][:, own]
             center, model_center = np.einsum("tk,tki->ti", w, measured), w @ model
             centered = model - model_center[:, None]
             R[todo] = nearest_rotation(_cross_covariance(w, measured - center[:, None], centered))

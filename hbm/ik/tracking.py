@@ -7,8 +7,8 @@ interpolated between coarsely spaced frames, which in turn start from a segment-
 (`hbm.ik.start`). Where an optimum is far from its start, the frame is solved again from the rigid
 fit. Where that leads lower, and in the spaced frames where markers show a limb only weakly, still
 lower optima are looked for (`look_for_lower`); so they are in all frames of a recording that is not
-continuous. The result therefore depends neither on how many frames are solved at once nor on the
-number of threads.
+continuous, if the first tries find any. The result therefore depends neither on how many frames are
+solved at once nor on the number of threads.
 
 Frame by frame (`FrameTracker`), each starts from the one before and knows none after it.
 Where the start is no good (the first frame, after frames without a solution, where the optimum is
@@ -45,6 +45,10 @@ TRIES: Final = 45
 SPREADS_RAD: Final = (0.5, 1.0, 3.0)
 """Standard deviations of the changes, in turn: from another bend of a joint to any pose at all."""
 
+FIRST_TRIES: Final = slice(len(SPREADS_RAD))
+"""One of each: of a person whose markers allow several poses, they find a lower optimum in nearly
+all frames."""
+
 MAX_ROUNDS: Final = 3
 """Rounds of tries; nearly always, the second finds nothing lower."""
 
@@ -70,10 +74,21 @@ def look_for_lower(problem: Problem, found: Solved, which: Indices) -> None:
             before = found.select(block)
             after = lowest_of_tries(problem, before)
             found.overwrite(block, after)
-            just_below = problem.cost(before) * (1 - EQUAL_RELATIVE) - EQUAL_ABSOLUTE
-            block = block[problem.cost(after) < just_below]
+            block = block[_lower(problem, before, after)]
             if not len(block):
                 break
+
+
+def some_lower(problem: Problem, found: Solved, which: Indices) -> bool:
+    """Whether the first tries lead to a lower optimum in any of some frames, (R,)."""
+    step = FRAMES_AT_ONCE // FIRST_TRIES.stop
+    blocks = (found.select(which[k : k + step]) for k in range(0, len(which), step))
+    return any(_lower(problem, b, lowest_of_tries(problem, b, FIRST_TRIES)).any() for b in blocks)
+
+
+def _lower(problem: Problem, before: Solved, after: Solved) -> Mask:
+    just_below = problem.cost(before) * (1 - EQUAL_RELATIVE) - EQUAL_ABSOLUTE
+    return np.asarray(problem.cost(after) < just_below)
 
 
 def lowest_of_tries(problem: Problem, solved: Solved, tries: slice = slice(None)) -> Solved:
@@ -142,8 +157,8 @@ MAX_DISTANCE_FROM_START: Final = 0.5
 of several."""
 
 MAX_SHARE_FAR: Final = 0.5
-"""Of the frames: where more are far from their start, the frames are no continuous recording, and
-tell nothing of each other."""
+"""Of the frames with markers: where more are far from their start, the frames are no continuous
+recording, and tell nothing of each other."""
 
 MIN_CLEAR_PIVOT: Final = 1e-3
 """Curvature, per unit of weight, of a rotation that markers show well [m²/rad²]: that of a marker
@@ -211,14 +226,18 @@ def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int
     frames = np.arange(len(problem.time))
     start, usual_pivots = _starting_points(problem, frames)
     found = problem.newton(frames, start)
-    far = ~found.converged | _far(found.q, start)
-    if np.mean(far) > MAX_SHARE_FAR:
+    # where no marker is, there is nothing to find, and nothing to tell of other frames
+    shown = np.isfinite(found.error).any(axis=1)
+    far = shown & (~found.converged | _far(found.q, start))
+    if np.count_nonzero(far) > MAX_SHARE_FAR * np.count_nonzero(shown):
         usual_pivots = None
     doubted = np.flatnonzero(far)
-    lower = try_start(problem, found, doubted, problem.rigid_fit(doubted))
-    # where no marker is, there is nothing to find
-    shown = np.flatnonzero(np.isfinite(found.error).any(axis=1))
-    look_for_lower(problem, found, shown if usual_pivots is None else doubted[lower])
+    which = doubted[try_start(problem, found, doubted, problem.rigid_fit(doubted))]
+    if usual_pivots is None:
+        likely = doubtful(problem, found)
+        every = some_lower(problem, found, np.flatnonzero(shown & ~likely))
+        which = np.flatnonzero(shown & (likely | every))
+    look_for_lower(problem, found, which)
     left_out = leave_limbs_out(problem, found)
     expected: Mask = np.asarray(np.isfinite(found.error).any(axis=0))
     observed = observed_by(problem, found, usual_pivots, expected) & ~left_out

@@ -1,7 +1,7 @@
 """Checks of a trial's markers before inverse kinematics: positions, labels, sides, distances."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import combinations
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import compress
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from hbm.coordinates import MOVING, PARENT
 from hbm.markers import Markers, MarkerSet, exchange
 from hbm.model import Body
 from hbm.notes import Note
-from hbm.signals.samples import stretches
+from hbm.signals.samples import medians_of_known, stretches
 from hbm.spatial import Array, Mask, distance
 from hbm.spelling import listed
 
@@ -109,15 +109,15 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
         notes.append(Note.of("markers_frozen", frames=len(frozen_s), **ends))
     # for how long markers alone did not move, while their segments did
     segment_of = body.segment_of
-    at = {name: _of(markers, name) for name in body.markers if name in markers.names}
+    at = {name: k for k, name in enumerate(markers.names) if name in segment_of}
+    _, repeated = _repeated(markers.position)
     constant_s: dict[str, float] = {}
-    for name, position in at.items():
+    for name in (name for name in body.markers if name in at):
         segment = segment_of[name]
-        others = [at[o] for o in at if segment_of[o] == segment and o != name]
-        others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
-        _, repeated = _repeated(position)
-        for stretch in _lasting(repeated, markers.time, MIN_CONSTANT_S):
-            if any(_extent(other[stretch]) > MIN_MOTION_M for other in others):
+        for stretch in _lasting(repeated[:, at[name]], markers.time, MIN_CONSTANT_S):
+            others = [at[o] for o in at if segment_of[o] == segment and o != name]
+            others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
+            if any(_extent(markers.position[stretch, k]) > MIN_MOTION_M for k in others):
                 lasted_s = float(markers.time[stretch.stop - 1] - markers.time[stretch.start - 1])
                 constant_s[name] = constant_s.get(name, 0.0) + lasted_s
     if constant_s:
@@ -222,42 +222,43 @@ def sides_exchanged(
     chosen = marker_set.present(markers.names)
     landmark, segment = chosen.landmark, chosen.segment
     to_the_left = _to_the_left(markers, landmark)
-    leftward_m = {}
-    for name, left in landmark.items():
-        right = landmark.get(f"R{name[1:]}", "")
-        if name.startswith("L") and right and not segment[left].endswith(CROSSING_SEGMENTS):
-            between = _of(markers, left) - _of(markers, right)
-            leftward_m[left, right] = _median(np.sum(between * to_the_left, axis=-1))
-    pairs = [pair for pair, distance_m in leftward_m.items() if distance_m < -MIN_SEPARATION_M]
-    if not pairs:
+    judged = [
+        (left, right)
+        for name, left in landmark.items()
+        if name.startswith("L") and (right := landmark.get(f"R{name[1:]}"))
+        if not segment[left].endswith(CROSSING_SEGMENTS)
+    ]
+    leftward_m = medians_of_known((_between(markers, judged) * to_the_left).sum(axis=1))
+    exchanged = leftward_m < -MIN_SEPARATION_M
+    if not exchanged.any():
         return None
-    every = not any(distance_m > MIN_SEPARATION_M for distance_m in leftward_m.values())
+    pairs, every = [*compress(judged, exchanged)], not (leftward_m > MIN_SEPARATION_M).any()
     return ExchangedSides(recording, tuple(pairs), exchange(pairs, recording, every))
 
 
-def _of(markers: Markers, name: str) -> Array:
-    return np.asarray(markers.position[:, markers.names.index(name)])
+def _between(markers: Markers, pairs: Sequence[tuple[str, str]]) -> Array:
+    """Give the vectors to the first marker of each pair from the second, (P, 3, T) [m].
+
+    NaN where one is not seen, or not in the recording.
+    """
+    column = {name: k for k, name in enumerate(markers.names)}
+    columns = np.array([[column.get(name, -1) for name in pair] for pair in pairs], int)
+    first, second = columns.reshape(-1, 2).T
+    position = np.moveaxis(markers.position, 0, -1)
+    vectors: Array = position[first] - position[second]
+    vectors[(first < 0) | (second < 0)] = np.nan
+    return vectors
 
 
 def _to_the_left(markers: Markers, landmark: Mapping[str, str]) -> Array:
-    """Give the horizontal direction to the subject's left, (T, 3); NaN where it is unknown."""
-    front = [landmark.get(name, "") for name in ("LASIS", "RASIS")]
-    back = [landmark.get(name, "") for name in ("LPSIS", "RPSIS")]
+    """Give the horizontal direction to the subject's left, (3, T); NaN where it is unknown."""
+    front, back = ([landmark.get(side + name, "") for side in "LR"] for name in ("ASIS", "PSIS"))
     if not set(back) <= set(markers.names):
-        back = [landmark.get("SACR", "")]
-    if not {*front, *back} <= set(markers.names):
-        return np.full((len(markers.time), 3), np.nan)
-    ends = [np.mean([_of(markers, name) for name in names], axis=0) for names in (front, back)]
-    forward = (ends[0] - ends[1]) * [1.0, 1.0, 0.0]
-    length = np.linalg.norm(forward, axis=1, keepdims=True)
-    forward = np.where(length > MIN_FORWARD_M, forward, np.nan) / length
-    return np.cross([0.0, 0.0, 1.0], forward)
-
-
-def _median(values: Array) -> float:
-    """Give the median of known values; NaN where there is none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else np.nan
+        back = 2 * [landmark.get("SACR", "")]
+    forward = _between(markers, [*zip(front, back, strict=True)]).mean(axis=0)
+    length = np.hypot(forward[0], forward[1])
+    left = np.stack([-forward[1], forward[0], 0 * length])
+    return np.asarray(np.where(length > MIN_FORWARD_M, left, np.nan) / length)
 
 
 MIN_JUMP_M: Final = 0.03
@@ -302,28 +303,31 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     LHEE/RHEE 0.3 0.6
     """
     names = [name for name in names if name in markers.names]
-    if not names:
-        return ()
-    paths = markers.position[:, [markers.names.index(name) for name in names]]
+    columns = [markers.names.index(name) for name in names]
+    paths = np.moveaxis(markers.position, 0, -1)[columns]
     expected = np.empty(paths.shape)
-    whole = np.isfinite(paths[..., 0]).all(axis=0)
+    whole = np.isfinite(paths[:, 0]).all(axis=-1)
     for part in (whole, *np.flatnonzero(~whole)):  # at once where nothing is missing
-        expected[:, part] = _extrapolated(markers.time, paths[:, part])
-    jump = np.linalg.norm(paths - expected, axis=-1)
+        expected[part] = _extrapolated(markers.time, paths[part])
+    jump = np.linalg.norm(paths - expected, axis=1)
     jumped: Mask = jump > MIN_JUMP_M
+    jumped[:, 1:][:, frozen_frames(markers, names)[:-1]] = False
+    # all that jumped, in the order of time, and of them pairs at one instant
+    frame, marker = np.nonzero(jumped.T)
+    here, there, away = paths[marker, :, frame], expected[marker, :, frame], jump[marker, frame]
+    changes: list[tuple[int, int]] = []
+    for step in range(1, jumped.sum(axis=0).max(initial=0)):
+        one = np.flatnonzero(frame[step:] == frame[:-step])
+        other = one + step
+        apart = np.maximum(distance(here[one], there[other]), distance(here[other], there[one]))
+        near = apart < MAX_EXCHANGED_SHARE * np.minimum(away[one], away[other])
+        changes += zip(one[near].tolist(), other[near].tolist(), strict=True)
     found: dict[str, list[float]] = {}
-    jumped[1:][frozen_frames(markers, names)[:-1]] = False
-    for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
-        own = np.flatnonzero(jumped[frame])
-        here, there = paths[frame, own], expected[frame, own]
-        apart = np.linalg.norm(here[:, None] - there, axis=-1)
-        nearest = apart.argmin(axis=1)
-        for a, b in enumerate(nearest):
-            farther = max(apart[a, b], apart[b, a])
-            mutual = a < b and nearest[b] == a
-            if mutual and farther < MAX_EXCHANGED_SHARE * jump[frame, own[[a, b]]].min():
-                pair = f"{names[own[a]]}/{names[own[b]]}"
-                found.setdefault(pair, []).append(float(markers.time[frame]))
+    for a, b in sorted(changes):
+        own = np.flatnonzero(frame == frame[a])
+        if [own[distance(here[k], there[own]).argmin()] for k in (a, b)] == [b, a]:
+            pair = f"{names[marker[a]]}/{names[marker[b]]}"
+            found.setdefault(pair, []).append(float(markers.time[frame[a]]))
     if not found:
         return ()
     times = {"first_s": min(map(min, found.values())), "last_s": max(map(max, found.values()))}
@@ -331,13 +335,14 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
 
 
 def _extrapolated(time: Array, path: Array) -> Array:
-    """Give where markers, (T, ..., 3), would be by their last two positions; NaN where unknown."""
+    """Give where markers, (..., T), would be by their last two positions; NaN where unknown."""
     expected = np.full(path.shape, np.nan)
-    frames = np.flatnonzero(np.isfinite(path).reshape(len(time), -1).all(axis=1))
-    at, seen = time[frames], path[frames]
+    frames = np.flatnonzero(np.isfinite(path).reshape(-1, len(time)).all(axis=0))
+    at, seen = time[frames], path[..., frames]
     steps = np.diff(at)
     share = np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
-    expected[frames[2:]] = seen[1:-1] + (share * (seen[1:-1] - seen[:-2]).T).T
+    step = seen[..., 1:-1] - seen[..., :-2]
+    expected[..., frames[2:]] = seen[..., 1:-1] + share * step
     return expected
 
 
@@ -377,24 +382,25 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
     ...     print(note.values["segment"], *note.values["largest_m"])
     right_thigh RLEK–RLTHI RMEK–RLTHI
     """
+    segments = np.array(body.marker_segment)
+    first, second = np.triu_indices(len(segments), 1)
+    together = segments[first] == segments[second]
+    first, second = first[together], second[together]
+    pairs = [(body.markers[a], body.markers[b]) for a, b in zip(first, second, strict=True)]
+    there = distance(body.marker_position[first], body.marker_position[second])
+    change = median_distances(markers, pairs) - there
+    large = np.abs(change) > MAX_DISTANCE_CHANGE_M
     notes = []
-    on_body = dict(zip(body.markers, body.marker_position, strict=True))
-    for s in MOVING:
-        own = [name for name, segment in body.segment_of.items() if segment == s]
-        changes = {
-            f"{a}–{b}": median_distance(markers, a, b) - distance(on_body[a], on_body[b])
-            for a, b in combinations(own, 2)
-        }
-        large = [pair for pair, change in changes.items() if abs(change) > MAX_DISTANCE_CHANGE_M]
-        large.sort(key=lambda pair: -abs(changes[pair]))
-        largest_m = {pair: changes[pair] for pair in large[:MAX_DISTANCES_NAMED]}
+    for segment in MOVING:
+        here = np.flatnonzero(large & (segments[first] == segment))
+        largest = here[np.argsort(-np.abs(change[here]), kind="stable")][:MAX_DISTANCES_NAMED]
+        largest_m = {"–".join(pairs[k]): change[k] for k in largest}
         values: dict[str, Any] = {"limit_m": MAX_DISTANCE_CHANGE_M, "largest_m": largest_m}
-        notes += [Note.of("marker_distances_changed", segment=s, **values)] if large else []
+        if largest_m:
+            notes.append(Note.of("marker_distances_changed", segment=segment, **values))
     return tuple(notes)
 
 
-def median_distance(markers: Markers, first: str, second: str) -> float:
-    """Give the median distance of two markers [m]; NaN where they are never seen together."""
-    if not {first, second} <= set(markers.names):
-        return float("nan")
-    return _median(np.linalg.norm(_of(markers, first) - _of(markers, second), axis=1))
+def median_distances(markers: Markers, pairs: Sequence[tuple[str, str]]) -> Array:
+    """Give the median distance of each pair [m], (P,); NaN where they are never seen together."""
+    return medians_of_known(np.linalg.norm(_between(markers, pairs), axis=1))

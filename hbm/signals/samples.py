@@ -78,6 +78,22 @@ def median_of(values: Array) -> float:
     return float((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
 
 
+def medians_of_known(values: Array) -> Array:
+    """Give the medians of what is known, (..., T), along the last axis; NaN where nothing is.
+
+    Examples
+    --------
+    >>> medians_of_known(np.array([[3.0, np.nan, 1.0, 2.0], [np.nan, 4.0, np.nan, 5.0]])).tolist()
+    [2.0, 4.5]
+    """
+    if not values.shape[-1]:
+        return np.full(values.shape[:-1], np.nan)
+    # the middle ones of those that are known: unknown ones are sorted last
+    count = np.count_nonzero(~np.isnan(values), axis=-1)
+    middle = np.stack([(count - 1) // 2, count // 2], axis=-1)
+    return np.asarray(np.take_along_axis(np.sort(values), middle, axis=-1).mean(axis=-1))
+
+
 def without_short_gaps(known: Mask, time: Array, longest_s: float) -> Mask:
     """Find samples that are known, or between two known ones that are at most so far apart, (T,).
 

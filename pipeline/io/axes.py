@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from hbm.markers import MarkerSet, exchange, recognise_marker_set, usual_landmarks
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.signals.samples import medians_of_known
+from hbm.spatial import Array, Mask, cross
 from hbm.spelling import listed, short
 from pipeline.io.recording import Fact
 from pipeline.io.stated import correction
@@ -117,13 +118,13 @@ def between(position: Array, pairs: Iterable[Pair]) -> Array:
 
 
 def typical(vectors: Array) -> Array:
-    """Give the mean of vectors, (N, 3), without gaps and those far longer than most."""
-    known = vectors[np.isfinite(vectors).all(axis=-1)]
-    if not len(known):
-        return np.full(3, np.nan)
-    with np.errstate(over="ignore"):
-        length = np.linalg.norm(known, axis=-1)
-    return np.asarray(known[length <= MAX_LENGTH_RATIO * np.median(length)].mean(axis=0))
+    """Give the means of vectors, (N, ..., 3), without gaps and those far longer than most."""
+    known = np.isfinite(vectors).all(axis=-1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.where(known, np.linalg.norm(vectors, axis=-1), np.nan)
+        usual = length <= MAX_LENGTH_RATIO * medians_of_known(length.T)
+        total = np.where(usual[..., None], vectors, 0.0).sum(axis=0)
+        return np.asarray(total / usual.sum(axis=0)[..., None])
 
 
 def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> list[Pair]:
@@ -266,7 +267,7 @@ def settle_axes(
             else:
                 reason = f"axes cannot be inferred: {error}; {ASK}"
             raise AxesUnknownError(reason) from error
-        words = tuple(map(_direction_name, np.transpose([np.cross(left, up), left, up])))
+        words = tuple(map(_direction_name, np.transpose([cross(left, up), left, up])))
         by_toes = np.isfinite(between(position, sites.feet)).all(axis=-1).any()
         shown = (
             f"up by {', '.join(up_evidence)}; left by the marker pairs {', '.join(pairs)}; forward "
@@ -295,7 +296,7 @@ def settle_axes(
         return axes, notes
     except ValueError as error:
         return axes, [*notes, Fact("in_doubt", "labels", str(error))]
-    if (facing := _direction_name(rotation @ np.cross(left, up))) != "forward":
+    if (facing := _direction_name(rotation @ cross(left, up))) != "forward":
         notes.append(Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs))
     return axes, [*notes, *doubts]
 
@@ -361,8 +362,8 @@ def _infer_left(
     """Give the file's axis that points to the subject's left, (3,), what shows it, and doubts."""
     across = between(position, sites.across.values())
     across = across - (across @ up)[..., None] * up
-    by_pair = np.reshape([typical(across[:, k]) for k in range(across.shape[1])], (-1, 3))
-    seen = np.isfinite(by_pair).all(axis=-1)
+    by_pair = typical(across)
+    seen: Mask = np.asarray(np.isfinite(by_pair).all(axis=-1))
     names = [short(name) for name, known in zip(sites.across, seen, strict=True) if known]
     if not names:
         absent = listed(sites.across or ["such as LASIS and RASIS"])
@@ -372,8 +373,7 @@ def _infer_left(
     # opposite pairs show the same line; which way is left, most pairs of the whole body say
     same_way = by_pair * np.where(by_pair @ by_pair[0] < 0, -1, 1)[:, None]
     line = _nearest_axis(same_way.mean(axis=0), source)
-    every = between(position, sites.every).swapaxes(0, 1)
-    votes = sum(float(np.nan_to_num(np.sign(typical(pair) @ line))) for pair in every)
+    votes = np.nansum(np.sign(typical(between(position, sites.every)) @ line))
     if votes == 0:
         raise AxesUnknownError(
             f"of {source}, as many lie one way round as the other: labels are exchanged"
@@ -391,7 +391,7 @@ def _infer_left(
         if cosine < MAX_COSINE_OPPOSITE
     ]
     agreeing = [name for name, cosine in zip(names, cosines, strict=True) if cosine > 0]
-    forward, pairs = np.cross(left, up), agreeing[:PAIRS_NAMED]
+    forward, pairs = cross(left, up), agreeing[:PAIRS_NAMED]
     if typical(between(position, sites.feet).reshape(-1, 3)) @ forward < 0:
         raise ValueError(
             f"forward is {_axis_name(forward)} by the marker pairs {', '.join(pairs)}, but the "
@@ -418,4 +418,4 @@ def _axis_name(axis: Array) -> str:
 
 
 def _direction_name(vector: Array) -> str:
-    return next(name for name, lab in DIRECTIONS.items() if np.allclose(lab, vector))
+    return max(DIRECTIONS, key=lambda name: float(vector @ DIRECTIONS[name]))

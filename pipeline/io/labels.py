@@ -264,7 +264,7 @@ def rename_markers(
             f"({listed(list(table.segment)[:3])}, …) is there; labels there: {listed(names[:5])}; "
             "give the right --marker-set, or --rename the labels"
         )
-    if table is None and (alike := renaming(names)):
+    if table is None and (alike := renaming(tuple(names))):
         names = [alike.get(name, name) for name in names]
         pairs = listed(f"{short(name)} as {label}" for name, label in alike.items())
         reason = f"{len(alike)} have the letters of a marker set's: {pairs}"

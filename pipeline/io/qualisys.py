@@ -20,7 +20,6 @@ from pipeline.io.recording import Event, Fact, Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import GAPS, NUMBER, TextTable, read_number, read_rate, read_table
 
-SUFFIX: Final = ".tsv"
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
 """Stem of a file of forces: of the only plate, or of one with its number."""
 KEY: Final = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT")
@@ -62,9 +61,9 @@ def _rate_hz(header: Header, timed: bool) -> float:
 def plate_files(path: Path) -> list[Path]:
     """Give the files of forces of an export, from that of its trajectories or of one plate.
 
-    Files of other formats have none; their folder, which may hold thousands, is not searched.
+    A C3D file has none; its folder, which may hold thousands, is not searched.
     """
-    if path.suffix.lower() != SUFFIX:
+    if path.suffix.lower() == ".c3d":
         return []
     match = PLATE_FILE.fullmatch(path.stem)
     trial = match["trial"] if match else path.stem

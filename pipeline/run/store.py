@@ -1,9 +1,8 @@
 """A processed trial on disk: one Parquet file, written whole or not at all, and read back.
 
-Each frame is a row, with its time, residuals, events and flags. The first row holds all else: what
-has no frames as JSON, and channels as whole numbers, each less the one before. What follows from
-others within milliseconds is not stored: `read_trial` computes it as the chain did. A checksum is
-of the whole file, for a damaged footer can end the process that reads it.
+Each frame is a row. The first row also holds what has no frames, as JSON. Columns that follow from
+others within milliseconds are not stored: `read_trial` computes them as the chain did. A checksum
+is of the whole file, for a damaged footer can end the process that reads it.
 """
 
 import json
@@ -24,7 +23,7 @@ from pydantic_core import to_json
 
 from compensation.platform import PlatformPose
 from hbm.body import Body
-from hbm.coordinates import N_Q
+from hbm.coordinates import COORDINATES, N_Q
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.engines.engine import kernels_engine
 from hbm.markers import Markers
@@ -47,15 +46,12 @@ VERSION: Final = b"hbm"
 SEAL: Final = b"hbm crc32"
 """Stands before the checksum of the file. Parquet's own are of single pages, not of the footer."""
 TRIAL: Final = "trial"
-CHANNELS: Final = "channels"
-"""Columns of the first row."""
+"""Column of what has no frames, in the first row."""
 LOST: Final = 1e-9
-"""Of a channel's peak: what rounding on disk and computing again may change at most."""
+"""Of a column's peak: what rounding on disk and computing again may change at most."""
 STEPS: Final = {"solved": 2e-13, "ground": 5e-12}
-"""Of the peaks of channels, to which they are rounded; the others to `LOST`. What is computed from
+"""Of the peaks of columns, to which they are rounded; the others to `LOST`. What is computed from
 these is 1,000 times less exact: accelerations are second derivatives."""
-GAP: Final = -(2**62)
-"""Where a channel has no number."""
 MAX_EXPANSION: Final = 40
 """Of a file in memory."""
 MAX_REASON: Final = 120
@@ -68,8 +64,10 @@ OF_FRAMES: Final = frozenset(
 """Fields of a result that have a value in each frame."""
 BITS: Final = 2 ** np.arange(N_Q)
 """Of the coordinates that were observed."""
-Rows = dict[str, Any]
-"""Name -> channels of T samples, (K, T)."""
+POSE: Final = (*(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z")
+"""Rotation matrix, row by row, and position of the platform."""
+Blocks = dict[str, tuple[Sequence[str], Any]]
+"""What columns begin with -> how they go on, K names, and values, (K, T)."""
 
 
 def write_trial(result: TrialResult, path: Path) -> None:
@@ -79,7 +77,10 @@ def write_trial(result: TrialResult, path: Path) -> None:
     (x forward, y right, z up, about the pelvis origin); ``event``, such as "left foot_strike", on
     the frame nearest to it; ``converged`` of the inverse kinematics, and ``observed``, a bit for
     each coordinate; ``quality``, the sum of the flags of `pipeline.trial.quality.Quality` that say
-    why the frame does not count or is doubtful; in the first row ``trial`` and ``channels``.
+    why the frame does not count or is doubtful; ``solved.NAME``, coordinates before the filter [m
+    or rad]. In lab axes (X forward, Y left, Z up): ``ground.measured.left_foot.Fx`` … ``Mz`` [N,
+    N·m] about the lab origin, ``marker_mm.NAME.x`` as measured, ``platform.r11`` … ``z`` [m], and
+    the standard uncertainty ``uncertainty.Fx`` … ``Mz``. ``trial`` is JSON in the first row.
     """
     content = sealed(_table(result))
     with whole_file(path) as temporary, temporary.open("r+b") as written:
@@ -96,7 +97,7 @@ def sealed(table: pa.Table, version: bytes = str(FORMAT_VERSION).encode()) -> by
         table.schema,
         compression="zstd",
         use_dictionary=["event"],
-        use_byte_stream_split=[*floats, f"{CHANNELS}.list.element"],
+        use_byte_stream_split=floats,
         write_statistics=False,
         store_schema=False,
     ) as file:
@@ -117,17 +118,23 @@ def _checksum(pages: bytes, footer: bytes) -> bytes:
 def _table(result: TrialResult) -> pa.Table:
     """Lay a trial out as it is stored."""
     motion, variants = result.motion, result.variants
-    columns: dict[str, Any] = {"time_s": motion.time}
-    for variant, dynamics in variants.items():
-        residual = _numbers(*_rounded(reported(dynamics.residual).T, LOST))
-        columns |= {f"residual.{variant}.{a}": row for a, row in zip(AXES, residual, strict=True)}
-    columns["event"] = event_labels(motion.time, result.events)
-    columns |= {"converged": motion.converged, "quality": result.quality}
-    columns["observed"] = motion.observed @ BITS
-    rounded = {
-        name: _rounded(rows, STEPS.get(name.split(".")[0], LOST))
-        for name, rows in _channels(result).items()
+    stored = {
+        name: (names, _rounded(rows, STEPS.get(name.split(".")[0], LOST)))
+        for name, (names, rows) in _channels(result).items()
     }
+    # computed again as on reading; what differs is stored
+    rows_of = {name: frozen(rows) for name, (_, rows) in stored.items()}
+    ground = {
+        variant: {foot: rows_of[f"ground.{variant}.{foot}"].T for foot in feet}
+        for variant, feet in result.ground.items()
+    }
+    solved = replace(motion, q=rows_of["solved"].T)
+    markers = _markers(motion.time, result.markers.names, rows_of)
+    of_trial = result.quality, result.body, result.settings
+    computed = _following(*_computed(solved, markers, ground, *of_trial))
+    for name, (names, expected) in _following(motion, variants).items():
+        if not _same(computed[name][1], expected):
+            stored[name] = names, _rounded(expected, LOST)
     rest = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in OF_FRAMES}
     rest |= {
         "source": result.source.name,
@@ -136,93 +143,72 @@ def _table(result: TrialResult) -> pa.Table:
         "solved_from": motion.markers,
         "markers": result.markers.names,
         "feet": {variant: [*result.ground.get(variant, ())] for variant in variants},
+        "blocks": {name: names for name, (names, _) in stored.items()},
     }
-    # computed again as on reading; what differs is stored
-    read = {name: frozen(_numbers(*whole_and_steps)) for name, whole_and_steps in rounded.items()}
-    ground = {v: {f: read[f"ground.{v}.{f}"].T for f in feet} for v, feet in rest["feet"].items()}
-    solved = replace(motion, q=read["solved"].T)
-    markers = _markers(motion.time, result.markers.names, read)
-    of_trial = result.quality, result.body, result.settings
-    computed = _following(*_computed(solved, markers, ground, *of_trial))
-    for name, expected in _following(motion, variants).items():
-        if not _same(computed[name], expected):
-            rounded[name] = _rounded(expected, LOST)
-    rest["steps"] = {name: steps[:, 0].tolist() for name, (_, steps) in rounded.items()}
-    packed = _packed(np.concatenate([whole for whole, _ in rounded.values()]))
-    later = len(motion.time) - 1
-    ends = np.array([0, *[packed.size] * (later + 1)], np.int32)
-    columns[TRIAL] = [to_json(rest, fallback=_plain).decode(), *[None] * later]
-    columns[CHANNELS] = pa.ListArray.from_arrays(ends, packed.ravel())
+    columns: dict[str, Any] = {"time_s": motion.time}
+    columns["event"] = event_labels(motion.time, result.events)
+    columns |= {"converged": motion.converged, "quality": result.quality}
+    columns["observed"] = motion.observed @ BITS
+    for name, (names, rows) in stored.items():
+        columns |= {f"{name}.{last}": row for last, row in zip(names, rows, strict=True)}
+    columns[TRIAL] = [to_json(rest, fallback=_plain).decode(), *[None] * (len(motion.time) - 1)]
     return pa.table(columns)
 
 
-def _channels(result: TrialResult) -> Rows:
-    """Give the channels from which the others follow."""
-    rows: Rows = {"solved": result.solved.T}
+def _channels(result: TrialResult) -> Blocks:
+    """Give the columns from which the others follow."""
+    blocks: Blocks = {
+        f"residual.{variant}": (AXES, reported(dynamics.residual).T)
+        for variant, dynamics in result.variants.items()
+    }
+    blocks["solved"] = COORDINATES, result.solved.T
     position = np.moveaxis(result.markers.position, 0, -1).reshape(-1, len(result.quality))
-    # cameras' files hold millimetres in single precision, whose bits are stored
+    places = [f"{name}.{axis}" for name in result.markers.names for axis in "xyz"]
+    # cameras' files hold millimetres in single precision
     in_mm = (1000 * position).astype(np.float32)
-    exact = np.array_equal(_metres(in_mm.view(np.int32)), position, equal_nan=True)
-    rows |= {"marker_mm": in_mm.view(np.int32)} if exact else {"marker": position}
+    exact = np.array_equal(_metres(in_mm), position, equal_nan=True)
+    blocks["marker_mm" if exact else "marker"] = places, in_mm if exact else position
     for variant, feet in result.ground.items():
-        rows |= {f"ground.{variant}.{foot}": wrench.T for foot, wrench in feet.items()}
+        blocks |= {f"ground.{variant}.{foot}": (AXES, wrench.T) for foot, wrench in feet.items()}
     if (pose := result.platform) is not None:
-        rows |= {"rotation": pose.rotation.reshape(-1, 9).T, "position": pose.position.T}
+        blocks["platform"] = POSE, np.hstack([pose.rotation.reshape(-1, 9), pose.position]).T
     if result.uncertainty is not None:
-        rows["uncertainty"] = result.uncertainty.T
-    return rows
+        blocks["uncertainty"] = AXES, result.uncertainty.T
+    return blocks
 
 
-def _following(motion: Motion, variants: Mapping[str, Dynamics]) -> Rows:
-    """Give the channels that usually follow from others."""
-    rows: Rows = {name: getattr(motion, name).T for name in ("marker_error", "q", "v", "a")}
-    return rows | {f"tau.{variant}": dynamics.tau.T for variant, dynamics in variants.items()}
+def _following(motion: Motion, variants: Mapping[str, Dynamics]) -> Blocks:
+    """Give the columns that usually follow from others."""
+    blocks: Blocks = {name: (COORDINATES, getattr(motion, name).T) for name in "qva"}
+    blocks["marker_error"] = motion.markers, motion.marker_error.T
+    return blocks | {f"tau.{name}": (COORDINATES, of.tau.T) for name, of in variants.items()}
 
 
-def _rounded(rows: Any, share: float) -> tuple[Any, Array]:
-    """Give channels as whole numbers of steps, and these: powers of two, of whole numbers one."""
+def _rounded(rows: Any, share: float) -> Any:
+    """Round numbers in double precision to powers of two, a share of the peak of each row."""
     if rows.dtype != float:
-        return rows.astype(np.int64), np.ones((len(rows), 1))
+        return rows
     lost = share * _peaks(rows)
     lost[lost == 0] = 1.0
     steps = 2.0 ** np.floor(np.log2(lost))
-    return np.where(np.isfinite(rows), np.rint(rows / steps), GAP).astype(np.int64), steps
+    return np.rint(rows / steps) * steps
 
 
 def _peaks(rows: Array) -> Array:
-    """Give the largest size in each channel, (K, 1)."""
-    sizes = np.where(np.isfinite(rows), np.abs(rows), 0.0)
-    return np.asarray(sizes.max(axis=1, keepdims=True))
-
-
-def _numbers(whole: Any, steps: Array) -> Array:
-    """Undo `_rounded`."""
-    return np.where(whole == GAP, np.nan, whole * steps)
-
-
-def _packed(whole: Any) -> Any:
-    """Give changes from sample to sample, small ones of both signs as small positive numbers."""
-    changes = whole.copy()
-    changes[:, 1:] -= whole[:, :-1]
-    return (changes << 1) ^ (changes >> 63)
-
-
-def _unpacked(packed: Any) -> Any:
-    """Undo `_packed`."""
-    bits = packed.view(np.uint64)
-    changes = ((bits >> np.uint64(1)) ^ -(bits & np.uint64(1))).view(np.int64)
-    return np.cumsum(changes, axis=1, out=changes)
+    """Give the largest size in each row, (K, 1)."""
+    sizes = np.abs(rows)
+    return np.asarray(sizes.max(axis=1, where=np.isfinite(rows), initial=0.0, keepdims=True))
 
 
 def _same(found: Array, expected: Array) -> bool:
-    """Whether channels are others but for rounding."""
+    """Whether rows are others but for rounding."""
     apart = np.abs(found - expected) > LOST * _peaks(expected)
     return not apart.any() and np.array_equal(np.isnan(found), np.isnan(expected))
 
 
-def _metres(bits: Any) -> Array:
-    """Give positions as readers of files do, from the bits of millimetres."""
-    return np.asarray(bits.astype(np.int32, copy=False).view(np.float32).astype(float) * 0.001)
+def _metres(in_mm: Any) -> Array:
+    """Give positions as readers of files do."""
+    return np.asarray(in_mm.astype(float) * 0.001)
 
 
 def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
@@ -316,29 +302,32 @@ def _without_frames() -> type[BaseModel]:
 def _result(table: pa.Table, stored: dict[str, Any]) -> TrialResult:
     """Put a trial together from its frames and the rest."""
     rest = dict(_without_frames().model_validate(stored))
-    columns = {n: table[n].to_numpy() for n in table.column_names if n not in (TRIAL, CHANNELS)}
-    steps = np.concatenate([*stored["steps"].values()])[:, None]
-    packed = table[CHANNELS].combine_chunks().flatten().to_numpy()
-    numbers = _numbers(_unpacked(packed.reshape(len(steps), table.num_rows)), steps)
-    ends = np.cumsum([len(part) for part in stored["steps"].values()])
-    rows = dict(zip(stored["steps"], np.split(numbers, ends[:-1]), strict=True))
-    return TrialResult(**rest, **_frames(columns, rows, stored, rest["body"], rest["settings"]))
+    columns = {n: table[n].to_numpy() for n in table.column_names if n != TRIAL}
+    rows_of = {
+        block: frozen(np.stack([columns[f"{block}.{name}"] for name in names]))
+        for block, names in stored["blocks"].items()
+    }
+    return TrialResult(**rest, **_frames(columns, rows_of, stored, rest["body"], rest["settings"]))
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def _frames(
-    columns: Rows, rows: Rows, stored: Mapping[str, Any], body: Body, settings: Settings
+    columns: Mapping[str, Any],
+    rows_of: Mapping[str, Any],
+    stored: Mapping[str, Any],
+    body: Body,
+    settings: Settings,
 ) -> dict[str, Any]:
     """Read what has frames back and compute what is not stored; KeyError if anything is missing."""
     time, quality, engine = columns["time_s"], columns["quality"], stored["engine"]
     solved_from = tuple(stored["solved_from"])
 
     def read(name: str, computed: Array | None = None) -> Array:
-        if computed is not None and name not in rows:
+        if computed is not None and name not in rows_of:
             return computed
-        return frozen(np.ascontiguousarray(rows[name].T))
+        return frozen(np.ascontiguousarray(rows_of[name].T))
 
-    markers, solved = _markers(time, stored["markers"], rows), read("solved")
+    markers, solved = _markers(time, stored["markers"], rows_of), read("solved")
     motion = Motion(
         time=time,
         q=solved,
@@ -353,16 +342,18 @@ def _frames(
     dynamics = {v: Dynamics(time, solved, solved[:, :6], solved, engine) for v in ground}
     if len(time):
         motion, dynamics = _computed(motion, markers, ground, quality, body, settings)
-    of_motion: Rows = {n: read(n, getattr(motion, n)) for n in ("q", "v", "a", "marker_error")}
+    of_motion: dict[str, Any] = {
+        n: read(n, getattr(motion, n)) for n in ("q", "v", "a", "marker_error")
+    }
     variants = {}
     for name, loads in dynamics.items():
         tau = read(f"tau.{name}", loads.tau)
-        axes = [columns[f"residual.{name}.{axis}"] for axis in AXES]
-        residual = frozen(reported(np.column_stack(axes)))
+        residual = frozen(reported(read(f"residual.{name}")))
         variants[name] = Dynamics(time, tau, residual, frozen(tau * of_motion["v"]), engine)
     pose = None
-    if "rotation" in rows:
-        pose = PlatformPose(read("rotation").reshape(-1, 3, 3), read("position"))
+    if "platform" in rows_of:
+        of_platform = read("platform")
+        pose = PlatformPose(of_platform[:, :9].reshape(-1, 3, 3), of_platform[:, 9:])
     return {
         "markers": markers,
         "motion": replace(motion, **of_motion),
@@ -371,13 +362,13 @@ def _frames(
         "ground": ground,
         "platform": pose,
         "quality": quality,
-        "uncertainty": read("uncertainty") if "uncertainty" in rows else None,
+        "uncertainty": read("uncertainty") if "uncertainty" in rows_of else None,
     }
 
 
-def _markers(time: Array, names: Sequence[str], rows: Rows) -> Markers:
-    """Give the markers whose positions are in these channels."""
-    position = _metres(rows["marker_mm"]) if "marker_mm" in rows else rows["marker"]
+def _markers(time: Array, names: Sequence[str], rows_of: Mapping[str, Any]) -> Markers:
+    """Give the markers whose positions are in these rows."""
+    position = _metres(rows_of["marker_mm"]) if "marker_mm" in rows_of else rows_of["marker"]
     by_marker = frozen(position).reshape(len(names), 3, len(time))
     return Markers(time, tuple(names), np.moveaxis(by_marker, -1, 0))
 

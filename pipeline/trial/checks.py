@@ -13,7 +13,7 @@ from hbm.notes import Note
 from hbm.plausibility.labels import (
     changed_distances,
     labels_exchanged,
-    median_distance,
+    median_distances,
     repeated_positions,
     sides_exchanged,
 )
@@ -114,10 +114,8 @@ def other_person(
     marked = body.marker_set.present(body.markers).landmark
     found = []
     for name, (sides, limit_m) in LENGTHS.items():
-        labels = [[marked.get(end, "") for end in ends] for ends in sides]
-        lengths = [
-            [median_distance(each.markers, *pair) for each in (pose, trial)] for pair in labels
-        ]
+        labels = [(marked.get(a, ""), marked.get(b, "")) for a, b in sides]
+        lengths = np.transpose([median_distances(f.markers, labels) for f in (pose, trial)])
         there, here = min(lengths, key=lambda pair: _lengths_apart(*pair))
         if _lengths_apart(there, here) > limit_m and len({a > b for a, b in lengths}) == 1:
             found.append(f"{name} {1000 * there:.0f} mm there, {1000 * here:.0f} mm here")

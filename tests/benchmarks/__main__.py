@@ -36,6 +36,7 @@ def main() -> None:
     parser.add_argument("--csv", type=Path, help="file for the table of gait events")
     parser.add_argument("--frames", type=int, default=1000, help="frames of the compared trial")
     parser.add_argument("--repeats", type=int, default=5, help="timings per implementation")
+    parser.add_argument("--trials", type=int, default=400, help="trials of the study")
     given = parser.parse_args()
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
@@ -43,7 +44,7 @@ def main() -> None:
     for part in given.parts or PARTS:
         print(f"measuring {part} …", file=sys.stderr, flush=True)
         with tempfile.TemporaryDirectory() as folder:
-            measured |= PARTS[part](Path(folder), given.frames, given.repeats)
+            measured |= PARTS[part](Path(folder), given)
     targets = report.targets(measured)
     measured["targets"] = [asdict(target) | {"met": target.met} for target in targets]
     if given.json:
@@ -53,29 +54,31 @@ def main() -> None:
     report.show(measured, targets)
 
 
-def compare(folder: Path, frames: int, repeats: int) -> Measured:
-    whole = walk(frames)
+def compare(folder: Path, given: argparse.Namespace) -> Measured:
+    whole = walk(given.frames)
     trial = write_trial(folder / "compared", whole)
     export_trial(trial, whole)
     with implementations(trial) as running:
         compiled, machine = (running[name].result("ik") for name in (COMPILED, MACHINE))
         return {
-            "ik": compare_kinematics(trial, running, repeats),
-            "id": compare_dynamics(trial, running, repeats),
+            "ik": compare_kinematics(trial, running, given.repeats),
+            "id": compare_dynamics(trial, running, given.repeats),
             "backends_differ": float(np.abs(compiled - machine).max()),
             "optimum": asdict(check_optimum(trial)),
         }
 
 
-def whole_processes(folder: Path, frames: int, _: int) -> Measured:
-    return {"commands": {"help_s": commands.help_time(), **commands.residuals_time(folder, frames)}}
+def whole_processes(folder: Path, given: argparse.Namespace) -> Measured:
+    residuals = commands.residuals_time(folder, given.frames)
+    return {"commands": {"help_s": commands.help_time(), **residuals}}
 
 
-PARTS: dict[str, Callable[[Path, int, int], Measured]] = {
+PARTS: dict[str, Callable[[Path, argparse.Namespace], Measured]] = {
     "compare": compare,
     "commands": whole_processes,
     "events": lambda folder, *_: events.race(folder),
     "live": lambda folder, *_: live.live_frames(folder),
+    "study": lambda folder, given: {"study": commands.study_times(folder, given.trials)},
     "memory": lambda folder, *_: {"memory": commands.residuals_time(folder, LONG_FRAMES)},
 }
 

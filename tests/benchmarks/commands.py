@@ -1,4 +1,4 @@
-"""Whole processes: response time of the command line, time and memory of a long trial."""
+"""Whole processes: response time of the command line, long trials and studies of many trials."""
 
 import os
 import subprocess
@@ -20,6 +20,15 @@ HELP_RUNS = 5
 LONG_FRAMES = 72000
 PLATE_HZ = 1000
 OTHER_CHANNELS = 18
+STUDY_FRAMES = 408
+PERSON = """\
+id = "s{number:05}"
+sex = "male"
+mass_kg = {mass_kg}
+static = "static.c3d"
+[trials.level]
+file = "walk.c3d"
+"""
 CORNERS = ((0.85, -0.25, 0), (-0.85, -0.25, 0), (-0.85, 0.25, 0), (0.85, 0.25, 0))
 Row = dict[str, float | str]
 
@@ -36,6 +45,33 @@ def residuals_time(folder: Path, frames: int) -> Row:
     command = ("residuals", folder / "trial.c3d", "--static", folder / "static.c3d")
     seconds, peak = _measured(*command, "--mass-kg", MASS_KG, "--out", folder / "results")
     return {"frames": frames, "residuals_s": seconds, "peak_bytes": peak}
+
+
+def study_times(folder: Path, trials: int) -> list[Row]:
+    """Time check, run and report of a study, with a subject for each trial of 408 frames."""
+    study, results = folder / "study", folder / "results"
+    study.mkdir()
+    write_trial(walk(STUDY_FRAMES), study / "walk.c3d")
+    write_c3d(study / "static.c3d", synthetic_t_pose())
+    (study / "study.toml").write_text("[conditions.level]\n")
+    for number in range(trials):
+        (study / f"s{number:05}.toml").write_text(PERSON.format(number=number, mass_kg=MASS_KG))
+    cores = os.cpu_count() or 1
+    commands = {
+        "check": ("check", study),
+        "run": ("run", study, "--jobs", cores, "--out", results),
+        "report": ("report", results),
+    }
+    rows: list[Row] = []
+    for name, command in commands.items():
+        seconds, peak = _measured(*command)
+        size = sum(path.stat().st_size for path in results.rglob("*") if path.is_file())
+        rows.append(
+            {"command": name, "trials": trials, "s": seconds}
+            | {"trials_per_s_and_core": trials / seconds / cores}
+            | {"peak_mb": peak / 1e6, "results_mb": size / 1e6}
+        )
+    return rows
 
 
 def write_trial(trial: Walk, path: Path) -> None:

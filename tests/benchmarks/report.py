@@ -17,6 +17,7 @@ TITLES = {
     "events": "Gait events against the truth of the virtual laboratory",
     "ik": "Inverse kinematics, per frame",
     "id": "Inverse dynamics with residuals, per frame",
+    "study": "A study: a subject and 408 frames per trial",
     "live": "Live frames, from their last sample to the result, on the clock",
 }
 

@@ -14,7 +14,7 @@ from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, recognise_marker_set
 from hbm.spatial import unit
 from pipeline.io.c3d.read import read_c3d
-from tests.recordings.recorded import recorded, steps
+from tests.recordings.recorded import recorded, steps, two_plates
 
 MASS_KG, STATURE_M = 85.0, 1.679
 ROD_M = 0.1
@@ -151,3 +151,13 @@ def test_a_mixture_of_two_sets_is_recognised_and_fits(shared_data):
     assert body.marker_set.name == "hbm2+cgm2"
     assert "metatarsals_swapped" in [note.code for note in body.notes]
     assert solve_ik(body, markers).marker_error.max() < 0.003
+
+
+def test_frames_without_markers_around_a_walk_change_no_pose_in_it(shared_data):
+    walk = recorded(two_plates, shared_data)[0].markers
+    body = build_body(walk, mass=MASS_KG)
+    seen = np.flatnonzero(np.isfinite(walk.position).any(axis=(1, 2)))
+    rows = slice(seen[0], seen[-1] + 1)
+    assert 2 * len(seen) < len(walk.time), "few frames are without markers: no test"
+    alone = solve_ik(body, Markers(walk.time[rows], walk.names, walk.position[rows]))
+    np.testing.assert_allclose(solve_ik(body, walk).q[rows], alone.q, atol=1e-9)

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array, shift_wrench
+from hbm.spatial import Array, cross, shift_wrench
 from hbm.spelling import short
 from pipeline.io.c3d.data import Header
 from pipeline.io.c3d.parameters import Parameters
@@ -282,10 +282,10 @@ def plate_axes(corners: Array) -> Array:
     They are in the order of the C3D format. A ValueError where they do not span a surface.
     """
     x = corners[0] - corners[1]
-    z = np.cross(x, corners[0] - corners[3])
+    z = cross(x, corners[0] - corners[3])
     if not np.linalg.norm(z) > 0:
         raise Undescribed("its corners do not span a surface")
-    axes = np.array([x, np.cross(z, x), z])
+    axes = np.array([x, cross(z, x), z])
     return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
 
 

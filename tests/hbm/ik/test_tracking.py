@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hbm.ik import tracking
 from hbm.ik.problem import Problem
 from hbm.ik.tracking import TRIES, look_for_lower, lowest_of_tries, solve_ik
 from tests.hbm.motions import any_pose, markers_of, with_noise, without
@@ -78,3 +79,12 @@ def test_of_two_poses_of_a_hand_that_fit_its_one_marker_equally_the_neutral_one_
         for name in ("WristFlexion", "HandAbduction"):
             expected = truth.coordinate(side + name)
             np.testing.assert_allclose(found.coordinate(side + name), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize(("missing", "tried"), [((), 0), (UNUSED, len(ROWS))])
+def test_unrelated_poses_get_all_tries_where_the_first_ones_lead_lower(monkeypatch, missing, tried):
+    frames = []
+    monkeypatch.setattr(tracking, "look_for_lower", lambda *given: frames.append(len(given[2])))
+    noisy = with_noise(markers_of(BODY, TRUTH), np.random.default_rng(4), 0.003)
+    solve_ik(BODY, without(noisy, missing))
+    assert frames[-1] == tried

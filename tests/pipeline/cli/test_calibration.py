@@ -24,6 +24,7 @@ from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration
 from tests.pipeline import lab
 
+LONG_S = 12.0
 SENSORS = {name: slice(3 * k, 3 * k + 3) for k, name in enumerate(lab.CHANNELS)}
 STATED = [
     option
@@ -40,7 +41,9 @@ def with_values(recording, change):
 
 @cache
 def empty(seed, **options):
-    return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0, seed), seed=seed, **options)
+    return lab.on_platform(
+        lab.without_people(LONG_S), lab.shaken(LONG_S, seed), seed=seed, **options
+    )
 
 
 def fit(recording, folder, *options):
@@ -193,7 +196,7 @@ def spoilt(moving_study, tmp_path):
     """A study with one trial whose calibration fails its limits."""
     study = shutil.copytree(moving_study, tmp_path / "study")
     (study / "sub02.toml").unlink()
-    lab.save(poor(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))), study / "empty.c3d")
+    lab.save(poor(empty(0)), study / "empty.c3d")
     return study
 
 
@@ -209,7 +212,7 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
 ):
     study = spoilt(moving_study, tmp_path)
     file, trial, empty_again = tmp_path / "lab.json", study / "sub01_pitch.c3d", study / "again.c3d"
-    lab.save(poor(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0, 2))), empty_again)
+    lab.save(poor(empty(2)), empty_again)
     for command in (
         ["calibration", "fit", str(study / "empty.c3d"), "-o", str(file), *STATED],
         ["calibration", "check", str(file), str(empty_again)],

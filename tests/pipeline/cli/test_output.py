@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.cli.app import main
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
@@ -73,13 +74,11 @@ def started(program, *arguments, changed=None, **options):
 HBM = ("-m", "pipeline.cli")
 
 
-@pytest.mark.parametrize("name", ["歩行_1.c3d", '=1+1, "ʻŌlelo" – é.c3d'])
-def test_every_name_in_utf_8_works_without_a_warning(name, trial, tmp_path):
-    path = shutil.copy(trial, tmp_path / name)
-    done = started(
-        HBM, "residuals", path, "--mass-kg", "74.6", "--out", tmp_path / "out", "--quiet"
-    )
-    assert (done.returncode, done.stderr) == (0, b"")
+def test_every_name_in_utf_8_works_without_a_warning(trial, tmp_path, capsys):
+    path = shutil.copy(trial, tmp_path / '=1+1, "ʻŌlelo" – é, 歩行_1.c3d')
+    words = ["residuals", str(path), "--mass-kg", "74.6", "--out", str(tmp_path / "out")]
+    assert main([*words, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
     assert len(list((tmp_path / "out").iterdir())) == 6
 
 
@@ -109,7 +108,7 @@ def test_other_names_are_refused_before_anything_is_computed(
 def test_a_study_works_within_a_folder_whose_name_is_not_utf_8(study, tmp_path):
     folder = os.path.join(os.fsencode(tmp_path), b"\xe9tude")  # noqa: PTH118
     shutil.copytree(os.fsencode(study), folder)
-    for words in (["run", "."], ["report"], ["view", "--save", "a.rrd"]):
+    for words in (["run", "."], ["report", "--no-pages"], ["view", "--save", "a.rrd"]):
         done = subprocess.run(
             [sys.executable, *HBM, *words], cwd=folder, capture_output=True, timeout=300,
             env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])},

@@ -97,7 +97,7 @@ def test_the_order_of_trials_changes_nothing_but_the_draws():
     np.testing.assert_allclose(one.size, other.size[place], atol=0.15)
 
 
-@pytest.mark.parametrize("draws", [8, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("draws", [8, pytest.param(40, marks=pytest.mark.campaign)])
 def test_intervals_of_shared_faults_hold_as_often_as_they_say(draws):
     """Faults of one to ten usual sizes, three trials of two subjects."""
     held, claimed = [], []

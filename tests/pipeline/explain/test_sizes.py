@@ -93,7 +93,7 @@ def test_what_the_residual_does_not_tell_keeps_its_prior(rng):
     assert found.if_there[1, 2] == pytest.approx(0.7)
 
 
-@pytest.mark.parametrize("draws", [25, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("draws", [25, pytest.param(150, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("undescribed", [0.0, 1.0])
 def test_intervals_contain_the_sizes_as_often_as_they_say(rng, undescribed, draws):
     """Whether causes describe the residual or something besides them does."""
@@ -151,7 +151,7 @@ def tilted_trial(rng, size, response):
     return residual, effects
 
 
-@pytest.mark.parametrize("draws", [20, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("draws", [20, pytest.param(60, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("response", [0.0, 2.0])
 def test_intervals_hold_however_much_a_person_changes_with_the_platform(response, draws):
     rng = np.random.default_rng(4)
@@ -186,7 +186,7 @@ def faulty_trial(rng, size, told):
     return residual, effects, np.ones(28), np.zeros(28, bool), np.arange(28) < 8
 
 
-@pytest.mark.parametrize("draws", [8, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("draws", [8, pytest.param(60, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("name", SIZES)
 @pytest.mark.parametrize("told", [0.3, 3.0])
 def test_faults_of_any_size_are_found_as_large_as_they_are(name, told, draws):
@@ -206,7 +206,7 @@ def test_faults_of_any_size_are_found_as_large_as_they_are(name, told, draws):
         assert projected / square == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize("draws", [10, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("draws", [10, pytest.param(40, marks=pytest.mark.campaign)])
 def test_absent_faults_are_not_claimed_and_large_ones_are(draws):
     rng, claimed = np.random.default_rng(4), []
     for _ in range(draws):

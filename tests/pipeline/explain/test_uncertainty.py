@@ -178,7 +178,7 @@ def test_bands_hold_two_thirds_of_the_draws(part, effects, result):
     np.testing.assert_allclose(ratio, 1.0, atol=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("trial", ["walk", "moving"])
 def test_delta_method_and_monte_carlo_agree_within_a_tenth(trial, request):
     """Three standard errors of the draws' own deviation are allowed besides."""

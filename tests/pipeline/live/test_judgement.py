@@ -32,7 +32,7 @@ LOST = {
 }
 
 
-@pytest.fixture(scope="module", params=["still", "pitching, compensated"])
+@pytest.fixture(scope="module")
 def recorded(request, walker, study, laboratory):
     """A walk, its laboratory and the body."""
     if request.param == "still":
@@ -43,7 +43,12 @@ def recorded(request, walker, study, laboratory):
     return trial, where, process_recording(trial, PERSON, REALTIME, laboratory=where).body
 
 
-@pytest.mark.parametrize("lost", LOST)
+MOVING = "pitching, compensated"
+CASES = [(MOVING, lost) for lost in LOST]
+CASES += [("still", lost) for lost in ("one sample in ten", "all for 30 ms")]
+
+
+@pytest.mark.parametrize(("recorded", "lost"), CASES, indirect=["recorded"])
 def test_the_same_frames_with_the_same_numbers(recorded, tmp_path, lost):
     trial, where, body = recorded
     source = PerturbedSource(RecordedSource(trial, chunk_s=0.1), LOST[lost])

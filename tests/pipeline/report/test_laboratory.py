@@ -5,6 +5,7 @@ import re
 import shutil
 from dataclasses import replace
 from datetime import datetime
+from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
@@ -72,6 +73,7 @@ class Rows(HTMLParser):
         return next(row[1] for row in self.rows if row[:1] == [question])
 
 
+@cache
 def empty(seed):
     return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0, seed), seed=seed)
 
@@ -226,8 +228,9 @@ def test_a_damaged_file_beside_the_page_is_named(checked, tmp_path):
             write_laboratory(folder)
 
 
-def test_every_warning_that_the_console_prints_is_on_the_page(tmp_path, capsys):
+def test_every_warning_that_the_console_prints_is_on_the_page(tmp_path, capsys, monkeypatch):
     """Plate 2 is 5 ms late; with a check, the page keeps the warnings of the fit."""
+    monkeypatch.setattr("pipeline.report.laboratory._of_recording", lambda *given: [])
     recording = empty(1)
     first, second = recording.plates
     late = np.roll(second.wrench_in_plate, 5, axis=0)

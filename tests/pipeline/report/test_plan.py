@@ -7,7 +7,6 @@ from pipeline.report import write as report
 from pipeline.report.tables import plan_markdown, plan_table
 from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.statistics.verdict import Verdict
-from tests.pipeline.fake_results import write_fake_results
 
 
 def verdict(condition="sway", answer="inconclusive", **known):
@@ -34,11 +33,9 @@ def test_fewer_than_two_subjects_give_one_line():
     assert text.startswith("No plan: the variance between subjects needs at least 2")
 
 
-def test_the_command_prints_the_plan_that_it_writes(tmp_path, monkeypatch, capsys):
-    for drawn in ("study_figures", "joint_figures", "write_trial_pages"):
-        monkeypatch.setattr(report, drawn, lambda *args: iter(()))
-    write_fake_results(tmp_path, subjects=3, cycles=2)
-    assert main(["report", str(tmp_path), "--plan"]) == 0
+def test_the_command_prints_the_plan_of_the_report(results, monkeypatch, capsys):
+    monkeypatch.setattr(report, "write_report", lambda *given, **named: results / "report.html")
+    assert main(["report", str(results), "--plan"]) == 0
     printed = capsys.readouterr().out
-    assert (tmp_path / "plan.md").read_text(encoding="utf-8") in printed
-    assert len(pd.read_csv(tmp_path / "plan.csv")) == 18
+    assert (results / "plan.md").read_text(encoding="utf-8") in printed
+    assert len(pd.read_csv(results / "plan.csv")) == 18

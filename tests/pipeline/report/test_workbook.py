@@ -13,18 +13,7 @@ from pipeline.report import write as report
 from pipeline.report.workbook import described, write_workbook
 from pipeline.report.write import write_report
 from pipeline.run.store import write_trial
-from tests.pipeline.fake_results import fake_trial, write_fake_results
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("results")
-    write_fake_results(folder, subjects=3, cycles=3)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, "study_figures", lambda *args: iter(()))
-        patch.setattr(report, "joint_figures", lambda *args: iter(()))
-        write_report(folder)
-    return folder
+from tests.pipeline.fake_results import fake_trial
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +38,7 @@ NAMES = {
     **{"TRUE": "null", "2024-05-03": "=1+1", "1": "-3.2"},
 }
 """Subjects and their groups."""
-CONDITIONS = ("baseline", "1e5", "NA")
+CONDITIONS = ("1e5", "NA")
 
 
 def test_every_name_stays_as_it_is_in_csv_and_workbook(tmp_path, monkeypatch):

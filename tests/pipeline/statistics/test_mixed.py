@@ -143,7 +143,7 @@ def test_subjects_with_one_cell_take_part():
     assert error_of(compared) < error_of(paired)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("repeats", "sizes"), [(1, (1.0, 0.5, 0.7)), (3, (1.0, 0.5, 0.7))])
 def test_intervals_hold_the_true_difference(repeats, sizes):
     """In 500 studies of nine people, of whom three lack a cell; 95 %, give or take 2 %."""
@@ -157,7 +157,7 @@ def test_intervals_hold_the_true_difference(repeats, sizes):
     assert abs(held / 500 - 0.95) < 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("subjects", "repeats", "sizes", "fewest"),
     [
