@@ -1,6 +1,6 @@
 """Causes of residuals: what may be wrong, how large it usually is, and what it does."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Final
@@ -178,22 +178,23 @@ class Cause:
         origin.
         """
         size = self.prior.size
+        more, less = (changed.residual for changed in self._changed(chain, size))
+        return np.asarray((more - less) / (2 * size))
+
+    def _changed(self, chain: Chain, size: float) -> Iterator[Chain]:
+        """Give the chain with the cause of a size, and of as much less."""
         if self.moves is None:
-            more, less = (self.change(chain, each).residual for each in (size, -size))
-            return np.asarray((more - less) / (2 * size))
+            yield from (self.change(chain, each) for each in (size, -size))
+            return
         # the filter is linear: one pass of the change serves both ends
         course, moved = self.moves
         moving, settings = moved.any(axis=0), chain.settings
         change = size * course * moved[:, moving]
-        step = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
-
-        def residual(sign: float) -> Array:
-            state = Filtered(*map(np.array, chain.filtered))
-            for whole, part in zip(state, step, strict=True):
-                whole[:, moving] += sign * part
-            return chain.changed(body=self.alters(chain.body, sign * size), filtered=state).residual
-
-        return np.asarray((residual(1.0) - residual(-1.0)) / (2 * size))
+        step = np.zeros((len(chain.filtered), *moved.shape))
+        step[:, :, moving] = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
+        for end, combine in ((size, np.add), (-size, np.subtract)):
+            state = Filtered(*map(combine, chain.filtered, step))
+            yield chain.changed(body=self.alters(chain.body, end), filtered=state)
 
 
 def corrected(chain: Chain, causes: Sequence[Cause], size: Array) -> Chain:

@@ -469,8 +469,10 @@ class Chain:
 
     @cached_property
     def filtered(self) -> Filtered:
-        """Filtered coordinates and their derivatives, (T, 46)."""
-        return butterworth(self.q, self.time, self.settings.cutoff_hz, self.settings.filter)
+        """Filtered coordinates and their derivatives, (T, 46), frame by frame in memory."""
+        settings = self.settings
+        filtered = butterworth(self.q, self.time, settings.cutoff_hz, settings.filter)
+        return Filtered(*map(np.ascontiguousarray, filtered))
 
     @cached_property
     def needed(self) -> Array:
