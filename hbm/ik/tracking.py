@@ -164,14 +164,7 @@ EQUAL_COST: Final = 1e-6
 """Relative difference of the costs of one optimum that is reached from two starts."""
 
 
-def solve_ik(
-    body: Body,
-    markers: Markers,
-    *,
-    tolerance: float = 1e-6,
-    jobs: int = 1,
-    start: Array | None = None,
-) -> Motion:
+def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int = 1) -> Motion:
     """Find the coordinates whose markers lie nearest to the measured ones.
 
     Parameters
@@ -186,9 +179,6 @@ def solve_ik(
         remains is far smaller.
     jobs
         Threads.
-    start
-        Coordinates nearby, (T, 46), such as those of almost the same markers; by default each frame
-        starts from what others show.
 
     Returns
     -------
@@ -219,7 +209,7 @@ def solve_ik(
     problem = Problem(body, markers, tolerance, jobs)
     problem.stand_upright()
     frames = np.arange(len(problem.time))
-    start, usual_pivots = _starting_points(problem, frames, start)
+    start, usual_pivots = _starting_points(problem, frames)
     found = problem.newton(frames, start)
     far = ~found.converged | _far(found.q, start)
     if np.mean(far) > MAX_SHARE_FAR:
@@ -254,25 +244,19 @@ def solve_ik(
     )
 
 
-def _starting_points(
-    problem: Problem, frames: Indices, near: Array | None
-) -> tuple[Array, Array | None]:
+def _starting_points(problem: Problem, frames: Indices) -> tuple[Array, Array | None]:
     """Give every frame a starting point: splines between key frames solved from rigid fits.
 
-    Coordinates that are known to be near, (T, 46), are starting points themselves.
     Starting points, (T, 46), NaN where nothing is known, and the median pivots of the key frames,
     (46,): None where there are too few of them, so that frames tell nothing of each other, and the
     starting points are rigid fits.
     """
     keys = _key_frames(problem)
-    found = problem.newton(keys, problem.rigid_fit(keys) if near is None else near[keys])
-    if near is None:
-        look_for_lower(problem, found, np.flatnonzero(doubtful(problem, found)))
+    found = problem.newton(keys, problem.rigid_fit(keys))
+    look_for_lower(problem, found, np.flatnonzero(doubtful(problem, found)))
     solved = np.flatnonzero(found.converged)
     if len(solved) < MIN_KEY_FRAMES:
         return problem.rigid_fit(frames), None
-    if near is not None:
-        return near, np.median(found.pivots[solved], axis=0)
     found.q[solved] = continuous(found.q[solved])
     inner = solved[1:-1]
     between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2

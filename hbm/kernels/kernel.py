@@ -43,7 +43,7 @@ class Kernel:
     constant_inputs: tuple[int, ...]
 
     def __call__(
-        self, *inputs: Array, jobs: int = 1, asked: Container[int] | None = None
+        self, *inputs: Array, jobs: int = 1, asked: Container[int] = ()
     ) -> tuple[Array, ...]:
         """Evaluate frames.
 
@@ -67,10 +67,8 @@ class Kernel:
             expected = (n,) if i in self.constant_inputs else (frames, n)
             if x.shape != expected:
                 raise ValueError(f"input {i} must have shape {expected}, got {x.shape}")
-        outputs = tuple(
-            np.empty((frames if asked is None or i in asked else 0, n))
-            for i, n in enumerate(self.sizes_out)
-        )
+        every = enumerate(self.sizes_out)
+        outputs = tuple(np.empty((frames * (not asked or i in asked), n)) for i, n in every)
 
         def evaluate_block(start: int, stop: int) -> None:
             offsets = [

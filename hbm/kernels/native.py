@@ -154,11 +154,8 @@ def _interpreted(name: str) -> Kernel:
     def evaluate(frames: int, inputs: Pointers, outputs: Pointers, keep: Any = buffer) -> None:
         counts = [1 if i in constant else frames for i in range(len(inputs))]
         rows = [_view(p, c, n) for p, c, n in zip(inputs, counts, sizes_in, strict=True)]
-        asked = [
-            (_view(p, frames, n), x)
-            for p, n, x in zip(outputs, sizes_out, results, strict=True)
-            if p
-        ]
+        sizes = zip(outputs, sizes_out, results, strict=True)
+        asked = [(_view(p, frames, n), x) for p, n, x in sizes if p]
         with buffer_in_use:
             for t in range(frames):
                 for x, row in zip(arguments, rows, strict=True):

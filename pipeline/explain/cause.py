@@ -177,9 +177,8 @@ class Cause:
         Central difference over one standard deviation to either side, in lab axes about the pelvis
         origin.
         """
-        size = self.prior.size
-        more, less = (changed.residual for changed in self._changed(chain, size))
-        return np.asarray((more - less) / (2 * size))
+        more, less = (changed.residual for changed in self._changed(chain, self.prior.size))
+        return np.asarray((more - less) / (2 * self.prior.size))
 
     def _changed(self, chain: Chain, size: float) -> Iterator[Chain]:
         """Give the chain with the cause of a size, and of as much less."""

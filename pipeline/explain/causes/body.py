@@ -152,7 +152,7 @@ def _of_geometry(chain: Chain, name: str, prior: Prior, altered: Altered) -> Cau
     Coordinates change in proportion to its size: as they do for a small one.
     """
     small = SMALL * prior.size
-    q = solve_ik(altered(chain.body, small), chain.markers, start=chain.q).q
+    q = solve_ik(altered(chain.body, small), chain.markers).q
     follow = np.where(np.isnan(chain.q), np.nan, np.nan_to_num((q - chain.q) / small))
 
     def change(of: Chain, size: float) -> Chain:
