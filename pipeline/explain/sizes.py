@@ -314,7 +314,7 @@ def _sweep(
         gain = change / (1 + change * column[k])
         size -= gain * size[k] * column
         covariance -= np.outer(gain * column, column)
-    return tuple(np.transpose(drawn))
+    return tuple(np.reshape(drawn, (-1, 3)).T)
 
 
 def _averaged(draws: Sequence[tuple[Array, ...]]) -> tuple[Array, Array, Array, Array]:
