@@ -1,6 +1,6 @@
 """Kernels: functions of the skeleton, evaluated for many frames at once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -20,6 +20,7 @@ MIN_FRAMES_PER_THREAD: Final = 64
 """Fewer frames take less time than starting a thread."""
 
 Pointers = list[int]
+"""Addresses; that of an output that is not asked for is 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,9 @@ class Kernel:
     sizes_out: tuple[int, ...]
     constant_inputs: tuple[int, ...]
 
-    def __call__(self, *inputs: Array, jobs: int = 1) -> tuple[Array, ...]:
+    def __call__(
+        self, *inputs: Array, jobs: int = 1, asked: Container[int] = ()
+    ) -> tuple[Array, ...]:
         """Evaluate frames.
 
         Parameters
@@ -50,11 +53,13 @@ class Kernel:
             (T, n) per frame, or (n,) where the same for all frames.
         jobs
             Threads to spread the frames over; the result does not depend on it.
+        asked
+            Numbers of the outputs that are asked for; by default all are.
 
         Returns
         -------
         tuple[Array, ...]
-            Outputs, (T, n) each.
+            Outputs, (T, n) each, and (0, n) where not asked for.
         """
         arrays = [np.ascontiguousarray(x, float) for x in inputs]
         frames = next(len(x) for i, x in enumerate(arrays) if i not in self.constant_inputs)
@@ -62,7 +67,8 @@ class Kernel:
             expected = (n,) if i in self.constant_inputs else (frames, n)
             if x.shape != expected:
                 raise ValueError(f"input {i} must have shape {expected}, got {x.shape}")
-        outputs = tuple(np.empty((frames, n)) for n in self.sizes_out)
+        every = enumerate(self.sizes_out)
+        outputs = tuple(np.empty((frames * (not asked or i in asked), n)) for i, n in every)
 
         def evaluate_block(start: int, stop: int) -> None:
             offsets = [
@@ -72,7 +78,7 @@ class Kernel:
             self.evaluate(
                 stop - start,
                 [x.ctypes.data + offset for x, offset in zip(arrays, offsets, strict=True)],
-                [x.ctypes.data + start * x.strides[0] for x in outputs],
+                [x.ctypes.data + start * x.strides[0] if len(x) else 0 for x in outputs],
             )
 
         in_threads(evaluate_block, frames, jobs)

@@ -154,13 +154,14 @@ def _interpreted(name: str) -> Kernel:
     def evaluate(frames: int, inputs: Pointers, outputs: Pointers, keep: Any = buffer) -> None:
         counts = [1 if i in constant else frames for i in range(len(inputs))]
         rows = [_view(p, c, n) for p, c, n in zip(inputs, counts, sizes_in, strict=True)]
-        views = [_view(p, frames, n) for p, n in zip(outputs, sizes_out, strict=True)]
+        sizes = zip(outputs, sizes_out, results, strict=True)
+        asked = [(_view(p, frames, n), x) for p, n, x in sizes if p]
         with buffer_in_use:
             for t in range(frames):
                 for x, row in zip(arguments, rows, strict=True):
                     x[:] = row[t % len(row)]
                 evaluate_buffer()
-                for view, x in zip(views, results, strict=True):
+                for view, x in asked:
                     view[t] = x
 
     return Kernel(evaluate, sizes_in, sizes_out, constant)

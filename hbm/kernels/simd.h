@@ -55,14 +55,15 @@ static inline simd simd_fabs(simd x) { return simd_select(x < 0, -x, x); }
 static inline simd simd_fmax(simd x, simd y) { return simd_select(x > y, x, y); }
 
 /* Evaluate a kernel for many frames. Sizes are numbers per frame; inputs marked `constant` are the
- * same for all frames; `workspace` holds one block's inputs and outputs. */
+ * same for all frames; outputs whose address is null are not asked for; `workspace` holds one block's
+ * inputs and outputs. */
 static void evaluate_frames(kernel evaluate, long long frames, int inputs, const int *size_in,
                             const int *constant, int outputs, const int *size_out,
                             const double *const *in, double *const *out, simd *workspace) {
   const simd *arg[16];
   simd *block[16], *res[16];
   for (int i = 0; i < inputs; workspace += size_in[i++]) arg[i] = block[i] = workspace;
-  for (int i = 0; i < outputs; workspace += size_out[i++]) res[i] = workspace;
+  for (int i = 0; i < outputs; workspace += size_out[i++]) res[i] = out[i] ? workspace : 0;
   for (int i = 0; i < inputs; ++i)
     for (int j = 0; constant[i] && j < size_in[i]; ++j) block[i][j] = broadcast(in[i][j]);
 
@@ -75,7 +76,7 @@ static void evaluate_frames(kernel evaluate, long long frames, int inputs, const
       }
     evaluate(arg, res, 0, 0, 0);
     for (int i = 0; i < outputs; ++i)
-      for (int lane = 0; lane < used; ++lane) {
+      for (int lane = 0; out[i] && lane < used; ++lane) {
         double *row = out[i] + size_out[i] * (first + lane);
         for (int j = 0; j < size_out[i]; ++j) row[j] = res[i][j][lane];
       }

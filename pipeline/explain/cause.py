@@ -1,12 +1,13 @@
 """Causes of residuals: what may be wrong, how large it usually is, and what it does."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Final
 
 import numpy as np
 
+from hbm.model import Body
 from hbm.signals.filtering import Filtered, butterworth
 from hbm.spatial import Array
 from hbm.spelling import packaged_toml
@@ -93,6 +94,10 @@ Altered = Callable[[Any, float], Any]
 """Gives a stage of the chain, or a part of it, with a cause of a size."""
 
 
+def _unaltered(body: Body, size: float) -> Body:
+    return body
+
+
 def change_of(stage: str, altered: Altered) -> Change:
     """Give the change by a cause that alters one stage of the chain by its size."""
 
@@ -129,7 +134,9 @@ class Cause:
         along no axis of the lab, and of other causes.
     moves
         Course, (T, 1), and change of the coordinates per unit of it and of the size, (T, 46), of
-        what changes the residual by them alone; None of other causes.
+        what changes the residual by them and the body alone; None of other causes.
+    alters
+        Gives the body with such a cause of a size.
     """
 
     name: str
@@ -141,6 +148,7 @@ class Cause:
     along: Array | None = None
     in_lab: str = ""
     moves: tuple[Array, Array] | None = None
+    alters: Altered = _unaltered
 
     @property
     def within(self) -> str:
@@ -169,23 +177,23 @@ class Cause:
         Central difference over one standard deviation to either side, in lab axes about the pelvis
         origin.
         """
-        size = self.prior.size
+        more, less = (changed.residual for changed in self._changed(chain, self.prior.size))
+        return np.asarray((more - less) / (2 * self.prior.size))
+
+    def _changed(self, chain: Chain, size: float) -> Iterator[Chain]:
+        """Give the chain with the cause of a size, and of as much less."""
         if self.moves is None:
-            more, less = (self.change(chain, each).residual for each in (size, -size))
-            return np.asarray((more - less) / (2 * size))
+            yield from (self.change(chain, each) for each in (size, -size))
+            return
         # the filter is linear: one pass of the change serves both ends
         course, moved = self.moves
         moving, settings = moved.any(axis=0), chain.settings
         change = size * course * moved[:, moving]
-        step = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
-
-        def residual(sign: float) -> Array:
-            state = Filtered(*map(np.array, chain.filtered))
-            for whole, part in zip(state, step, strict=True):
-                whole[:, moving] += sign * part
-            return chain.changed(filtered=state).residual
-
-        return np.asarray((residual(1.0) - residual(-1.0)) / (2 * size))
+        step = np.zeros((len(chain.filtered), *moved.shape))
+        step[:, :, moving] = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
+        for end, combine in ((size, np.add), (-size, np.subtract)):
+            state = Filtered(*map(combine, chain.filtered, step))
+            yield chain.changed(body=self.alters(chain.body, end), filtered=state)
 
 
 def corrected(chain: Chain, causes: Sequence[Cause], size: Array) -> Chain:
@@ -197,5 +205,6 @@ def corrected(chain: Chain, causes: Sequence[Cause], size: Array) -> Chain:
             chain = cause.change(chain, -much)
         else:
             course, moved = cause.moves
+            chain = chain.changed(body=cause.alters(chain.body, -much))
             added -= much * course * moved
     return chain.changed(q=chain.q + added)

@@ -10,6 +10,7 @@ so that sizes of their causes are normally distributed; instruments have faults 
 ones.
 """
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Final
@@ -77,8 +78,9 @@ class Evidence:
 
     def information(self, undescribed: Array) -> "Information":
         """Give its normal equations, with variances of what no cause describes, (A,)."""
-        weighted = self.effects / (self.noise + undescribed[self.axis])
-        return Information(self.names, weighted @ self.effects.T, weighted @ self.values)
+        deviation = np.sqrt(self.noise + undescribed[self.axis])
+        weighted = self.effects / deviation
+        return Information(self.names, weighted @ weighted.T, weighted @ (self.values / deviation))
 
     @property
     def rare(self) -> Mask:
@@ -122,7 +124,7 @@ class Information:
         factor = np.linalg.cholesky(self.precision[np.ix_(gone, gone)] + np.eye(gone.sum()))
         across = np.column_stack([self.precision[np.ix_(gone, ~gone)], self.pull[gone]])
         # with the factor L, one triangular solve: across' (L L')^-1 across = half' half
-        half = scipy.linalg.solve_triangular(factor, across, lower=True, check_finite=False)
+        half, _ = scipy.linalg.lapack.dtrtrs(factor.T, across, trans=1)
         kept = tuple(name for name in self.names if name not in names)
         integrated = tuple(name for name in self.names if name in names)
         taken = half[:, :-1].T @ half
@@ -152,10 +154,7 @@ class Given:
 
     def divided(self, values: Array) -> Array:
         """Divide values, (M, …), by the factor's transpose."""
-        solved = scipy.linalg.solve_triangular(
-            self.factor, values, lower=True, trans="T", check_finite=False
-        )
-        return np.asarray(solved)
+        return np.asarray(scipy.linalg.lapack.dtrtrs(self.factor.T, values)[0])
 
     def drawn(self, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
         """Draw the sizes."""
@@ -290,7 +289,7 @@ def _drawn_variance(
 
 def _sweep(
     there: Mask, size: Array, covariance: Array, rng: np.random.Generator
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, ...]:
     """Draw for each fault whether it is there, given the others; all arrays but the last change.
 
     Returns
@@ -298,30 +297,24 @@ def _sweep(
     chance, size, variance
         That each is there, and its size and variance if it is, given the others, (F,) each.
     """
-    drawn, first = np.empty((3, len(there))), 0
-    random, (absent, present) = rng.random(len(there)), 1 / VARIANCE
-    while first < len(there):
-        # all that follow at once, as they are until one of them changes
-        rest = slice(first, None)
-        variance, before = np.diag(covariance)[rest], np.where(there[rest], present, absent)
-        told, pull = np.maximum(1 / variance - before, 0.0), size[rest] / variance  # without prior
+    drawn, (absent, present) = list[tuple[float, ...]](), (1 / VARIANCE).tolist()
+    for k, random in enumerate(rng.random(len(there)).tolist()):
+        variance, before = covariance.item(k, k), present if there[k] else absent
+        told, pull = max(1 / variance - before, 0.0), size.item(k) / variance  # without prior
         wide, narrow = told + present, told + absent
-        odds = LOG_ODDS + (np.log(narrow * present / (wide * absent))) / 2
+        odds = LOG_ODDS + math.log(narrow * present / (wide * absent)) / 2
         odds += pull**2 * (1 / wide - 1 / narrow) / 2
-        chance = 1 / (1 + np.exp(-np.clip(odds, -MOST_ODDS, MOST_ODDS)))
-        drawn[:, rest] = chance, pull / wide, 1 / wide
-        changes = np.flatnonzero((random[rest] < chance) != there[rest])
-        if not len(changes):
-            break
-        k = first + int(changes[0])
+        chance = 1 / (1 + math.exp(-max(odds, -MOST_ODDS)))
+        drawn.append((chance, pull / wide, 1 / wide))
+        if (random < chance) == there[k]:
+            continue
         there[k] = not there[k]
         change = present - absent if there[k] else absent - present
         column = covariance[:, k].copy()
         gain = change / (1 + change * column[k])
         size -= gain * size[k] * column
         covariance -= np.outer(gain * column, column)
-        first = k + 1
-    return drawn[0], drawn[1], drawn[2]
+    return tuple(np.reshape(drawn, (-1, 3)).T)
 
 
 def _averaged(draws: Sequence[tuple[Array, ...]]) -> tuple[Array, Array, Array, Array]:

@@ -106,8 +106,6 @@ DEPENDS_ON: Final[Mapping[str, str]] = {
 """Stage -> the stages, inputs (some with a field), and settings that it is computed from."""
 
 
-FRAMES_AT_ONCE: Final = 256
-"""Of the wrench that a motion needs."""
 COMPARED: Final = ("condition", "contacts", "marker_set", "segments", "subject")
 """Inputs that are compared by what they state; others are the same if they were read once."""
 
@@ -471,8 +469,10 @@ class Chain:
 
     @cached_property
     def filtered(self) -> Filtered:
-        """Filtered coordinates and their derivatives, (T, 46)."""
-        return butterworth(self.q, self.time, self.settings.cutoff_hz, self.settings.filter)
+        """Filtered coordinates and their derivatives, (T, 46), frame by frame in memory."""
+        settings = self.settings
+        filtered = butterworth(self.q, self.time, settings.cutoff_hz, settings.filter)
+        return Filtered(*map(np.ascontiguousarray, filtered))
 
     @cached_property
     def needed(self) -> Array:
@@ -531,11 +531,8 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
 
     Lab axes about the pelvis origin.
     """
-    kernel, of_body = kernels().newton_euler, (body.geometry, body.inertia_vector)
-    # in blocks: the kernel's other outputs, of which nothing is kept, stay in the cache
-    blocks = (slice(k, k + FRAMES_AT_ONCE) for k in range(0, len(motion.value), FRAMES_AT_ONCE))
-    parts = [kernel(*(x[block] for x in motion), *of_body)[1] for block in blocks]
-    return shift_wrench(np.concatenate(parts), motion.value[:, :3])
+    needed = kernels().newton_euler(*motion, body.geometry, body.inertia_vector, asked={1})[1]
+    return shift_wrench(needed, motion.value[:, :3])
 
 
 def _all_of(stage: str, given: frozenset[str] | set[str]) -> set[str]:

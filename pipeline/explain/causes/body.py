@@ -153,12 +153,13 @@ def _of_geometry(chain: Chain, name: str, prior: Prior, altered: Altered) -> Cau
     """
     small = SMALL * prior.size
     q = solve_ik(altered(chain.body, small), chain.markers).q
-    follow = np.nan_to_num((q - chain.q) / small)
+    follow = np.where(np.isnan(chain.q), np.nan, np.nan_to_num((q - chain.q) / small))
 
     def change(of: Chain, size: float) -> Chain:
         return of.changed(body=altered(of.body, size), q=of.q + size * follow)
 
-    return Cause(name, "markers", prior, change)
+    moves = np.ones((len(follow), 1)), follow
+    return Cause(name, "markers", prior, change, moves=moves, alters=altered)
 
 
 def _with_joint(body: Body, distance: float, *, segment: str, by: Array) -> Body:

@@ -183,8 +183,8 @@ def _displacement(chain: Chain, columns: Sequence[int], position: Array) -> _Mov
     The coordinates follow in proportion, as the inverse kinematics makes them follow a small one.
     """
     displaced = partial(_with_displaced, columns=columns, by=position)
-    q = (solve_ik(chain.body, displaced(chain.markers, STEP)).q - chain.q) / STEP
-    return _Moved(q, displaced)
+    q = solve_ik(chain.body, displaced(chain.markers, STEP)).q
+    return _Moved((q - chain.q) / STEP, displaced)
 
 
 def _with_displaced(

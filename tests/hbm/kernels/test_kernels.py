@@ -87,6 +87,15 @@ def virtual_machine():
 
 
 @pytest.mark.parametrize("ready", [kernels, virtual_machine])
+def test_outputs_that_are_not_asked_for_are_empty_and_the_others_are_the_same(ready):
+    kernel = ready().newton_euler
+    inputs = random_inputs("newton_euler", kernel, np.random.default_rng(3), frames=9)
+    tau, wrench, motion = kernel(*inputs, asked={1})
+    assert len(tau) == len(motion) == 0
+    np.testing.assert_array_equal(wrench, kernel(*inputs)[1])
+
+
+@pytest.mark.parametrize("ready", [kernels, virtual_machine])
 @pytest.mark.parametrize(("name", "constants"), [("segment_poses", 1), ("newton_euler", 2)])
 def test_one_frame_after_another_gives_what_all_at_once_give(ready, name, constants):
     kernel = getattr(ready(), name)
