@@ -94,6 +94,8 @@ def print_object() -> None:
 
 def _finite(value: Any) -> Any:
     """Give null for numbers that JSON does not have."""
+    if hasattr(value, "_asdict"):  # a row with names
+        value = value._asdict()
     if isinstance(value, dict):
         return {name: _finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):

@@ -20,7 +20,7 @@ from pipeline.cli.options import (
     require_no_options,
     takes,
 )
-from pipeline.cli.output import OUTPUT, counted, plain_notes, records
+from pipeline.cli.output import OUTPUT, counted, plain_notes
 from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.cli.terminal import (
     PlainConsole,
@@ -72,15 +72,22 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     # what files and figures need is loaded, and takes its time, when the answer is there
     from pipeline.figures.residuals import residual_figure
     from pipeline.figures.style import save_figure
-    from pipeline.io.write import write_csv
+    from pipeline.io.write import write_rows
     from pipeline.report.trial_page import write_trial_page
     from pipeline.run.store import write_trial
-    from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
+    from pipeline.trial.residuals import (
+        CYCLE_COLUMNS,
+        Residual,
+        marker_errors_of,
+        residuals_of,
+        rows_of_cycles,
+        thresholds_of,
+    )
 
     write_trial(replace(result, condition=name), out / f"{name}.parquet")
-    table = residual_table(result, name)
-    write_csv(table, out / f"{name}_residuals.csv")
-    write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
+    rows = residuals_of(result, name)
+    write_rows(Residual._fields, rows, out / f"{name}_residuals.csv")
+    write_rows(CYCLE_COLUMNS, rows_of_cycles(result, name), out / f"{name}_cycles.csv")
     figure = save_figure(residual_figure(result), out / f"{name}_residuals")
     plates, command = chain.inputs.recording.plates, explain_command(request)
     page = write_trial_page(
@@ -97,9 +104,9 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         plate_delay_ms=1000 * result.delay_s,
         plate_delay_interval_ms=1000 * result.delay_uncertainty_s,
         frames_used=int(result.counts.sum()),
-        residuals=records(table),
-        thresholds=records(threshold_table(result)),
-        markers=records(marker_table(result)),
+        residuals=rows,
+        thresholds=thresholds_of(result),
+        markers=marker_errors_of(result),
         notes=plain_notes(result.notes),
         page=str(page),
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -11,8 +11,10 @@ from matplotlib.figure import Figure
 from hbm.spatial import Array
 from pipeline.figures.residuals import legend_below
 from pipeline.figures.style import STYLE, draw_band, draw_differences
-from pipeline.statistics.curves import CurveDifference
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS, JointMotion
+
+if TYPE_CHECKING:
+    from pipeline.statistics.curves import CurveDifference
 
 LEG: Final = tuple(m for m in JOINT_MOTIONS if m.joint in ("hip", "knee", "ankle"))
 UPPER_BODY: Final = tuple(m for m in JOINT_MOTIONS if m not in LEG)
@@ -31,7 +33,7 @@ def joint_figure(
     curves: Iterable[Curve],
     title: str,
     motions: tuple[JointMotion, ...] = LEG,
-    differing: Mapping[tuple[str, str], Sequence[CurveDifference]] = MappingProxyType({}),
+    differing: "Mapping[tuple[str, str], Sequence[CurveDifference]]" = MappingProxyType({}),
 ) -> Figure:
     """Draw means over the gait cycle with one standard deviation as a band.
 
