@@ -78,16 +78,16 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     from pipeline.trial.residuals import (
         CYCLE_COLUMNS,
         Residual,
-        marker_errors_of,
-        residuals_of,
-        rows_of_cycles,
-        thresholds_of,
+        cycle_rows,
+        marker_rows,
+        residual_rows,
+        threshold_rows,
     )
 
     write_trial(replace(result, condition=name), out / f"{name}.parquet")
-    rows = residuals_of(result, name)
+    rows = residual_rows(result, name)
     write_rows(Residual._fields, rows, out / f"{name}_residuals.csv")
-    write_rows(CYCLE_COLUMNS, rows_of_cycles(result, name), out / f"{name}_cycles.csv")
+    write_rows(CYCLE_COLUMNS, cycle_rows(result, name), out / f"{name}_cycles.csv")
     figure = save_figure(residual_figure(result), out / f"{name}_residuals")
     plates, command = chain.inputs.recording.plates, explain_command(request)
     page = write_trial_page(
@@ -105,8 +105,8 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         plate_delay_interval_ms=1000 * result.delay_uncertainty_s,
         frames_used=int(result.counts.sum()),
         residuals=rows,
-        thresholds=thresholds_of(result),
-        markers=marker_errors_of(result),
+        thresholds=threshold_rows(result),
+        markers=marker_rows(result),
         notes=plain_notes(result.notes),
         page=str(page),
     )

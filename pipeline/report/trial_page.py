@@ -29,7 +29,7 @@ from pipeline.trial.findings.judge import LIMIT
 from pipeline.trial.findings.words import note_of, row_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
-from pipeline.trial.residuals import marker_errors_of
+from pipeline.trial.residuals import marker_rows
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
 
@@ -219,7 +219,7 @@ def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
         names = join_names([f"plate {plate.number}" for plate in doubted])
         figure = plate_figure(doubted, result.findings)
         yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
-    beyond = [row for row in marker_errors_of(result)[:-1] if row.peak_mm > MAX_MARKER_PEAK_MM]
+    beyond = [row for row in marker_rows(result)[:-1] if row.peak_mm > MAX_MARKER_PEAK_MM]
     beyond.sort(key=lambda row: row.peak_mm, reverse=True)
     if far := [row.marker for row in beyond[:MAX_MARKERS]]:
         text = f"Markers more than {MAX_MARKER_PEAK_MM:g} mm from the model: {join_names(far)}"

@@ -10,8 +10,8 @@ from pipeline.trial.residuals import (
     AXES,
     HEALTHY_RMS,
     reference_of,
-    residuals_of,
-    thresholds_of,
+    residual_rows,
+    threshold_rows,
     unseen_sentence,
 )
 from pipeline.trial.result import TrialResult
@@ -33,10 +33,10 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
     """
     if result.shortage:
         yield f"No residuals: {result.shortage}."
-    rows, compensated = residuals_of(result), result.compensated is not None
+    rows, compensated = residual_rows(result), result.compensated is not None
     if unseen := unseen_sentence(result, rows):
         yield unseen
-    best = [row for row in thresholds_of(result) if row.compensated == compensated]
+    best = [row for row in threshold_rows(result) if row.compensated == compensated]
     if best:
         shown = [row for row in rows if row.headline and row.compensated == compensated]
         healthy = dict(zip(AXES, HEALTHY_RMS, strict=True))
@@ -56,7 +56,7 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
 
 def result_tables(result: TrialResult) -> Iterable[Table]:
     """Give the residuals, with what they are compared with, and the quality of the trial."""
-    headline = [row for row in residuals_of(result) if row.headline]
+    headline = [row for row in residual_rows(result) if row.headline]
     title, reference, meaning = reference_of(headline)
     heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", title)
     rows = [

@@ -17,9 +17,9 @@ from pipeline.trial.residuals import (
     MarkerError,
     Residual,
     Threshold,
-    marker_errors_of,
-    residuals_of,
-    thresholds_of,
+    marker_rows,
+    residual_rows,
+    threshold_rows,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import MAX_DELAY_S
@@ -133,8 +133,8 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
     """Rate a trial: criterion -> findings, in the same order for every trial."""
     solved, locked = trial.motion.converged, len(trial.body.locked)
     unsolved = int(np.count_nonzero(~solved))
-    headline = [row for row in residuals_of(trial) if row.headline]
-    markers, limits = marker_errors_of(trial), thresholds_of(trial)
+    headline = [row for row in residual_rows(trial) if row.headline]
+    markers, limits = marker_rows(trial), threshold_rows(trial)
     return {
         "Gait cycles": (_counted(trial, headline),),
         "Marker error (RMS)": (_marker_error(markers),),

@@ -197,22 +197,23 @@ def cycles_of(result: TrialResult, condition: str) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    return pd.DataFrame(rows_of_cycles(result, condition), columns=CYCLE_COLUMNS)
+    return pd.DataFrame(cycle_rows(result, condition), columns=CYCLE_COLUMNS)
 
 
-def rows_of_cycles(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
+def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
     """Give the rows of `cycles_of`."""
     rows = []
     for name in result.variants:
         for window in () if result.span else windows(result):
-            of_window = *_names(result, condition), name == "compensated", window.name, window.headline
+            of_window = name == "compensated", window.name, window.headline
             for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
                 for measure in zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True):
-                    rows.append((*of_window, *cycle, *measure, count, share))
+                    row = *of_window, *cycle, *measure, count, share
+                    rows.append((*trial_columns(result, condition), *row))
     return rows
 
 
-def _names(result: TrialResult, condition: str) -> tuple[str, str, str, str]:
+def trial_columns(result: TrialResult, condition: str) -> tuple[str, str, str, str]:
     """Give the `TRIAL_COLUMNS` of a trial."""
     return result.subject.id, condition, result.recording, result.session
 
@@ -236,7 +237,7 @@ def _of_cycles(
 
 def with_name(table: "pd.DataFrame", result: TrialResult, condition: str) -> "pd.DataFrame":
     """Put the trial's name before the columns of a table."""
-    named = table.assign(**dict(zip(TRIAL_COLUMNS, _names(result, condition), strict=True)))
+    named = table.assign(**dict(zip(TRIAL_COLUMNS, trial_columns(result, condition), strict=True)))
     return named[[*TRIAL_COLUMNS, *table.columns]]
 
 
@@ -303,14 +304,14 @@ def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    return pd.DataFrame(residuals_of(result, condition), columns=Residual._fields)
+    return pd.DataFrame(residual_rows(result, condition), columns=Residual._fields)
 
 
-def residuals_of(result: TrialResult, condition: str = "") -> list[Residual]:
+def residual_rows(result: TrialResult, condition: str = "") -> list[Residual]:
     """Give the rows of `residual_table`; pandas takes longer to load than they to compute."""
     if not counted(result).any():
         return []
-    names = _names(result, condition)
+    names = trial_columns(result, condition)
     return [
         Residual(*names, name == "compensated", window.name, window.headline, *row)
         for window in windows(result)
@@ -428,10 +429,10 @@ def threshold_table(result: TrialResult) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    return pd.DataFrame(thresholds_of(result), columns=Threshold._fields)
+    return pd.DataFrame(threshold_rows(result), columns=Threshold._fields)
 
 
-def thresholds_of(result: TrialResult) -> list[Threshold]:
+def threshold_rows(result: TrialResult) -> list[Threshold]:
     """Give the rows of `threshold_table`."""
     inside, rows = counted(result), list[Threshold]()
     if not inside.any():
@@ -470,10 +471,10 @@ def marker_table(result: TrialResult) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    return pd.DataFrame(marker_errors_of(result))
+    return pd.DataFrame(marker_rows(result))
 
 
-def marker_errors_of(result: TrialResult) -> list[MarkerError]:
+def marker_rows(result: TrialResult) -> list[MarkerError]:
     """Give the rows of `marker_table`."""
     error_mm = 1000 * result.motion.marker_error
     columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {EVERY_MARKER: error_mm}

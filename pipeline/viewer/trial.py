@@ -25,7 +25,7 @@ from pipeline.trial.residuals import (
     DIRECTIONS,
     counted,
     reported,
-    residuals_of,
+    residual_rows,
     threshold_table,
     unseen_sentence,
 )
@@ -195,7 +195,7 @@ def trial_summary(result: TrialResult) -> str:
     """Give residuals, peaks beside their limits and notes of a trial, in Markdown."""
     blocks = [f"# {_title(result)}"]
     if counted(result).any():
-        rows = [row for row in residuals_of(result) if row.headline]
+        rows = [row for row in residual_rows(result) if row.headline]
         shown = pd.DataFrame({"": AXES, "direction": DIRECTIONS})
         for name in result.variants:
             own = [row for row in rows if row.compensated == (name == "compensated")]
