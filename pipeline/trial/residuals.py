@@ -1,9 +1,10 @@
 """Residuals of a trial: over gait cycles, as tables, and beside published thresholds."""
 
+from collections import namedtuple
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import isnan
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,51 +44,16 @@ CYCLE_COLUMNS: Final = (
 EVERY_MARKER: Final = "all"
 """Name of the row over all markers."""
 
-
-class Residual(NamedTuple):
-    """A row of `residual_table`."""
-
-    subject: str
-    condition: str
-    recording: str
-    session: str
-    compensated: bool
-    window: str
-    headline: bool
-    axis: str
-    unit: str
-    rms: float
-    rms_of_cycles: float
-    mean: float
-    sd: float
-    peak: float
-    rms_percent: float
-    n_cycles: int
-    n_frames: int
-    valid_share: float
-    compensation_sd: float
-    expected: float
-
-
-class Threshold(NamedTuple):
-    """A row of `threshold_table`."""
-
-    compensated: bool
-    quantity: str
-    unit: str
-    peak: float
-    limit: float
-    passed: bool
-    above_percent: float
-
-
-class MarkerError(NamedTuple):
-    """A row of `marker_table`."""
-
-    marker: str
-    rms_mm: float
-    peak_mm: float
-    missing_percent: float
+Residual = namedtuple(
+    "Residual",
+    "subject condition recording session compensated window headline axis unit rms rms_of_cycles "
+    "mean sd peak rms_percent n_cycles n_frames valid_share compensation_sd expected",
+)
+"""A row of `residual_table`."""
+Threshold = namedtuple("Threshold", "compensated quantity unit peak limit passed above_percent")
+"""A row of `threshold_table`."""
+MarkerError = namedtuple("MarkerError", "marker rms_mm peak_mm missing_percent")
+"""A row of `marker_table`."""
 
 
 @dataclass(frozen=True, slots=True)
