@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks import commands, events, live, report
+from tests.benchmarks import commands, events, live, report, start
 from tests.benchmarks.accuracy import check_optimum
 from tests.benchmarks.commands import LONG_FRAMES
 from tests.benchmarks.comparison import (
@@ -76,6 +76,7 @@ PARTS: dict[str, Callable[[Path, int, int], Measured]] = {
     "commands": whole_processes,
     "events": lambda folder, *_: events.race(folder),
     "live": lambda folder, *_: live.live_frames(folder),
+    "start": lambda folder, _, repeats: {"start": start.start_times(folder, repeats)},
     "memory": lambda folder, *_: {"memory": commands.residuals_time(folder, LONG_FRAMES)},
 }
 
