@@ -75,19 +75,13 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     from pipeline.io.write import write_rows
     from pipeline.report.trial_page import write_trial_page
     from pipeline.run.store import write_trial
-    from pipeline.trial.residuals import (
-        CYCLE_COLUMNS,
-        Residual,
-        cycle_rows,
-        marker_rows,
-        residual_rows,
-        threshold_rows,
-    )
+    from pipeline.trial import residuals as of_trial
 
     write_trial(replace(result, condition=name), out / f"{name}.parquet")
-    rows = residual_rows(result, name)
-    write_rows(Residual._fields, rows, out / f"{name}_residuals.csv")
-    write_rows(CYCLE_COLUMNS, cycle_rows(result, name), out / f"{name}_cycles.csv")
+    rows = of_trial.residual_rows(result, name)
+    write_rows(of_trial.Residual._fields, rows, out / f"{name}_residuals.csv")
+    cycles = of_trial.cycle_rows(result, name)
+    write_rows(of_trial.CYCLE_COLUMNS, cycles, out / f"{name}_cycles.csv")
     figure = save_figure(residual_figure(result), out / f"{name}_residuals")
     plates, command = chain.inputs.recording.plates, explain_command(request)
     page = write_trial_page(
@@ -105,8 +99,8 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         plate_delay_interval_ms=1000 * result.delay_uncertainty_s,
         frames_used=int(result.counts.sum()),
         residuals=rows,
-        thresholds=threshold_rows(result),
-        markers=marker_rows(result),
+        thresholds=of_trial.threshold_rows(result),
+        markers=of_trial.marker_rows(result),
         notes=plain_notes(result.notes),
         page=str(page),
     )
