@@ -35,8 +35,7 @@ from pipeline.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from pipeline.budgets.explanation import Explanation, StudyExplanation
-    from pipeline.config.study import Study
+    from pipeline.budgets.explanation import Explanation
     from pipeline.export.compensated_c3d import Written
 
 
@@ -196,6 +195,7 @@ def _explain_results(
 ) -> int:
     from rich.text import Text
 
+    from pipeline.budgets.corrections import write_corrected
     from pipeline.budgets.explanation import (
         explain_planned,
         explain_study,
@@ -203,6 +203,7 @@ def _explain_results(
         study_of,
     )
     from pipeline.budgets.words import NOTHING_CERTAIN
+    from pipeline.run.store import read_trial
 
     folder = request.trial
     require_no_options(request, "the results of a study, whose files have all settings")
@@ -221,31 +222,20 @@ def _explain_results(
         console.say(line)
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     if corrected:
-        _apply(study, folder, together, corrected, console)
+        results = [read_trial(p, frames=False) for p in (folder / "trials").glob(f"*{RESULT}")]
+        mass_kg = {result.subject.id: result.body.mass for result in results}
+        written, left_out = write_corrected(study, together, mass_kg, folder, corrected)
+        for each in written:
+            console.say(f"corrected: {each.cause}: {each.setting}")
+        for name in left_out:
+            console.say(f"not corrected: {name}")
+        count = counted(len(written), "correction")
+        next_step = f"hbm run {corrected} --out {corrected}/results"
+        console.say(f"{corrected}: study with {count}; next: {next_step}")
     OUTPUT.result.update(
         trials=[outcome_record(outcome) for outcome in finished], lines=[*together.lines]
     )
     return int(any(outcome.failure is not None for outcome in finished))
-
-
-def _apply(
-    study: "Study", folder: Path, found: "StudyExplanation", corrected: Path, console: PlainConsole
-) -> None:
-    """Write the corrected study and say what is in it."""
-    from pipeline.budgets.corrections import write_corrected
-    from pipeline.run.store import read_trial
-
-    results = [read_trial(path, frames=False) for path in (folder / "trials").glob(f"*{RESULT}")]
-    mass_kg = {result.subject.id: result.body.mass for result in results}
-    written, left_out = write_corrected(study, found, mass_kg, folder, corrected)
-    for each in written:
-        console.say(f"corrected: {each.cause}: {each.setting}")
-    for name in left_out:
-        console.say(f"not corrected: {name}")
-    count = counted(len(written), "correction")
-    console.say(
-        f"{corrected}: study with {count}; next: hbm run {corrected} --out {corrected}/results"
-    )
 
 
 FORMATS = ("osim", "urdf", "tables", "bids", "c3d")

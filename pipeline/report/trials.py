@@ -14,9 +14,6 @@ from pipeline.report.blocks import Check, Table, Text
 from pipeline.trial.residuals import (
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
-    MarkerError,
-    Residual,
-    Threshold,
     marker_rows,
     residual_rows,
     threshold_rows,
@@ -148,7 +145,7 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
     }
 
 
-def _counted(trial: TrialResult, headline: Sequence[Residual]) -> Check:
+def _counted(trial: TrialResult, headline: Sequence[Any]) -> Check:
     """Say how many gait cycles count, or which span, and for how much of it."""
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
     least = min((row.valid_share for row in headline), default=1.0)
@@ -163,7 +160,7 @@ def _counted(trial: TrialResult, headline: Sequence[Residual]) -> Check:
     return "none", value, "; ".join(filter(None, (sides, share)))
 
 
-def _compensation(headline: Sequence[Residual]) -> Iterator[Check]:
+def _compensation(headline: Sequence[Any]) -> Iterator[Check]:
     """Say how uncertain the compensation makes forces and moments, at most, where that is known."""
     for unit in ("N", "N·m"):
         sds = (row.compensation_sd for row in headline if row.unit == unit)
@@ -171,7 +168,7 @@ def _compensation(headline: Sequence[Residual]) -> Iterator[Check]:
             yield "none", f"{max(known):.1f} {unit}", ""
 
 
-def _marker_error(markers: Sequence[MarkerError]) -> Check:
+def _marker_error(markers: Sequence[Any]) -> Check:
     """Rate the distance of markers from the model by OpenSim's guideline."""
     overall, seen = markers[-1], [row for row in markers[:-1] if not isnan(row.rms_mm)]
     if not seen:
@@ -184,7 +181,7 @@ def _marker_error(markers: Sequence[MarkerError]) -> Check:
     return rating, f"{overall.rms_mm:.1f} mm", detail
 
 
-def _marker_gaps(markers: Sequence[MarkerError]) -> Check:
+def _marker_gaps(markers: Sequence[Any]) -> Check:
     """Rate for how much of the trial markers are missing."""
     worst = max(markers[:-1], key=lambda row: row.missing_percent)
     percent = worst.missing_percent
@@ -193,7 +190,7 @@ def _marker_gaps(markers: Sequence[MarkerError]) -> Check:
     return rating, f"{markers[-1].missing_percent:.1f} %", detail
 
 
-def _peaks(thresholds: Sequence[Threshold], quantity: str) -> Iterator[Check]:
+def _peaks(thresholds: Sequence[Any], quantity: str) -> Iterator[Check]:
     """Rate peak residuals by the limits of Hicks et al."""
     names = {False: "no IC ", True: "IC "} if len(thresholds) > 2 else {}
     for row in thresholds:

@@ -17,15 +17,7 @@ from pipeline.statistics.verdict import (
     judged_conditions,
     within_margin,
 )
-from pipeline.trial.residuals import (
-    AXES,
-    DIRECTIONS,
-    HEALTHY,
-    HEALTHY_RMS,
-    UNITS,
-    expectation,
-    rows_of,
-)
+from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY, HEALTHY_RMS, UNITS, expectation
 
 MAX_AXIS_PERCENT: Final = 100.0
 """Longest half-axis of the graphs [% of the reference]; larger differences end at the border."""
@@ -131,7 +123,7 @@ def _beside_reference(residuals: pd.DataFrame, *, alone: bool) -> Iterator[str]:
     Else, where there is no verdict, the mean RMS of each with that of healthy walking.
     """
     best = residuals[residuals["compensated"] == residuals["compensated"].any()]
-    if unseen := expectation(rows_of(best)):
+    if unseen := expectation([*best.itertuples()]):
         yield unseen
         return
     mean = best.groupby("axis")["rms"].mean()
