@@ -149,7 +149,7 @@ def _over_cycle(result: TrialResult) -> Figure:
 def legend_below(figure: Figure, panel: Axes) -> None:
     """Name the curves of a panel below all of them, as many in a line as there is room for."""
     named = panel.get_legend_handles_labels()
-    columns = min(int(figure.get_figwidth() / LABEL_INCH), len(named[1]))
+    columns = max(1, min(int(figure.get_figwidth() / LABEL_INCH), len(named[1])))
     if figure.get_layout_engine() is None:
         lines = -(-len(named[1]) // columns)
         bottom_inch = MARGIN_INCH[1] + LINE_INCH * lines
