@@ -60,7 +60,7 @@ def pinocchio_engine() -> Engine | None:
 @cache
 def kernels_engine() -> Engine:
     """Give the package's own kernels as an engine."""
-    from hbm.kernels.native import kernels  # casadi, which takes a moment
+    from hbm.kernels.native import kernels
 
     def free_dynamics(
         body: "Body", q: Array, v: Array, a: Array, segments: Collection[str], jobs: int

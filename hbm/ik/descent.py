@@ -15,9 +15,8 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 
 from hbm.coordinates import MOVING, N_Q
-from hbm.kernels.kernel import Kernels, OneFrameKernel, in_threads
+from hbm.kernels.kernel import N_SUMS, Kernels, OneFrameKernel, in_threads
 from hbm.kernels.native import kernels
-from hbm.kernels.skeleton import N_SUMS
 from hbm.spatial import Array, Indices, Mask
 
 ROW: Final = np.zeros(1, np.int64)

@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 
 from hbm.coordinates import MOVING, N_Q
-from hbm.kernels import skeleton
-from hbm.kernels.kernel import CONSTANT_INPUTS, Kernel, casadi_function, kernel_sizes
+from hbm.kernels.kernel import CONSTANT_INPUTS, N_GEOMETRY, N_SUMS, Kernel, kernel_sizes
 from hbm.kernels.native import FOLDER, compiled_kernels, interpreted_kernels, sources_digest
+from hbm.kernels.skeleton import casadi_function
 from hbm.spatial import Array
 
 MAX_BLOCK_LINES: Final = 500
@@ -60,8 +60,8 @@ def write_source(folder: Path) -> Path:
         digest=sources_digest(),
         n_q=N_Q,
         moving=len(MOVING),
-        sums=skeleton.N_SUMS,
-        geometry=skeleton.N_GEOMETRY,
+        sums=N_SUMS,
+        geometry=N_GEOMETRY,
     )
     parts = [header, constants]
     for name, constant in CONSTANT_INPUTS.items():

@@ -3,18 +3,25 @@
 from collections.abc import Callable, Container
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, Final
+from typing import Final
 
-import casadi as ca
 import numpy as np
 
-from hbm.coordinates import MOVING, N_Q, RIGID_BODIES
-from hbm.kernels import skeleton
+from hbm.coordinates import MOVING, N_Q, RIGID_BODIES, SUBJECT_AXES, SUBJECT_OFFSETS
 from hbm.spatial import Array
 
 CONSTANT_INPUTS: Final = {"newton_step": (6,), "segment_poses": (1,), "newton_euler": (3, 4)}
 """Kernel -> numbers of the inputs that are the same for all frames: the body's."""
+
+N_GEOMETRY: Final = 3 * (len(SUBJECT_OFFSETS) + len(SUBJECT_AXES))
+"""The offsets and axes that are the subject's own, in this order, 3 numbers each."""
+
+N_SUMS: Final = 23
+"""Per segment, summed over its markers: w, w p (3), w p pᵀ (xx yy zz xy xz yz), w m (3), w m pᵀ
+(9), w mᵀm, where w is the weight, p the position in the segment and m the measured position."""
+
+N_INERTIA: Final = 10
+"""Per segment: mass, centre of mass (3), moment of inertia about it (xx yy zz xy xz yz)."""
 
 MIN_FRAMES_PER_THREAD: Final = 64
 """Fewer frames take less time than starting a thread."""
@@ -169,19 +176,11 @@ def in_threads(work: Callable[[int, int], None], frames: int, jobs: int) -> None
 
 def kernel_sizes(name: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Give the numbers per frame that go into a kernel, input by input, and come out."""
-    n_q, geometry = N_Q, skeleton.N_GEOMETRY
-    sums = skeleton.N_SUMS * len(MOVING)
-    inertia = skeleton.N_INERTIA * len(RIGID_BODIES)
+    n_q, geometry = N_Q, N_GEOMETRY
+    sums = N_SUMS * len(MOVING)
+    inertia = N_INERTIA * len(RIGID_BODIES)
     return {
         "newton_step": ((n_q, sums, n_q, n_q, 1, 1, geometry), (n_q, n_q + 3)),
         "segment_poses": ((n_q, geometry), (12 * len(MOVING),)),
         "newton_euler": ((n_q, n_q, n_q, geometry, inertia), (n_q, 6, 6 * n_q)),
     }[name]
-
-
-@cache
-def casadi_function(name: str) -> Any:
-    """Give a kernel as a casadi function with dense outputs and no repeated expressions."""
-    function = getattr(skeleton, name)()
-    symbols = [ca.SX.sym("x", function.size1_in(i)) for i in range(function.n_in())]
-    return ca.Function(name, symbols, [ca.densify(x) for x in ca.cse(function.call(symbols))])

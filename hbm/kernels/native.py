@@ -23,7 +23,6 @@ from hbm.kernels.kernel import (
     Kernel,
     Kernels,
     Pointers,
-    casadi_function,
     kernel_sizes,
 )
 from hbm.spatial import Array
@@ -141,6 +140,8 @@ def interpreted_kernels(backend: str) -> Kernels:
 
 
 def _interpreted(name: str) -> Kernel:
+    from hbm.kernels.skeleton import casadi_function  # casadi, which compiled kernels do without
+
     (sizes_in, sizes_out), constant = kernel_sizes(name), CONSTANT_INPUTS[name]
     buffer, evaluate_buffer = casadi_function(name).buffer()
     arguments, results = [np.zeros(n) for n in sizes_in], [np.zeros(n) for n in sizes_out]

@@ -43,7 +43,8 @@ Dynamics Algorithms) for the recursions.
 """
 
 from collections.abc import Callable
-from typing import Any, Final
+from functools import cache
+from typing import Any
 
 import casadi as ca
 
@@ -57,19 +58,10 @@ from hbm.coordinates import (
     TREE,
     support,
 )
+from hbm.kernels.kernel import N_GEOMETRY, N_INERTIA, N_SUMS
 from hbm.spatial import GRAVITY_MPS2
 
 SX = Any  # casadi.SX: the package ships no types
-
-N_GEOMETRY: Final = 3 * (len(SUBJECT_OFFSETS) + len(SUBJECT_AXES))
-"""The offsets and axes that are the subject's own, in this order, 3 numbers each."""
-
-N_SUMS: Final = 23
-"""Per segment, summed over its markers: w, w p (3), w p pᵀ (xx yy zz xy xz yz), w m (3), w m pᵀ
-(9), w mᵀm, where w is the weight, p the position in the segment and m the measured position."""
-
-N_INERTIA: Final = 10
-"""Per segment: mass, centre of mass (3), moment of inertia about it (xx yy zz xy xz yz)."""
 
 
 def _rotation(axis: SX, angle: SX) -> SX:
@@ -273,3 +265,11 @@ def newton_euler() -> SX:
         [q, qd, qdd, geometry, inertia],
         [ca.vertcat(*tau), ca.vertcat(*beyond[0]), ca.densify(ca.vertcat(*subspace))],
     )
+
+
+@cache
+def casadi_function(name: str) -> Any:
+    """Give a kernel as a casadi function with dense outputs and no repeated expressions."""
+    function = {f.__name__: f for f in (newton_step, segment_poses, newton_euler)}[name]()
+    symbols = [ca.SX.sym("x", function.size1_in(i)) for i in range(function.n_in())]
+    return ca.Function(name, symbols, [ca.densify(x) for x in ca.cse(function.call(symbols))])

@@ -7,15 +7,12 @@ from functools import wraps
 from inspect import Parameter, signature
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from typer import Option
 
 from hbm.notes import Note
 from pipeline.cli.stopping import stoppable
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 PRINTING: Final = {
     "quiet": "Print only errors.",
@@ -94,6 +91,8 @@ def print_object() -> None:
 
 def _finite(value: Any) -> Any:
     """Give null for numbers that JSON does not have."""
+    if hasattr(value, "_asdict"):  # a row with names
+        value = value._asdict()
     if isinstance(value, dict):
         return {name: _finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
@@ -108,18 +107,13 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def records(table: "pd.DataFrame") -> Any:
-    """Give the rows of a table for JSON; what is not a number is null."""
-    return json.loads(table.to_json(orient="records", double_precision=12))
-
-
 def tables_in(folder: Path) -> dict[str, Any]:
     """Give the CSV tables of a folder for JSON, by their names, if --json asks for them."""
     if not OUTPUT.json:
         return {}
     from pipeline.io.write import read_csv
 
-    return {path.stem: records(read_csv(path)) for path in sorted(folder.glob("*.csv"))}
+    return {path.stem: read_csv(path).to_dict("records") for path in sorted(folder.glob("*.csv"))}
 
 
 def plain_notes(notes: Iterable[Note]) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from pipeline.cli.options import (
     require_no_options,
     takes,
 )
-from pipeline.cli.output import OUTPUT, counted, plain_notes, records
+from pipeline.cli.output import OUTPUT, counted, plain_notes
 from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.cli.terminal import (
     PlainConsole,
@@ -35,8 +35,7 @@ from pipeline.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from pipeline.budgets.explanation import Explanation, StudyExplanation
-    from pipeline.config.study import Study
+    from pipeline.budgets.explanation import Explanation
     from pipeline.export.compensated_c3d import Written
 
 
@@ -72,15 +71,16 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     # what files and figures need is loaded, and takes its time, when the answer is there
     from pipeline.figures.residuals import residual_figure
     from pipeline.figures.style import save_figure
-    from pipeline.io.write import write_csv
+    from pipeline.io.write import write_rows
     from pipeline.report.trial_page import write_trial_page
     from pipeline.run.store import write_trial
-    from pipeline.trial.residuals import cycles_of, marker_table, residual_table, threshold_table
+    from pipeline.trial import residuals as of_trial
 
     write_trial(replace(result, condition=name), out / f"{name}.parquet")
-    table = residual_table(result, name)
-    write_csv(table, out / f"{name}_residuals.csv")
-    write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
+    rows = of_trial.residual_rows(result, name)
+    write_rows(of_trial.Residual._fields, rows, out / f"{name}_residuals.csv")
+    cycles = of_trial.cycle_rows(result, name)
+    write_rows(of_trial.CYCLE_COLUMNS, cycles, out / f"{name}_cycles.csv")
     figure = save_figure(residual_figure(result), out / f"{name}_residuals")
     plates, command = chain.inputs.recording.plates, explain_command(request)
     page = write_trial_page(
@@ -97,9 +97,9 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
         plate_delay_ms=1000 * result.delay_s,
         plate_delay_interval_ms=1000 * result.delay_uncertainty_s,
         frames_used=int(result.counts.sum()),
-        residuals=records(table),
-        thresholds=records(threshold_table(result)),
-        markers=records(marker_table(result)),
+        residuals=rows,
+        thresholds=of_trial.threshold_rows(result),
+        markers=of_trial.marker_rows(result),
         notes=plain_notes(result.notes),
         page=str(page),
     )
@@ -195,6 +195,7 @@ def _explain_results(
 ) -> int:
     from rich.text import Text
 
+    from pipeline.budgets.corrections import write_corrected
     from pipeline.budgets.explanation import (
         explain_planned,
         explain_study,
@@ -202,6 +203,7 @@ def _explain_results(
         study_of,
     )
     from pipeline.budgets.words import NOTHING_CERTAIN
+    from pipeline.run.store import read_trial
 
     folder = request.trial
     require_no_options(request, "the results of a study, whose files have all settings")
@@ -220,31 +222,20 @@ def _explain_results(
         console.say(line)
     console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
     if corrected:
-        _apply(study, folder, together, corrected, console)
+        results = [read_trial(p, frames=False) for p in (folder / "trials").glob(f"*{RESULT}")]
+        mass_kg = {result.subject.id: result.body.mass for result in results}
+        written, left_out = write_corrected(study, together, mass_kg, folder, corrected)
+        for each in written:
+            console.say(f"corrected: {each.cause}: {each.setting}")
+        for name in left_out:
+            console.say(f"not corrected: {name}")
+        count = counted(len(written), "correction")
+        next_step = f"hbm run {corrected} --out {corrected}/results"
+        console.say(f"{corrected}: study with {count}; next: {next_step}")
     OUTPUT.result.update(
         trials=[outcome_record(outcome) for outcome in finished], lines=[*together.lines]
     )
     return int(any(outcome.failure is not None for outcome in finished))
-
-
-def _apply(
-    study: "Study", folder: Path, found: "StudyExplanation", corrected: Path, console: PlainConsole
-) -> None:
-    """Write the corrected study and say what is in it."""
-    from pipeline.budgets.corrections import write_corrected
-    from pipeline.run.store import read_trial
-
-    results = [read_trial(path, frames=False) for path in (folder / "trials").glob(f"*{RESULT}")]
-    mass_kg = {result.subject.id: result.body.mass for result in results}
-    written, left_out = write_corrected(study, found, mass_kg, folder, corrected)
-    for each in written:
-        console.say(f"corrected: {each.cause}: {each.setting}")
-    for name in left_out:
-        console.say(f"not corrected: {name}")
-    count = counted(len(written), "correction")
-    console.say(
-        f"{corrected}: study with {count}; next: hbm run {corrected} --out {corrected}/results"
-    )
 
 
 FORMATS = ("osim", "urdf", "tables", "bids", "c3d")

@@ -2,24 +2,23 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
-from pipeline.figures.residuals import legend_below
+from pipeline.figures.residuals import legend_below, panel_grid
 from pipeline.figures.style import STYLE, draw_band, draw_differences
-from pipeline.statistics.curves import CurveDifference
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS, JointMotion
+
+if TYPE_CHECKING:
+    from pipeline.statistics.curves import CurveDifference
 
 LEG: Final = tuple(m for m in JOINT_MOTIONS if m.joint in ("hip", "knee", "ankle"))
 UPPER_BODY: Final = tuple(m for m in JOINT_MOTIONS if m not in LEG)
 PANEL_INCH: Final = (2.2, 1.7)
-MARGIN_INCH: Final = (0.7, 0.8)
-"""Left and below; to lay out so many panels by their texts would take a second each time."""
-
 GAPS: Final = "; gaps: load of the foot, or pose, unknown in most gait cycles"
 """Moments are unknown where it is uncertain whose foot is on a plate, or none carries it."""
 
@@ -31,7 +30,7 @@ def joint_figure(
     curves: Iterable[Curve],
     title: str,
     motions: tuple[JointMotion, ...] = LEG,
-    differing: Mapping[tuple[str, str], Sequence[CurveDifference]] = MappingProxyType({}),
+    differing: "Mapping[tuple[str, str], Sequence[CurveDifference]]" = MappingProxyType({}),
 ) -> Figure:
     """Draw means over the gait cycle with one standard deviation as a band.
 
@@ -41,11 +40,8 @@ def joint_figure(
     percent = np.linspace(0, 100, 101)
     with mpl.rc_context(STYLE):
         size = PANEL_INCH[0] * len(motions), PANEL_INCH[1] * len(CURVES) + 0.9
-        figure, gaps = Figure(figsize=size), ""
-        panels = figure.subplots(len(CURVES), len(motions), sharex=True)
-        left, bottom = MARGIN_INCH[0] / size[0], MARGIN_INCH[1] / size[1]
-        right, top = 1 - 0.2 / size[0], 1 - 0.6 / size[1]
-        figure.subplots_adjust(left, bottom, right, top, wspace=0.3, hspace=0.2)
+        gaps = ""
+        figure, panels = panel_grid(len(CURVES), len(motions), size)
         for label, colour, linestyle, mean, spread in curves:
             if np.isnan(mean[:, columns]).any():
                 gaps = GAPS
@@ -62,8 +58,6 @@ def joint_figure(
                 panel.yaxis.set_label_coords(0, 0)
             if row == len(CURVES) - 1:
                 panel.set_xlabel("gait cycle (%)")
-            else:
-                panel.xaxis.set_label_coords(0, 0)
             panel.axhline(0, color="black", lw=0.5)
             draw_differences(panel, differing.get((motions[column].name, [*CURVES][row]), ()))
         panels[0, 0].set_xlim(0, 100)  # of all, which share it

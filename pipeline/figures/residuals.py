@@ -1,7 +1,7 @@
 """Residuals of one trial, over the gait cycle or over time, and the labels of the panels."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Final
+from typing import Any, Final, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -24,6 +24,11 @@ PART_OPACITY: Final = 0.4
 """Curves and their bands remain visible on it."""
 LABEL_INCH: Final = 2.2
 """Width of a label in a legend."""
+LINE_INCH: Final = 0.2
+"""Height of a line of a legend."""
+MARGIN_INCH: Final = (0.7, 0.55, 0.2, 0.6)
+"""Left, below, right and above panels whose places are fixed: to find them by their texts takes as
+long as to draw them."""
 
 
 def residual_figure(result: TrialResult) -> Figure:
@@ -73,10 +78,29 @@ def _over_time(result: TrialResult) -> Figure:
     return figure
 
 
-def six_panels(size_inch: tuple[float, float] = (9, 5)) -> tuple[Figure, Sequence[Axes]]:
+def six_panels(
+    size_inch: tuple[float, float] = (9, 5), layout: Literal["constrained"] | None = None
+) -> tuple[Figure, Sequence[Axes]]:
     """Give a figure of six panels: forces above, moments below."""
-    figure = Figure(figsize=size_inch, layout="constrained")
-    return figure, figure.subplots(2, 3, sharex=True).ravel()
+    figure, panels = panel_grid(2, 3, size_inch, layout)
+    return figure, panels.ravel()
+
+
+def panel_grid(
+    rows: int,
+    columns: int,
+    size_inch: tuple[float, float],
+    layout: Literal["constrained"] | None = None,
+) -> tuple[Figure, Any]:
+    """Give a figure of rows and columns of panels; the lowest ones show the axis of all."""
+    figure = Figure(figsize=size_inch, layout=layout)
+    panels = figure.subplots(rows, columns, sharex=True)
+    for panel in panels[:-1].flat:
+        panel.xaxis.set_visible(False)
+    if layout is None:
+        left, bottom, right, top = np.divide(MARGIN_INCH, (*size_inch, *size_inch))
+        figure.subplots_adjust(left, bottom, 1 - right, 1 - top, wspace=0.3, hspace=0.2)
+    return figure, panels
 
 
 def component_figure(
@@ -125,7 +149,11 @@ def _over_cycle(result: TrialResult) -> Figure:
 def legend_below(figure: Figure, panel: Axes) -> None:
     """Name the curves of a panel below all of them, as many in a line as there is room for."""
     named = panel.get_legend_handles_labels()
-    columns = min(int(figure.get_figwidth() / LABEL_INCH), len(named[1]))
+    columns = max(1, min(int(figure.get_figwidth() / LABEL_INCH), len(named[1])))
+    if figure.get_layout_engine() is None:
+        lines = -(-len(named[1]) // columns)
+        bottom_inch = MARGIN_INCH[1] + LINE_INCH * lines
+        figure.subplots_adjust(bottom=bottom_inch / figure.get_figheight())
     figure.legend(*named, loc="outside lower center", ncols=columns, frameon=False)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -21,7 +21,9 @@ from numpy.typing import ArrayLike
 
 from hbm.spatial import Array
 from pipeline.io.write import whole_file
-from pipeline.statistics.curves import CurveDifference
+
+if TYPE_CHECKING:
+    from pipeline.statistics.curves import CurveDifference
 
 COLOURS: Final = {"measured": "#D55E00", "compensated": "#0072B2"}
 """Vermilion and blue mean plates as measured and compensated, in every figure and in the viewer."""
@@ -98,7 +100,7 @@ def draw_band(
     panel.fill_between(x, mean - spread, mean + spread, color=colour, alpha=BAND_OPACITY, lw=0)
 
 
-def draw_differences(panel: Axes, parts: Iterable[CurveDifference]) -> None:
+def draw_differences(panel: Axes, parts: "Iterable[CurveDifference]") -> None:
     """Draw bars above a panel over the parts of the gait cycle that differ, and the smallest p.
 
     Each percent of the cycle is as wide in the bars as in the curves, so that a single one is seen.

@@ -72,7 +72,7 @@ def means(residuals: pd.DataFrame, design: Design) -> Table:
     Without compensation, with what they are compared with (`reference_of`).
     """
     rows, compensated = [], bool(residuals["compensated"].any())
-    title, reference, meaning = reference_of(residuals)
+    title, reference, meaning = reference_of(rows_of(residuals))
     compared = not compensated or title == "Expected"
     heads = ["No IC", "IC", "Reduction"] if compensated else ["RMS"]
     heads += [title] * compared

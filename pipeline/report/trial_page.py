@@ -29,7 +29,7 @@ from pipeline.trial.findings.judge import LIMIT
 from pipeline.trial.findings.words import note_of, row_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
-from pipeline.trial.residuals import marker_table
+from pipeline.trial.residuals import marker_rows
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
 
@@ -219,9 +219,9 @@ def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
         names = join_names([f"plate {plate.number}" for plate in doubted])
         figure = plate_figure(doubted, result.findings)
         yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
-    errors_mm = marker_table(result)[:-1].sort_values("peak_mm", ascending=False)
-    far = [*errors_mm.loc[errors_mm["peak_mm"] > MAX_MARKER_PEAK_MM, "marker"][:MAX_MARKERS]]
-    if far:
+    beyond = [row for row in marker_rows(result)[:-1] if row.peak_mm > MAX_MARKER_PEAK_MM]
+    beyond.sort(key=lambda row: row.peak_mm, reverse=True)
+    if far := [row.marker for row in beyond[:MAX_MARKERS]]:
         text = f"Markers more than {MAX_MARKER_PEAK_MM:g} mm from the model: {join_names(far)}"
         yield Drawn(text, drawing(_marker_figure(result, far), ".png"))
 

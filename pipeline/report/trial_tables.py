@@ -7,11 +7,11 @@ from hbm.spelling import join_names, written
 from pipeline.report.blocks import Table
 from pipeline.report.trials import NOT_KNOWN, trial_quality
 from pipeline.trial.residuals import (
+    AXES,
     HEALTHY_RMS,
     reference_of,
-    residual_table,
-    rows_of,
-    threshold_table,
+    residual_rows,
+    threshold_rows,
     unseen_sentence,
 )
 from pipeline.trial.result import TrialResult
@@ -33,20 +33,20 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
     """
     if result.shortage:
         yield f"No residuals: {result.shortage}."
-    table = residual_table(result, "")
-    if unseen := unseen_sentence(result, table):
+    rows, compensated = residual_rows(result), result.compensated is not None
+    if unseen := unseen_sentence(result, rows):
         yield unseen
-    compensated = result.compensated is not None
-    best = [row for row in rows_of(threshold_table(result)) if row.compensated == compensated]
+    best = [row for row in threshold_rows(result) if row.compensated == compensated]
     if best:
-        table = table.query("headline and compensated == @compensated")
-        above = table.loc[table["rms"] > [*HEALTHY_RMS], "axis"]
+        shown = [row for row in rows if row.headline and row.compensated == compensated]
+        healthy = dict(zip(AXES, HEALTHY_RMS, strict=True))
+        above = [row.axis for row in shown if row.rms > healthy[row.axis]]
         beyond = [row.quantity for row in best if not row.passed]
         rms = "are below healthy walking in all six axes"
         if unseen:
             rms = "have no healthy reference with these markers"
-        elif len(above):
-            rms = f"exceed healthy walking in {join_names([*above])}"
+        elif above:
+            rms = f"exceed healthy walking in {join_names(above)}"
         peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
         limits = "published limits (Hicks et al. 2015)"
         yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} {limits}."
@@ -56,8 +56,7 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
 
 def result_tables(result: TrialResult) -> Iterable[Table]:
     """Give the residuals, with what they are compared with, and the quality of the trial."""
-    table = residual_table(result, "")
-    headline = table[table["headline"].astype(bool)] if len(table) else table
+    headline = [row for row in residual_rows(result) if row.headline]
     title, reference, meaning = reference_of(headline)
     heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", title)
     rows = [
@@ -68,7 +67,7 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
             f"{row.rms_percent:.2f}",
             f"{reference[row.axis]:.1f}",
         )
-        for row in rows_of(headline)
+        for row in headline
     ]
     legend = (
         "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "

@@ -2,10 +2,10 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
+from math import isnan
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import pandas as pd
 
 from hbm.spelling import written
 from pipeline.config.schema import NOUNS, TrialName
@@ -14,15 +14,16 @@ from pipeline.report.blocks import Check, Table, Text
 from pipeline.trial.residuals import (
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
-    marker_table,
-    residual_table,
-    rows_of,
-    threshold_table,
+    marker_rows,
+    residual_rows,
+    threshold_rows,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import MAX_DELAY_S
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from pipeline.budgets.explanation import Explanation
     from pipeline.config.study import Study
     from pipeline.run.load import Results
@@ -76,7 +77,7 @@ def problems(
     return {"lead": lead, "lines": lines}
 
 
-def corrections_table(study: "Study | None", headline: pd.DataFrame) -> Table | None:
+def corrections_table(study: "Study | None", headline: "pd.DataFrame") -> Table | None:
     """Name what 'hbm explain --apply' corrected, and residuals before and after; None without.
 
     `headline` has the residuals of this study's trials; those before are in the results that were
@@ -106,7 +107,7 @@ def corrections_table(study: "Study | None", headline: pd.DataFrame) -> Table | 
     return Table(caption, heads, rows, "numbers", legend)
 
 
-def _mean_rms(headline: pd.DataFrame) -> pd.Series:
+def _mean_rms(headline: "pd.DataFrame") -> "pd.Series":
     """Give the mean RMS of each residual, compensated where it is."""
     best = headline[headline["compensated"].astype(bool) == headline["compensated"].any()]
     return best.groupby("axis", sort=False)["rms"].mean()
@@ -129,9 +130,8 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
     """Rate a trial: criterion -> findings, in the same order for every trial."""
     solved, locked = trial.motion.converged, len(trial.body.locked)
     unsolved = int(np.count_nonzero(~solved))
-    residuals, markers = residual_table(trial, ""), marker_table(trial)
-    limits = threshold_table(trial)
-    headline = residuals[residuals["headline"].astype(bool)]
+    headline = [row for row in residual_rows(trial) if row.headline]
+    markers, limits = marker_rows(trial), threshold_rows(trial)
     return {
         "Gait cycles": (_counted(trial, headline),),
         "Marker error (RMS)": (_marker_error(markers),),
@@ -145,10 +145,10 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
     }
 
 
-def _counted(trial: TrialResult, headline: pd.DataFrame) -> Check:
+def _counted(trial: TrialResult, headline: Sequence[Any]) -> Check:
     """Say how many gait cycles count, or which span, and for how much of it."""
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
-    least = headline["valid_share"].min()
+    least = min((row.valid_share for row in headline), default=1.0)
     share = f"{100 * least:.0f} % of frames" if least < 1 else ""
     if trial.span is not None:
         value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"
@@ -160,40 +160,42 @@ def _counted(trial: TrialResult, headline: pd.DataFrame) -> Check:
     return "none", value, "; ".join(filter(None, (sides, share)))
 
 
-def _compensation(headline: pd.DataFrame) -> Iterator[Check]:
+def _compensation(headline: Sequence[Any]) -> Iterator[Check]:
     """Say how uncertain the compensation makes forces and moments, at most, where that is known."""
-    largest = headline.groupby("unit")["compensation_sd"].max().dropna()
-    yield from (("none", f"{sd:.1f} {unit}", "") for unit, sd in largest.items())
+    for unit in ("N", "N·m"):
+        sds = (row.compensation_sd for row in headline if row.unit == unit)
+        if known := [sd for sd in sds if not isnan(sd)]:
+            yield "none", f"{max(known):.1f} {unit}", ""
 
 
-def _marker_error(markers: pd.DataFrame) -> Check:
+def _marker_error(markers: Sequence[Any]) -> Check:
     """Rate the distance of markers from the model by OpenSim's guideline."""
-    overall, seen = markers.iloc[-1], markers[:-1].dropna()
-    if seen.empty:
+    overall, seen = markers[-1], [row for row in markers[:-1] if not isnan(row.rms_mm)]
+    if not seen:
         return "fail", "unknown", ""
-    worst = seen.iloc[int(seen["rms_mm"].argmax())]
-    rating = "pass" if overall["peak_mm"] <= MAX_MARKER_PEAK_MM else "check"
-    if overall["rms_mm"] >= MAX_MARKER_RMS_MM:
+    worst = max(seen, key=lambda row: row.rms_mm)
+    rating = "pass" if overall.peak_mm <= MAX_MARKER_PEAK_MM else "check"
+    if overall.rms_mm >= MAX_MARKER_RMS_MM:
         rating = "fail"
-    detail = f"{worst['marker']} {worst['rms_mm']:.1f}, peak {overall['peak_mm']:.0f}"
-    return rating, f"{overall['rms_mm']:.1f} mm", detail
+    detail = f"{worst.marker} {worst.rms_mm:.1f}, peak {overall.peak_mm:.0f}"
+    return rating, f"{overall.rms_mm:.1f} mm", detail
 
 
-def _marker_gaps(markers: pd.DataFrame) -> Check:
+def _marker_gaps(markers: Sequence[Any]) -> Check:
     """Rate for how much of the trial markers are missing."""
-    worst = markers.iloc[int(markers["missing_percent"][:-1].argmax())]
-    percent = worst["missing_percent"]
+    worst = max(markers[:-1], key=lambda row: row.missing_percent)
+    percent = worst.missing_percent
     rating = "check" if percent > MAX_GAP_PERCENT else "pass"
-    detail = f"{worst['marker']} {percent:.1f} %" if percent else ""
-    return rating, f"{markers['missing_percent'].iloc[-1]:.1f} %", detail
+    detail = f"{worst.marker} {percent:.1f} %" if percent else ""
+    return rating, f"{markers[-1].missing_percent:.1f} %", detail
 
 
-def _peaks(thresholds: pd.DataFrame, quantity: str) -> Iterator[Check]:
+def _peaks(thresholds: Sequence[Any], quantity: str) -> Iterator[Check]:
     """Rate peak residuals by the limits of Hicks et al."""
-    names = {False: "no IC ", True: "IC "} if thresholds["compensated"].nunique() > 1 else {}
-    for row in rows_of(thresholds):
+    names = {False: "no IC ", True: "IC "} if len(thresholds) > 2 else {}
+    for row in thresholds:
         if row.quantity == quantity:
-            name = names.get(bool(row.compensated), "")
+            name = names.get(row.compensated, "")
             value = f"{name}{row.peak:.0f} {row.unit}, limit {row.limit:.0f} {row.unit}"
             above = f"above in {row.above_percent:.1f} % of frames"
             yield "pass" if row.passed else "fail", value, "" if row.passed else above

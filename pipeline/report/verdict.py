@@ -123,7 +123,7 @@ def _beside_reference(residuals: pd.DataFrame, *, alone: bool) -> Iterator[str]:
     Else, where there is no verdict, the mean RMS of each with that of healthy walking.
     """
     best = residuals[residuals["compensated"] == residuals["compensated"].any()]
-    if unseen := expectation(best):
+    if unseen := expectation([*best.itertuples()]):
         yield unseen
         return
     mean = best.groupby("axis")["rms"].mean()

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
-import pandas as pd
+if TYPE_CHECKING:
+    import pandas as pd
 
 COMPENSATION: Final = "IC"
 """Name of the factor inertia compensation; its levels are "no IC" and "IC"."""
@@ -92,7 +93,7 @@ class Design:
             return condition
         return f"{condition} {COMPENSATION if compensated else f'no {COMPENSATION}'}"
 
-    def cells_of(self, rows: pd.DataFrame) -> list[str]:
+    def cells_of(self, rows: "pd.DataFrame") -> list[str]:
         """Give the cell of each row of a table with condition and compensated."""
         keys = rows[["condition", "compensated"]].itertuples(index=False, name=None)
         return [self.cell(*key) for key in keys]
@@ -111,7 +112,7 @@ class Design:
         rank = {name: k for k, name in enumerate(self.conditions)}
         return sorted(set(conditions), key=lambda name: (rank.get(name, len(rank)), name))
 
-    def comparable(self, residuals: pd.DataFrame) -> pd.DataFrame:
+    def comparable(self, residuals: "pd.DataFrame") -> "pd.DataFrame":
         """Leave out spans of recordings where other trials to compare with count gait cycles.
 
         Parameters

@@ -7,10 +7,9 @@ joint gives to the body. Angles are those of the model's coordinates (`hbm.coord
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import pandas as pd
 import scipy
 
 from hbm.coordinates import INDEX, SIDES
@@ -20,6 +19,9 @@ from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 from pipeline.trial.residuals import with_name
 from pipeline.trial.result import TrialResult
 from pipeline.trial.window import frames_within
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +169,7 @@ COLUMNS: Final = (
 )
 
 
-def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+def joint_tables(result: TrialResult, condition: str) -> "tuple[pd.DataFrame, pd.DataFrame]":
     """Lay out the joints of a trial's gait cycles.
 
     Parameters
@@ -202,6 +204,8 @@ def joint_tables(result: TrialResult, condition: str) -> tuple[pd.DataFrame, pd.
     >>> summary.query("joint == 'knee' and quantity == 'range of motion'")["value"].round().tolist()
     [53.0, 54.0]
     """
+    import pandas as pd
+
     rows, parts = [], [pd.DataFrame(columns=CYCLE_COLUMNS)]
     time_s = {side: np.diff(spans)[:, 0] for side, spans in joint_spans(result).items()}
     for variant, of_sides in joint_curves(result).items():

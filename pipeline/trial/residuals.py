@@ -1,11 +1,12 @@
 """Residuals of a trial: over gait cycles, as tables, and beside published thresholds."""
 
-from collections.abc import Iterator, Mapping
+from collections import namedtuple
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from math import isnan
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from hbm.model import Body
@@ -15,6 +16,9 @@ from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.result import TrialResult
 from pipeline.trial.window import frames_within
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 HEALTHY_RMS: Final = (37.1, 30.4, 63.1, 11.4, 20.5, 4.5)
 HEALTHY: Final = "healthy adults on a treadmill at rest (van de Loosdrecht 2018, Table III)"
@@ -30,23 +34,26 @@ MAX_MOMENT_SHARE: Final = 0.01
 """Peak residual moment over that force times the height of the centre of mass (ibid.)."""
 FOOT_SEGMENTS: Final = ("left_foot", "left_toes", "right_foot", "right_toes")
 """Begin at the ankle and at the ball of the foot."""
+TRIAL_COLUMNS: Final = ("subject", "condition", "recording", "session")
+"""Which trial: the recording is empty where there is one of the condition."""
 CYCLE_COLUMNS: Final = (
+    *TRIAL_COLUMNS,
     *("compensated", "window", "headline", "side", "cycle", "start_s", "stop_s"),
     *("axis", "unit", "rms", "peak", "n_frames", "valid_share"),
 )
-TRIAL_COLUMNS: Final = ("subject", "condition", "recording", "session")
-"""Which trial: the recording is empty where there is one of the condition."""
-RESIDUAL_COLUMNS: Final = (
-    *TRIAL_COLUMNS,
-    *("compensated", "window", "headline", "axis", "unit"),
-    *("rms", "rms_of_cycles", "mean", "sd", "peak", "rms_percent"),
-    *("n_cycles", "n_frames", "valid_share", "compensation_sd", "expected"),
-)
-THRESHOLD_COLUMNS: Final = (
-    *("compensated", "quantity", "unit", "peak", "limit", "passed", "above_percent"),
-)
 EVERY_MARKER: Final = "all"
 """Name of the row over all markers."""
+
+Residual = namedtuple(
+    "Residual",
+    "subject condition recording session compensated window headline axis unit rms rms_of_cycles "
+    "mean sd peak rms_percent n_cycles n_frames valid_share compensation_sd expected",
+)
+"""A row of `residual_table`."""
+Threshold = namedtuple("Threshold", "compensated quantity unit peak limit passed above_percent")
+"""A row of `threshold_table`."""
+MarkerError = namedtuple("MarkerError", "marker rms_mm peak_mm missing_percent")
+"""A row of `marker_table`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +143,7 @@ def counted(result: TrialResult) -> Mask:
     return np.asarray(frames_within(result.motion.time, {"": spans}, None) & result.counts)
 
 
-def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
+def cycles_of(result: TrialResult, condition: str) -> "pd.DataFrame":
     """Lay out the residuals of every gait cycle that counts, as `cycles.csv` holds them.
 
     Parameters
@@ -154,14 +161,27 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
         peak (largest magnitude) over the frames of the window in the cycle that count, their number
         and share; NaN where none counts. Empty where a span of the recording counts.
     """
+    import pandas as pd
+
+    return pd.DataFrame(cycle_rows(result, condition), columns=CYCLE_COLUMNS)
+
+
+def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
+    """Give the rows of `cycles_of`."""
     rows = []
     for name in result.variants:
         for window in () if result.span else windows(result):
             of_window = name == "compensated", window.name, window.headline
             for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
                 for measure in zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True):
-                    rows.append((*of_window, *cycle, *measure, count, share))
-    return with_name(pd.DataFrame(rows, columns=CYCLE_COLUMNS), result, condition)
+                    row = *of_window, *cycle, *measure, count, share
+                    rows.append((*trial_columns(result, condition), *row))
+    return rows
+
+
+def trial_columns(result: TrialResult, condition: str) -> tuple[str, str, str, str]:
+    """Give the `TRIAL_COLUMNS` of a trial."""
+    return result.subject.id, condition, result.recording, result.session
 
 
 def _of_cycles(
@@ -181,14 +201,13 @@ def _of_cycles(
             yield side, number, start, stop, rms, peak, len(used), share
 
 
-def with_name(table: pd.DataFrame, result: TrialResult, condition: str) -> pd.DataFrame:
+def with_name(table: "pd.DataFrame", result: TrialResult, condition: str) -> "pd.DataFrame":
     """Put the trial's name before the columns of a table."""
-    names = result.subject.id, condition, result.recording, result.session
-    named = table.assign(**dict(zip(TRIAL_COLUMNS, names, strict=True)))
+    named = table.assign(**dict(zip(TRIAL_COLUMNS, trial_columns(result, condition), strict=True)))
     return named[[*TRIAL_COLUMNS, *table.columns]]
 
 
-def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
+def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":
     """Summarise a trial's residuals, one row per variant and axis.
 
     Parameters
@@ -249,16 +268,26 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
     >>> bool(table["rms"].max() < 10.0)
     True
     """
+    import pandas as pd
+
+    return pd.DataFrame(residual_rows(result, condition), columns=Residual._fields)
+
+
+def residual_rows(result: TrialResult, condition: str = "") -> list[Residual]:
+    """Give the rows of `residual_table`; pandas takes longer to load than they to compute."""
     if not counted(result).any():
-        return pd.DataFrame(columns=RESIDUAL_COLUMNS)
-    parts = [
-        _summary(result, window, name) for window in windows(result) for name in result.variants
+        return []
+    names = trial_columns(result, condition)
+    return [
+        Residual(*names, name == "compensated", window.name, window.headline, *row)
+        for window in windows(result)
+        for name in result.variants
+        for row in _summary(result, window, name)
     ]
-    return with_name(pd.concat(parts, ignore_index=True), result, condition)
 
 
-def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
-    """Summarise the residuals of one variant over one window."""
+def _summary(result: TrialResult, window: Window, variant: str) -> Iterator[tuple[Any, ...]]:
+    """Summarise the residuals of one variant over one window: the rows from the axis on."""
     inside = frames_within(result.motion.time, {"": window.spans}, None)
     counts = inside & result.counts
     percent = result.body.mass * GRAVITY_MPS2 * np.repeat([1.0, result.body.height_m], 3) / 100
@@ -266,69 +295,66 @@ def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
     rms = np.sqrt(np.mean(value**2, axis=0))
     cycles = () if result.span else _of_cycles(result, variant, window)
     of_cycles = [rms_of_one**2 for *_, rms_of_one, _, count, _ in cycles if count]
-    rms_of_cycles = np.sqrt(np.mean(of_cycles, axis=0)) if of_cycles else np.nan
-    spread = np.full(len(AXES), np.nan)
+    unknown = np.full(len(AXES), np.nan)
+    rms_of_cycles = np.sqrt(np.mean(of_cycles, axis=0)) if of_cycles else unknown
+    spread = unknown
     if variant == "compensated" and result.uncertainty is not None:
         spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
     expected = np.sqrt(np.diag(unseen_covariance(result.body, result.motion, counts)))
-    return pd.DataFrame(
-        {
-            "compensated": variant == "compensated",
-            "window": window.name,
-            "headline": window.headline,
-            "axis": AXES,
-            "unit": UNITS,
-            "rms": rms,
-            "rms_of_cycles": rms_of_cycles,
-            "mean": value.mean(axis=0),
-            "sd": value.std(axis=0),
-            "peak": np.abs(value).max(axis=0),
-            "rms_percent": rms / percent,
-            "n_cycles": len(of_cycles),
-            "n_frames": np.count_nonzero(counts),
-            "valid_share": np.count_nonzero(counts) / np.count_nonzero(inside),
-            "compensation_sd": spread,
-            "expected": np.where(expected > 0, expected, np.nan),
-        }
-    )
+    peak, used = np.abs(value).max(axis=0), int(np.count_nonzero(counts))
+    measures = rms, rms_of_cycles, value.mean(axis=0), value.std(axis=0), peak, rms / percent
+    extent = len(of_cycles), used, used / int(np.count_nonzero(inside))
+    uncertain = spread, np.where(expected > 0, expected, np.nan)
+    of_axes = np.transpose([*measures, *uncertain]).tolist()
+    for axis, unit, row in zip(AXES, UNITS, of_axes, strict=True):
+        yield axis, unit, *row[: len(measures)], *extent, *row[len(measures) :]
 
 
-def reference_of(residuals: pd.DataFrame) -> tuple[str, Mapping[str, float], str]:
+def reference_of(residuals: Collection[Any]) -> tuple[str, Mapping[str, float], str]:
     """Give what RMS residuals are compared with: its title, size by axis, and meaning.
 
-    Those of healthy people, of whom markers showed all segments; in recordings without, the mean of
-    what is expected.
+    Of rows of `residual_table`. Those of healthy people, of whom markers showed all segments; in
+    recordings without, the mean of what is expected.
     """
-    expected = residuals.groupby("axis")["expected"].mean()
-    if expected.notna().any():
+    if unseen := [row for row in residuals if not isnan(row.expected)]:
         meaning = "Expected: by the motion of segments that no marker shows, in walking people."
-        return "Expected", {axis: float(expected[axis]) for axis in AXES}, meaning
+        return "Expected", _means(unseen, lambda row: float(row.expected)), meaning
     healthy = dict(zip(AXES, HEALTHY_RMS, strict=True))
     return "Healthy", healthy, f"Healthy: RMS of {HEALTHY}; lower in lighter people."
 
 
-def unseen_sentence(result: TrialResult, table: pd.DataFrame) -> str:
+def _means(rows: Iterable[Any], value: Callable[[Any], float]) -> dict[str, float]:
+    """Give the mean of a value of rows of each axis."""
+    of_axis: dict[str, list[float]] = {axis: [] for axis in AXES}
+    for row in rows:
+        of_axis[row.axis].append(value(row))
+    return {axis: float(np.mean(values)) for axis, values in of_axis.items()}
+
+
+def unseen_sentence(result: TrialResult, rows: Iterable[Any]) -> str:
     """Say what is expected of the residuals closest to the truth, in a trial's `residual_table`."""
-    best = table["headline"] & (table["compensated"] == (result.compensated is not None))
+    compensated = result.compensated is not None
+    best = [row for row in rows if row.headline and row.compensated == compensated]
     share = mass_share(result.body, unseen_segments(result.body, result.motion))
-    what = f"{100 * share:.0f} % of the body's mass has no markers"
-    return expectation(table[best], what)
+    return expectation(best, f"{100 * share:.0f} % of the body's mass has no markers")
 
 
-def expectation(residuals: pd.DataFrame, what: str = "Trunk, head or arms have no markers") -> str:
+def expectation(
+    residuals: Collection[Any], what: str = "Trunk, head or arms have no markers"
+) -> str:
     """Say what RMS the motion of segments without markers leads to, and what was measured.
 
     Of rows of `residual_table`, in % of body weight; means where there are several of an axis.
     Recordings whose markers show trunk, head and arms do not count; empty where all do.
     """
-    unseen = residuals[residuals["expected"].notna()]
-    if unseen.empty:
+    unseen = [row for row in residuals if not isnan(row.expected)]
+    if not unseen:
         return ""
-    percent = unseen.assign(expected=unseen["expected"] * unseen["rms_percent"] / unseen["rms"])
-    means = percent.groupby("axis")[["expected", "rms_percent"]].mean()
+    expects = _means(unseen, lambda row: row.expected * row.rms_percent / row.rms)
+    measures = _means(unseen, lambda row: float(row.rms_percent))
     digits = dict(zip(AXES, (1, 1, 1, 2, 2, 2), strict=True))
-    expected = [f"{axis} {means.expected[axis]:.{digits[axis]}f}" for axis in AXES]
-    measured = [f"{means.rms_percent[axis]:.{digits[axis]}f}" for axis in AXES]
+    expected = [f"{axis} {expects[axis]:.{digits[axis]}f}" for axis in AXES]
+    measured = [f"{measures[axis]:.{digits[axis]}f}" for axis in AXES]
     some = " in some recordings" * (len(unseen) < len(residuals))
     return (
         f"{what}{some}; expected from that alone in walking: {', '.join(expected[:3])} % of body "
@@ -346,7 +372,7 @@ def height_of_mass(body: Body, q: Array) -> float:
     return float(np.mean(center_of_mass(body, q)[:, 2] - lowest))
 
 
-def threshold_table(result: TrialResult) -> pd.DataFrame:
+def threshold_table(result: TrialResult) -> "pd.DataFrame":
     """Compare a trial's peak residuals with published limits.
 
     Parameters
@@ -367,12 +393,18 @@ def threshold_table(result: TrialResult) -> pd.DataFrame:
     mass times that force. Peaks are of the vectors' magnitudes, over the used frames; the
     height is the mean one above the lowest joint of the feet (ankles and toes) in each frame.
     """
-    inside = counted(result)
+    import pandas as pd
+
+    return pd.DataFrame(threshold_rows(result), columns=Threshold._fields)
+
+
+def threshold_rows(result: TrialResult) -> list[Threshold]:
+    """Give the rows of `threshold_table`."""
+    inside, rows = counted(result), list[Threshold]()
     if not inside.any():
-        return pd.DataFrame(columns=THRESHOLD_COLUMNS)
+        return rows
     q = result.motion.q[inside]
     height = height_of_mass(result.body, q)
-    rows = []
     for name, dynamics in result.variants.items():
         ground = np.sum(list(result.ground[name].values()), axis=0)[inside, :3]
         external = float(np.linalg.norm(ground, axis=1).max())
@@ -384,11 +416,12 @@ def threshold_table(result: TrialResult) -> pd.DataFrame:
             size = np.linalg.norm(part, axis=1)
             peak, above = float(size.max()), 100 * float(np.mean(size >= limit))
             compensated = name == "compensated"
-            rows.append((compensated, quantity, unit, peak, limit, peak < limit, above))
-    return pd.DataFrame(rows, columns=THRESHOLD_COLUMNS)
+            row = compensated, quantity, unit, peak, limit, peak < limit, above
+            rows.append(Threshold(*row))
+    return rows
 
 
-def marker_table(result: TrialResult) -> pd.DataFrame:
+def marker_table(result: TrialResult) -> "pd.DataFrame":
     """Give each marker's distance from the model, and its gaps.
 
     Parameters
@@ -402,17 +435,24 @@ def marker_table(result: TrialResult) -> pd.DataFrame:
         marker, rms_mm, peak_mm, missing_percent, in the motion's order of markers; the last row,
         "all", is over all of them. RMS and peak of a marker that was never seen are NaN.
     """
+    import pandas as pd
+
+    return pd.DataFrame(marker_rows(result))
+
+
+def marker_rows(result: TrialResult) -> list[MarkerError]:
+    """Give the rows of `marker_table`."""
     error_mm = 1000 * result.motion.marker_error
     columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {EVERY_MARKER: error_mm}
     rows = []
     for name, own in columns.items():
         seen = own[np.isfinite(own)]
-        rms = np.sqrt(np.mean(seen**2)) if len(seen) else np.nan
-        rows.append((name, rms, seen.max(initial=-np.inf), 100 * (1 - len(seen) / own.size)))
-    table = pd.DataFrame(rows, columns=["marker", "rms_mm", "peak_mm", "missing_percent"])
-    return table.replace(-np.inf, np.nan)
+        rms, peak = (np.sqrt(np.mean(seen**2)), seen.max()) if len(seen) else (np.nan, np.nan)
+        missing_percent = 100 * (1 - len(seen) / own.size)
+        rows.append(MarkerError(name, float(rms), float(peak), missing_percent))
+    return rows
 
 
-def rows_of(table: pd.DataFrame) -> list[Any]:
+def rows_of(table: "pd.DataFrame") -> list[Any]:
     """Give the rows of a table, with its columns as attributes."""
     return list(table.itertuples())

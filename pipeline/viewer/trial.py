@@ -25,8 +25,7 @@ from pipeline.trial.residuals import (
     DIRECTIONS,
     counted,
     reported,
-    residual_table,
-    rows_of,
+    residual_rows,
     threshold_table,
     unseen_sentence,
 )
@@ -196,8 +195,7 @@ def trial_summary(result: TrialResult) -> str:
     """Give residuals, peaks beside their limits and notes of a trial, in Markdown."""
     blocks = [f"# {_title(result)}"]
     if counted(result).any():
-        table = residual_table(result, result.source.stem)
-        rows = rows_of(table[table["headline"].astype(bool)])
+        rows = [row for row in residual_rows(result) if row.headline]
         shown = pd.DataFrame({"": AXES, "direction": DIRECTIONS})
         for name in result.variants:
             own = [row for row in rows if row.compensated == (name == "compensated")]
@@ -215,7 +213,7 @@ def trial_summary(result: TrialResult) -> str:
         )
         blocks += [
             "## Pelvis residuals (RMS)",
-            *filter(None, [unseen_sentence(result, table)]),
+            *filter(None, [unseen_sentence(result, rows)]),
             markdown(shown),
             "% of body weight, or of body weight × stature.",
             "## Peaks against Hicks et al. 2015",

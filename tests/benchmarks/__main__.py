@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks import commands, events, live, report
+from tests.benchmarks import commands, events, live, report, start
 from tests.benchmarks.accuracy import check_optimum
 from tests.benchmarks.commands import LONG_FRAMES
 from tests.benchmarks.comparison import (
@@ -79,6 +79,7 @@ PARTS: dict[str, Callable[[Path, argparse.Namespace], Measured]] = {
     "events": lambda folder, *_: events.race(folder),
     "live": lambda folder, *_: live.live_frames(folder),
     "study": lambda folder, given: {"study": commands.study_times(folder, given.trials)},
+    "start": lambda folder, given: {"start": start.start_times(folder, given.repeats)},
     "memory": lambda folder, *_: {"memory": commands.residuals_time(folder, LONG_FRAMES)},
 }
 

@@ -13,11 +13,20 @@ from tests.benchmarks.comparison import COMPILED, KERNELS, MACHINE
 PACKAGES = ("hbm-residuals", "casadi", "numpy", "scipy", "opensim", "mujoco", "pin")
 EVENT_LIMITS_MS = {"baseline": (5, 10), "sway": (5, 10), "pitch": (10, 15)}
 """Condition -> limits of the mean error and of its standard deviation."""
+START_RATIOS = {
+    "hbm --help": 0.5,
+    "hbm --version": 0.5,
+    "hbm FOLDER": 1,
+    "hbm residuals, table": 3,
+    "hbm residuals": 6,
+}
+"""Command -> most processor time, as a multiple of loading NumPy and pandas."""
 TITLES = {
     "events": "Gait events against the truth of the virtual laboratory",
     "ik": "Inverse kinematics, per frame",
     "id": "Inverse dynamics with residuals, per frame",
     "study": "A study: a subject and 408 frames per trial",
+    "start": "Commands from their start, processor time",
     "live": "Live frames, from their last sample to the result, on the clock",
 }
 
@@ -93,6 +102,10 @@ def targets(measured: dict[str, Any]) -> list[Target]:
         loopback = measured["live_loopback"]
         at_most("live, from sending to receiving, 99 % [ms]", loopback["p99_ms"], 5)
         at_most("live, first frame after the start [s]", loopback["first_frame_s"], 3)
+    for row in measured.get("start", []):
+        if row["name"] in START_RATIOS:
+            most = START_RATIOS[row["name"]]
+            at_most(f"{row['name']}: processor time × NumPy and pandas", row["cpu_ratio"], most)
     if "commands" in measured:
         at_most("hbm residuals [s]", measured["commands"]["residuals_s"], 30)
     if "memory" in measured:

@@ -131,6 +131,28 @@ def test_what_answers_at_once_loads_nothing_heavy(commands, absent, tmp_path):
     assert done.stdout.splitlines()[-1].strip() == "loaded:"
 
 
+def test_the_table_of_a_trial_is_shown_before_what_draws_it_is_loaded(walker, tmp_path):
+    """Nor are other libraries loaded that take longer than the answer."""
+    absent = ("casadi", "jinja2", "pandas", "scipy.interpolate", "scipy.optimize", "scipy.signal")
+    command = ["residuals", str(walker.source), "--sex", "male", "--out", str(tmp_path)]
+    code = (
+        "import sys\n"
+        "from pipeline.cli.app import main\n"
+        "class Drawing:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'matplotlib':\n"
+        "            sys.meta_path.remove(self)\n"
+        f"            print('loaded:', *(name for name in {absent!r} if name in sys.modules))\n"
+        "sys.meta_path.insert(0, Drawing())\n"
+        f"sys.exit(main({command!r}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    table, after = done.stdout.split("loaded:")
+    assert "Pelvis residuals" in table
+    assert "Peak moment" in table
+    assert after.splitlines()[0] == ""
+
+
 def test_an_interrupt_ends_with_130_and_one_line(monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
