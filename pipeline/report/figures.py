@@ -30,7 +30,7 @@ from pipeline.figures.style import (
     draw_logarithmic,
 )
 from pipeline.report.tables import numbers
-from pipeline.run.load import Results
+from pipeline.run.load import Curves, Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.curves import CurveDifference, parts_of
 from pipeline.statistics.design import CONFIDENCE, Design, Weigh
@@ -64,7 +64,11 @@ VARIANTS: Final = {
 
 
 def study_figures(
-    results: Results, statistics: pd.DataFrame, design: Design, curves: pd.DataFrame
+    results: Results,
+    over_cycles: pd.DataFrame,
+    statistics: pd.DataFrame,
+    design: Design,
+    curves: pd.DataFrame,
 ) -> Iterator[tuple[str, Figure]]:
     """Draw every figure of a study's report.
 
@@ -72,6 +76,8 @@ def study_figures(
     ----------
     results
         What `hbm run` left.
+    over_cycles
+        As `rms_over_cycles` gives them.
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for them.
     design
@@ -85,8 +91,7 @@ def study_figures(
         ``gait_cycle_CONDITION`` where there are gait cycles, and ``marginal_means`` (as the thesis'
         Figs F.8–F.13).
     """
-    over_cycles = rms_over_cycles(results.cycles, design.weigh)
-    for condition in drawn_conditions(results.cycles, design):
+    for condition in drawn_conditions(over_cycles, design):
         grey = mean_part(t for t in results.trials.values() if t.condition == condition)
         compared = f"{design.judged(condition)} - {design.reference_cell}"
         differing = {axis: parts_of(curves, axis, compared) for axis in AXES}
@@ -101,7 +106,7 @@ def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
     return [name for name in conditions if name != design.reference] or conditions
 
 
-def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
+def rms_over_cycles(cycles: Curves, weigh: Weigh) -> pd.DataFrame:
     """Give each subject's RMS over gait cycles at every percent of the cycle.
 
     Its root mean square over the percent of a window is the subject's RMS in the table of
@@ -110,7 +115,7 @@ def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
     Parameters
     ----------
     cycles
-        As `pipeline.run.load.Results.cycles`.
+        Those of ``cycles.parquet``.
     weigh
         Whether each gait cycle or each recording is equal.
 
@@ -119,9 +124,13 @@ def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
     pandas.DataFrame
         subject, condition, compensated, axis, percent, value [N, N·m]; NaN where none counts.
     """
-    squares = cycles.assign(value=cycles["value"] ** 2)
-    means = subject_means(squares, ["value"], weigh, within=["axis"]).reset_index()
-    return means.assign(value=np.sqrt(means["value"]))
+    parts = []
+    for axis in AXES:
+        curves = cycles.read(axis=axis)
+        curves["value"] **= 2
+        means = subject_means(curves, ["value"], weigh, within=["axis"]).reset_index()
+        parts.append(means.assign(value=np.sqrt(means["value"])))
+    return pd.concat(parts, ignore_index=True)
 
 
 def gait_cycle_figure(

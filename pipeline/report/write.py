@@ -13,12 +13,12 @@ from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import picture, save_figure
-from pipeline.io.write import whole_file, write_csv, write_text
+from pipeline.io.write import write_csv, write_text
 from pipeline.report.blocks import Section, markup, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
-from pipeline.report.figures import study_figures
-from pipeline.report.joints import compensation_tables, joint_figures
+from pipeline.report.figures import rms_over_cycles, study_figures
+from pipeline.report.joints import JointMeans, compensation_tables, joint_figures
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import (
@@ -43,8 +43,8 @@ from pipeline.report.variants import choices, variant_residuals, variant_results
 from pipeline.report.verdict import question, verdict_values
 from pipeline.report.workbook import write_columns, write_wide_tables
 from pipeline.run.job import read_failures
-from pipeline.run.load import Results, collect, select_trials
-from pipeline.run.provenance import provenance, trial_states
+from pipeline.run.load import Curves, Results, collect, select_trials
+from pipeline.run.provenance import left_out, provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
 from pipeline.statistics.recordings import pool_recordings
@@ -114,15 +114,17 @@ def write_report(
     folder = Path(folder)
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    results = collect(folder, trial_quality)
-    states = trial_states(results, read_failures(folder), study)
+    failures = read_failures(folder)
+    results = collect(
+        folder, trial_quality, lambda trial: not left_out(trial.name, trial, failures, study)
+    )
+    states = trial_states(results, failures, study)
     results = select_trials(results, {state.name for state in states if state.in_tables})
     of_variants = {MAIN: results}
     if study is not None and study.variants:
         announce("collecting the variants")
         of_variants |= variant_results(folder, study)
     tables = {"residuals": results.residuals, "cycles": results.by_cycle, "joints": results.joints}
-    _write_parquet(results.joint_cycles, folder / "joint_cycles.parquet")
 
     announce("computing statistics")
     headline = results.residuals[results.residuals["headline"].astype(bool)]
@@ -141,7 +143,9 @@ def write_report(
     if len(repeated):
         tables["reliability"] = repeated
     announce("comparing curves")
-    curves = differing_curves(results.cycles, results.joint_cycles, design)
+    over_cycles = rms_over_cycles(Curves(folder / "cycles.parquet"), design.weigh)
+    joints = JointMeans(Curves(folder / "joint_cycles.parquet"), design.weigh)
+    curves = differing_curves(over_cycles, joints, design)
     explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
@@ -155,7 +159,6 @@ def write_report(
     for file, shown in {**tables, "plan": plan_table(found, design)}.items():
         write_csv(shown, folder / f"{file}.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
-    _write_parquet(results.cycles, folder / "cycles.parquet")
     write_columns(folder)
     if study is not None:
         announce("hashing the study's files")
@@ -189,13 +192,13 @@ def write_report(
         repeatability=reliability_tables(repeated, design),
         choices=sensitivity,
         tests=residual_tests(tests, design),
-        joints=drawn(joint_figures(results.joint_cycles, design, curves)),
+        joints=drawn(joint_figures(joints, design, curves)),
         joint_tables=compensation_tables(results.joints, design),
-        pictures=drawn(study_figures(results, tests, design, curves)),
+        pictures=drawn(study_figures(results, over_cycles, tests, design, curves)),
         laboratory=None if study is None else page_of_study(study, folder),
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
-        has_reference=design.reference in results.cycles["condition"].unique(),
+        has_reference=design.reference in {*over_cycles["condition"]},
         trials={str(name): results.trials[name] for name in keys},
         states=states,
         quality=quality_table(
@@ -224,20 +227,6 @@ def write_report(
         for count, done in enumerate(write_trial_pages(folder, explained, study, keys), 1):
             announce(f"page {count} of {len(keys)}: {done}")
     return folder / "report.html"
-
-
-def _write_parquet(table: pd.DataFrame, path: Path) -> None:
-    """Write a table whole or not at all."""
-    numbers = [name for name in table if table[name].dtype.kind == "f"]
-    texts = [name for name in table if name not in numbers]
-    with whole_file(path) as temporary:
-        table.to_parquet(
-            temporary,
-            index=False,
-            compression="zstd",
-            use_byte_stream_split=numbers,
-            use_dictionary=texts,
-        )
 
 
 def _design(residuals: pd.DataFrame, study: Study | None) -> Design:

@@ -30,12 +30,13 @@ MAX_MOMENT_SHARE: Final = 0.01
 """Peak residual moment over that force times the height of the centre of mass (ibid.)."""
 FOOT_SEGMENTS: Final = ("left_foot", "left_toes", "right_foot", "right_toes")
 """Begin at the ankle and at the ball of the foot."""
+TRIAL_COLUMNS: Final = ("subject", "condition", "recording", "session")
+"""Which trial: the recording is empty where there is one of the condition."""
 CYCLE_COLUMNS: Final = (
+    *TRIAL_COLUMNS,
     *("compensated", "window", "headline", "side", "cycle", "start_s", "stop_s"),
     *("axis", "unit", "rms", "peak", "n_frames", "valid_share"),
 )
-TRIAL_COLUMNS: Final = ("subject", "condition", "recording", "session")
-"""Which trial: the recording is empty where there is one of the condition."""
 RESIDUAL_COLUMNS: Final = (
     *TRIAL_COLUMNS,
     *("compensated", "window", "headline", "axis", "unit"),
@@ -154,14 +155,19 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
         peak (largest magnitude) over the frames of the window in the cycle that count, their number
         and share; NaN where none counts. Empty where a span of the recording counts.
     """
-    rows = []
-    for name in result.variants:
-        for window in () if result.span else windows(result):
-            of_window = name == "compensated", window.name, window.headline
-            for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
-                for measure in zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True):
-                    rows.append((*of_window, *cycle, *measure, count, share))
-    return with_name(pd.DataFrame(rows, columns=CYCLE_COLUMNS), result, condition)
+    return pd.DataFrame(cycle_rows(result, condition), columns=CYCLE_COLUMNS)
+
+
+def cycle_rows(result: TrialResult, condition: str) -> list[tuple[Any, ...]]:
+    """Give the rows of `cycles_of`."""
+    return [
+        (*trial_columns(result, condition), *of_window, *cycle, *measure, count, share)
+        for name in result.variants
+        for window in (() if result.span else windows(result))
+        for of_window in [(name == "compensated", window.name, window.headline)]
+        for *cycle, rms, peak, count, share in _of_cycles(result, name, window)
+        for measure in zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True)
+    ]
 
 
 def _of_cycles(
@@ -181,11 +187,9 @@ def _of_cycles(
             yield side, number, start, stop, rms, peak, len(used), share
 
 
-def with_name(table: pd.DataFrame, result: TrialResult, condition: str) -> pd.DataFrame:
-    """Put the trial's name before the columns of a table."""
-    names = result.subject.id, condition, result.recording, result.session
-    named = table.assign(**dict(zip(TRIAL_COLUMNS, names, strict=True)))
-    return named[[*TRIAL_COLUMNS, *table.columns]]
+def trial_columns(result: TrialResult, condition: str) -> tuple[str, str, str, str]:
+    """Give a trial's `TRIAL_COLUMNS`."""
+    return result.subject.id, condition, result.recording, result.session
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
@@ -249,16 +253,23 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
     >>> bool(table["rms"].max() < 10.0)
     True
     """
+    return pd.DataFrame(residual_rows(result, condition), columns=RESIDUAL_COLUMNS)
+
+
+def residual_rows(result: TrialResult, condition: str) -> list[tuple[Any, ...]]:
+    """Give the rows of `residual_table`."""
     if not counted(result).any():
-        return pd.DataFrame(columns=RESIDUAL_COLUMNS)
-    parts = [
-        _summary(result, window, name) for window in windows(result) for name in result.variants
+        return []
+    return [
+        (*trial_columns(result, condition), *row)
+        for window in windows(result)
+        for name in result.variants
+        for row in _summary(result, window, name)
     ]
-    return with_name(pd.concat(parts, ignore_index=True), result, condition)
 
 
-def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
-    """Summarise the residuals of one variant over one window."""
+def _summary(result: TrialResult, window: Window, variant: str) -> Iterator[tuple[Any, ...]]:
+    """Summarise the residuals of one variant over one window, a row for each axis."""
     inside = frames_within(result.motion.time, {"": window.spans}, None)
     counts = inside & result.counts
     percent = result.body.mass * GRAVITY_MPS2 * np.repeat([1.0, result.body.height_m], 3) / 100
@@ -266,31 +277,22 @@ def _summary(result: TrialResult, window: Window, variant: str) -> pd.DataFrame:
     rms = np.sqrt(np.mean(value**2, axis=0))
     cycles = () if result.span else _of_cycles(result, variant, window)
     of_cycles = [rms_of_one**2 for *_, rms_of_one, _, count, _ in cycles if count]
-    rms_of_cycles = np.sqrt(np.mean(of_cycles, axis=0)) if of_cycles else np.nan
-    spread = np.full(len(AXES), np.nan)
+    unknown = np.full(len(AXES), np.nan)
+    rms_of_cycles = np.sqrt(np.mean(of_cycles, axis=0)) if of_cycles else unknown
+    spread = unknown
     if variant == "compensated" and result.uncertainty is not None:
         spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
     expected = np.sqrt(np.diag(unseen_covariance(result.body, result.motion, counts)))
-    return pd.DataFrame(
-        {
-            "compensated": variant == "compensated",
-            "window": window.name,
-            "headline": window.headline,
-            "axis": AXES,
-            "unit": UNITS,
-            "rms": rms,
-            "rms_of_cycles": rms_of_cycles,
-            "mean": value.mean(axis=0),
-            "sd": value.std(axis=0),
-            "peak": np.abs(value).max(axis=0),
-            "rms_percent": rms / percent,
-            "n_cycles": len(of_cycles),
-            "n_frames": np.count_nonzero(counts),
-            "valid_share": np.count_nonzero(counts) / np.count_nonzero(inside),
-            "compensation_sd": spread,
-            "expected": np.where(expected > 0, expected, np.nan),
-        }
-    )
+    expected = np.where(expected > 0, expected, np.nan)
+    peak, used = np.abs(value).max(axis=0), int(np.count_nonzero(counts))
+    of_frames = len(of_cycles), used, used / int(np.count_nonzero(inside))
+    sizes = rms, rms_of_cycles, value.mean(axis=0), value.std(axis=0), peak, rms / percent
+    uncertain = np.transpose([spread, expected]).tolist()
+    for axis, unit, size, sd in zip(
+        AXES, UNITS, np.transpose(sizes).tolist(), uncertain, strict=True
+    ):
+        of_window = variant == "compensated", window.name, window.headline
+        yield *of_window, axis, unit, *size, *of_frames, *sd
 
 
 def reference_of(residuals: pd.DataFrame) -> tuple[str, Mapping[str, float], str]:
