@@ -14,13 +14,15 @@ from pipeline.report.blocks import Check, Table, Text
 from pipeline.trial.residuals import (
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
+    counted,
     marker_table,
-    residual_table,
     rows_of,
     threshold_table,
+    windows,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import MAX_DELAY_S
+from pipeline.trial.window import frames_within
 
 if TYPE_CHECKING:
     from pipeline.budgets.explanation import Explanation
@@ -129,27 +131,26 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
     """Rate a trial: criterion -> findings, in the same order for every trial."""
     solved, locked = trial.motion.converged, len(trial.body.locked)
     unsolved = int(np.count_nonzero(~solved))
-    residuals, markers = residual_table(trial, ""), marker_table(trial)
-    limits = threshold_table(trial)
-    headline = residuals[residuals["headline"].astype(bool)]
+    markers, limits = (rows_of(table(trial)) for table in (marker_table, threshold_table))
     return {
-        "Gait cycles": (_counted(trial, headline),),
+        "Gait cycles": (_counted(trial),),
         "Marker error (RMS)": (_marker_error(markers),),
         "Marker gaps": (_marker_gaps(markers),),
         "Delay of plates": (_delay(trial.delay_s, trial.delay_uncertainty_s),),
         "Unsolved frames": (("check" if unsolved else "pass", str(unsolved), f"of {len(solved)}"),),
-        "Uncertainty added by compensation (1σ)": tuple(_compensation(headline)) or (NOT_KNOWN,),
+        "Uncertainty added by compensation (1σ)": tuple(_compensation(trial)) or (NOT_KNOWN,),
         "Joint angles held": (("none", str(locked), "at neutral" * bool(locked)),),
         "Peak force": tuple(_peaks(limits, "force")),
         "Peak moment": tuple(_peaks(limits, "moment")),
     }
 
 
-def _counted(trial: TrialResult, headline: pd.DataFrame) -> Check:
+def _counted(trial: TrialResult) -> Check:
     """Say how many gait cycles count, or which span, and for how much of it."""
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
-    least = headline["valid_share"].min()
-    share = f"{100 * least:.0f} % of frames" if least < 1 else ""
+    inside = frames_within(trial.motion.time, {"": windows(trial)[0].spans}, None)
+    valid = np.count_nonzero(inside & trial.counts) / max(1, np.count_nonzero(inside))
+    share = f"{100 * valid:.0f} % of frames" if 0 < valid < 1 else ""
     if trial.span is not None:
         value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"
     else:
@@ -160,40 +161,46 @@ def _counted(trial: TrialResult, headline: pd.DataFrame) -> Check:
     return "none", value, "; ".join(filter(None, (sides, share)))
 
 
-def _compensation(headline: pd.DataFrame) -> Iterator[Check]:
+def _compensation(trial: TrialResult) -> Iterator[Check]:
     """Say how uncertain the compensation makes forces and moments, at most, where that is known."""
-    largest = headline.groupby("unit")["compensation_sd"].max().dropna()
-    yield from (("none", f"{sd:.1f} {unit}", "") for unit, sd in largest.items())
+    counts = counted(trial)
+    if trial.uncertainty is not None and counts.any():
+        spread = np.sqrt(np.mean(trial.uncertainty[counts] ** 2, axis=0))
+        yield from (
+            ("none", f"{sd.max():.1f} {u}", "")
+            for u, sd in (("N", spread[:3]), ("N·m", spread[3:]))
+        )
 
 
-def _marker_error(markers: pd.DataFrame) -> Check:
+def _marker_error(markers: Sequence[Any]) -> Check:
     """Rate the distance of markers from the model by OpenSim's guideline."""
-    overall, seen = markers.iloc[-1], markers[:-1].dropna()
-    if seen.empty:
+    *of_markers, overall = markers
+    seen = [row for row in of_markers if row.rms_mm >= 0]
+    if not seen:
         return "fail", "unknown", ""
-    worst = seen.iloc[int(seen["rms_mm"].argmax())]
-    rating = "pass" if overall["peak_mm"] <= MAX_MARKER_PEAK_MM else "check"
-    if overall["rms_mm"] >= MAX_MARKER_RMS_MM:
+    worst = max(seen, key=lambda row: row.rms_mm)
+    rating = "pass" if overall.peak_mm <= MAX_MARKER_PEAK_MM else "check"
+    if overall.rms_mm >= MAX_MARKER_RMS_MM:
         rating = "fail"
-    detail = f"{worst['marker']} {worst['rms_mm']:.1f}, peak {overall['peak_mm']:.0f}"
-    return rating, f"{overall['rms_mm']:.1f} mm", detail
+    detail = f"{worst.marker} {worst.rms_mm:.1f}, peak {overall.peak_mm:.0f}"
+    return rating, f"{overall.rms_mm:.1f} mm", detail
 
 
-def _marker_gaps(markers: pd.DataFrame) -> Check:
+def _marker_gaps(markers: Sequence[Any]) -> Check:
     """Rate for how much of the trial markers are missing."""
-    worst = markers.iloc[int(markers["missing_percent"][:-1].argmax())]
-    percent = worst["missing_percent"]
-    rating = "check" if percent > MAX_GAP_PERCENT else "pass"
-    detail = f"{worst['marker']} {percent:.1f} %" if percent else ""
-    return rating, f"{markers['missing_percent'].iloc[-1]:.1f} %", detail
+    *of_markers, overall = markers
+    worst = max(of_markers, key=lambda row: row.missing_percent)
+    rating = "check" if worst.missing_percent > MAX_GAP_PERCENT else "pass"
+    detail = f"{worst.marker} {worst.missing_percent:.1f} %" if worst.missing_percent else ""
+    return rating, f"{overall.missing_percent:.1f} %", detail
 
 
-def _peaks(thresholds: pd.DataFrame, quantity: str) -> Iterator[Check]:
-    """Rate peak residuals by the limits of Hicks et al."""
-    names = {False: "no IC ", True: "IC "} if thresholds["compensated"].nunique() > 1 else {}
-    for row in rows_of(thresholds):
+def _peaks(limits: Sequence[Any], quantity: str) -> Iterator[Check]:
+    """Rate peak residuals by the limits of Hicks et al., rows of `threshold_table`."""
+    several = len({row.compensated for row in limits}) > 1
+    for row in limits:
         if row.quantity == quantity:
-            name = names.get(bool(row.compensated), "")
+            name = ("IC " if row.compensated else "no IC ") * several
             value = f"{name}{row.peak:.0f} {row.unit}, limit {row.limit:.0f} {row.unit}"
             above = f"above in {row.above_percent:.1f} % of frames"
             yield "pass" if row.passed else "fail", value, "" if row.passed else above

@@ -405,14 +405,20 @@ def marker_table(result: TrialResult) -> pd.DataFrame:
         "all", is over all of them. RMS and peak of a marker that was never seen are NaN.
     """
     error_mm = 1000 * result.motion.marker_error
-    columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {EVERY_MARKER: error_mm}
-    rows = []
-    for name, own in columns.items():
-        seen = own[np.isfinite(own)]
-        rms = np.sqrt(np.mean(seen**2)) if len(seen) else np.nan
-        rows.append((name, rms, seen.max(initial=-np.inf), 100 * (1 - len(seen) / own.size)))
-    table = pd.DataFrame(rows, columns=["marker", "rms_mm", "peak_mm", "missing_percent"])
-    return table.replace(-np.inf, np.nan)
+    seen = np.isfinite(error_mm)
+    squares = np.where(seen, error_mm**2, 0.0).sum(axis=0)
+    peak = np.where(seen, error_mm, -np.inf).max(axis=0, initial=-np.inf)
+    # of each marker, and of all
+    count, size, squares = (
+        np.append(each, each.sum())
+        for each in (seen.sum(axis=0), np.full(seen.shape[1], len(seen)), squares)
+    )
+    peak = np.append(peak, peak.max())
+    with np.errstate(invalid="ignore"):  # of a marker that was never seen
+        rms = np.sqrt(squares / count)
+    columns = {"rms_mm": rms, "peak_mm": np.where(count > 0, peak, np.nan)}
+    names = [*result.motion.markers, EVERY_MARKER]
+    return pd.DataFrame({"marker": names, **columns, "missing_percent": 100 * (1 - count / size)})
 
 
 def rows_of(table: pd.DataFrame) -> list[Any]:
