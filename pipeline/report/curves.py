@@ -1,7 +1,7 @@
 """Where curves over the gait cycle differ: residuals and joints of a study."""
 
 from collections.abc import Iterator, Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -60,7 +60,7 @@ def differing_curves(over_cycles: pd.DataFrame, joints: JointMeans, design: Desi
 def _rows(
     name: str,
     unit: str,
-    of_cells: Mapping[Cell, pd.Series],
+    of_cells: Mapping[Any, pd.Series],
     pair: tuple[Cell, Cell],
     design: Design,
 ) -> Iterator[tuple[object, ...]]:

@@ -1,6 +1,7 @@
 """Figures of a study: gait cycles over subjects, and marginal means."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
@@ -69,8 +71,8 @@ def study_figures(
     statistics: pd.DataFrame,
     design: Design,
     curves: pd.DataFrame,
-) -> Iterator[tuple[str, Figure]]:
-    """Draw every figure of a study's report.
+) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """Give every figure of a study's report, to be drawn in any process.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ def study_figures(
 
     Yields
     ------
-    name, figure
+    name, draw
         ``gait_cycle_CONDITION`` where there are gait cycles, and ``marginal_means`` (as the thesis'
         Figs F.8–F.13).
     """
@@ -95,9 +97,12 @@ def study_figures(
         grey = mean_part(t for t in results.trials.values() if t.condition == condition)
         compared = f"{design.judged(condition)} - {design.reference_cell}"
         differing = {axis: parts_of(curves, axis, compared) for axis in AXES}
-        figure = gait_cycle_figure(over_cycles, condition, design, grey=grey, differing=differing)
+        shown = over_cycles[over_cycles["condition"].isin((design.reference, condition))]
+        figure = partial(
+            gait_cycle_figure, shown, condition, design, grey=grey, differing=differing
+        )
         yield f"gait_cycle_{condition}", figure
-    yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
+    yield "marginal_means", partial(marginal_means_figure, results.residuals, statistics, design)
 
 
 def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
@@ -166,7 +171,7 @@ def gait_cycle_figure(
     shown = curves[curves["condition"].isin((design.reference, condition))]
     of_subjects = shown.groupby(["condition", "compensated", "axis", "percent"])["value"]
     mean, sd = of_subjects.mean().unstack("percent"), of_subjects.std().unstack("percent")
-    order = design.in_order(curves["condition"])
+    order = design.in_order(curves["condition"].cat.categories)
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
     with mpl.rc_context(STYLE):
         figure, panels = six_panels(SIX_PANELS_INCH)
@@ -264,9 +269,13 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
     Gives the upper ends of the intervals, which fit on a logarithmic axis; lower ones may not.
     """
     n = rms.count()
-    half = scipy.stats.t.isf((1 - CONFIDENCE) / 2, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
+    quantile = -scipy.special.stdtrit((n - 1).clip(lower=1), (1 - CONFIDENCE) / 2)
+    half = quantile * rms.std() / np.sqrt(n)
     x = np.arange(len(rms.columns)) + variant.offset
-    panel.plot(x, rms.to_numpy().T, color=variant.colour, lw=THIN_LINE_PT, alpha=0.3)
+    lines = [np.column_stack([x, of_subject]) for of_subject in rms.to_numpy()]
+    panel.add_collection(
+        LineCollection(lines, colors=variant.colour, linewidths=THIN_LINE_PT, alpha=0.3)
+    )
     panel.errorbar(
         *(x, rms.mean()),
         yerr=half.fillna(0),

@@ -1,6 +1,7 @@
 """Joints of a study: their curves, and what the compensation changes in their peaks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from math import nan
 from typing import Final
 
@@ -143,14 +144,16 @@ class JointMeans:
 
 def joint_figures(
     means: JointMeans, design: Design, differing: pd.DataFrame
-) -> Iterator[tuple[str, Figure]]:
-    """Draw joints: each condition with and without compensation; then conditions together.
+) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """Give the figures of joints, of each condition without and with compensation, and of all.
+
+    Any process can draw them.
 
     ``differing`` is as `pipeline.report.curves.differing_curves` gives it.
 
     Yields
     ------
-    name, figure
+    name, draw
         ``joints_CONDITION``, and ``joints`` and ``upper_body`` of all conditions.
     """
     people = means.subjects
@@ -175,7 +178,7 @@ def joint_figures(
             for curve in CURVES
         }
         title += "; bars: IC differs from no IC" * any(parts.values())
-        yield f"joints_{condition}", joint_figure(drawn, title, differing=parts)
+        yield f"joints_{condition}", partial(joint_figure, drawn, title, differing=parts)
     together: list[Curve] = [
         (name, *condition_style(k), *curves[name, best])
         for k, name in enumerate(conditions)
@@ -184,4 +187,5 @@ def joint_figures(
     for name, motions in (("joints", LEG), ("upper_body", UPPER_BODY)):
         what = "Joints of the legs" if motions == LEG else "Trunk and arms"
         what += ", with inertia compensation" * best
-        yield name, joint_figure(together, f"{what}: mean ± SD over {over(people)}", motions)
+        title = f"{what}: mean ± SD over {over(people)}"
+        yield name, partial(joint_figure, together, title, motions)

@@ -149,7 +149,7 @@ def _counted(trial: TrialResult) -> Check:
     """Say how many gait cycles count, or which span, and for how much of it."""
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
     inside = frames_within(trial.motion.time, {"": windows(trial)[0].spans}, None)
-    valid = np.count_nonzero(inside & trial.counts) / max(1, np.count_nonzero(inside))
+    valid = float(np.mean(trial.counts[inside])) if inside.any() else 0.0
     share = f"{100 * valid:.0f} % of frames" if 0 < valid < 1 else ""
     if trial.span is not None:
         value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"

@@ -81,7 +81,7 @@ class Curves:
             filters=rows or None,
             read_dictionary=texts,
         )
-        frame = table.to_pandas(split_blocks=True, self_destruct=True)
+        frame: pd.DataFrame = table.to_pandas(split_blocks=True, self_destruct=True)
         return frame.assign(
             **{
                 name: frame[name].cat.set_categories(sorted(frame[name].cat.categories))
@@ -126,6 +126,7 @@ def collect(
     folder: Path,
     rate: Callable[[TrialResult], Any] = lambda trial: None,
     in_curves: Callable[[TrialResult], bool] | None = None,
+    follow: Callable[[int, int], None] = lambda done, trials: None,
 ) -> Results:
     """Gather the trials in a results folder, in as many processes as there are processors.
 
@@ -137,6 +138,8 @@ def collect(
         Of each trial with its frames, which are too many for a whole study: what it gives is kept.
     in_curves
         Of which trials `Curves` are written into the folder; without it, none are.
+    follow
+        Called with the number of trials that are read, and of all.
 
     Returns
     -------
@@ -167,6 +170,7 @@ def collect(
                 parts[name].append(part)
             ratings += gathered.ratings
             trials |= {trial.name: trial for trial in gathered.trials}
+            follow(len(trials), len(paths))
             for name, file in files.items():
                 of_trials = zip(gathered.trials, gathered.curves[name], strict=True)
                 shown = [table for trial, table in of_trials if in_curves and in_curves(trial)]
@@ -237,7 +241,7 @@ def _without_frames(value: Any) -> Any:
         return value[:0].copy()  # a view would keep all
     if isinstance(value, Mapping):
         return {name: _without_frames(one) for name, one in value.items()}
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, type):
         arrays = {f.name: getattr(value, f.name) for f in fields(value)}
         return replace(
             value, **{n: a[:0].copy() for n, a in arrays.items() if isinstance(a, np.ndarray)}
@@ -329,7 +333,7 @@ def _joint_cycles(trial: TrialResult, curves: Mapping[str, Mapping[str, Array]])
         for side, values in of_sides.items():
             cycle, percent = (index.ravel() for index in np.indices(values.shape[:2]))
             compensated = np.full(cycle.shape, variant == "compensated")
-            columns = values.reshape(len(cycle), -1).T.astype(np.float32)
+            columns = [*values.reshape(len(cycle), -1).T.astype(np.float32)]
             parts.append(
                 _curve_table(trial, "joint_cycles", compensated, side, cycle, percent, columns)
             )

@@ -35,7 +35,7 @@ def test_fewer_than_two_subjects_give_one_line():
 
 
 def test_the_command_prints_the_plan_that_it_writes(tmp_path, monkeypatch, capsys):
-    for drawn in ("study_figures", "joint_figures", "write_trial_pages"):
+    for drawn in ("study_figures", "joint_figures", "page_tasks"):
         monkeypatch.setattr(report, drawn, lambda *args: iter(()))
     write_fake_results(tmp_path, subjects=3, cycles=2)
     assert main(["report", str(tmp_path), "--plan"]) == 0
