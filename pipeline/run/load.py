@@ -108,7 +108,7 @@ class Results:
     subjects
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     trials
-        Name -> the trial without its frames.
+        Name -> the trial without its frames, and without the segments of its body.
     ratings
         Name -> what was found of it with its frames.
     """
@@ -212,7 +212,9 @@ def _gathered(paths: Sequence[Path], rate: Callable[[TrialResult], Any], curves:
             of_cycles["joint_cycles"].append(_joint_cycles(trial, joints))
         ratings.append(rate(trial))
         short = {name: _without_frames(getattr(trial, name)) for name in OF_FRAMES}
-        trials.append(replace(trial, **short))
+        # the segments of 10,000 bodies would be half of the memory of a report
+        body = replace(trial.body, offsets={}, axes={}, segments={}, lengths={}, notes=())
+        trials.append(replace(trial, body=body, **short))
     tables = {name: pd.DataFrame(rows[name], columns=columns) for name, columns in TABLES.items()}
     return _Gathered(trials, ratings, tables, of_cycles)
 
