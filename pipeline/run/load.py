@@ -165,14 +165,15 @@ def collect(
             for name, schema in CURVES.items()
             if in_curves is not None
         }
-        for gathered in in_processes(tasks, min(cpu_count(), len(batches)), ordered=True):
-            for name, part in gathered.tables.items():
+        gathered = in_processes(tasks, min(cpu_count(), len(batches)), ordered=True)
+        for read, rated, tables, curves in gathered:
+            for name, part in tables.items():
                 parts[name].append(part)
-            ratings += gathered.ratings
-            trials |= {trial.name: trial for trial in gathered.trials}
+            ratings += rated
+            trials |= {trial.name: trial for trial in read}
             follow(len(trials), len(paths))
             for name, file in files.items():
-                of_trials = zip(gathered.trials, gathered.curves[name], strict=True)
+                of_trials = zip(read, curves[name], strict=True)
                 shown = [table for trial, table in of_trials if in_curves and in_curves(trial)]
                 file.write_table(
                     pa.concat_tables([CURVES[name].empty_table(), *shown]).unify_dictionaries()
@@ -182,22 +183,14 @@ def collect(
         subjects=_subjects(trials),
         trials=trials,
         ratings=dict(zip(trials, ratings, strict=True)),
-        **{name: _joined(tables) for name, tables in parts.items()},
+        **{name: _joined(part) for name, part in parts.items()},
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Gathered:
-    """Trials without their frames, their ratings, their rows of `TABLES`, and each one's curves."""
-
-    trials: Sequence[TrialResult]
-    ratings: Sequence[Any]
-    tables: Mapping[str, pd.DataFrame]
-    curves: Mapping[str, Sequence[pa.Table]]
-
-
-def _gathered(paths: Sequence[Path], rate: Callable[[TrialResult], Any], curves: bool) -> _Gathered:
-    """Read trials."""
+def _gathered(
+    paths: Sequence[Path], rate: Callable[[TrialResult], Any], curves: bool
+) -> tuple[Any, ...]:
+    """Read trials: give them without frames, their ratings, `TABLES`, and each one's `CURVES`."""
     trials, ratings = list[TrialResult](), list[Any]()
     rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in TABLES}
     of_cycles: dict[str, list[pa.Table]] = {name: [] for name in CURVES}
@@ -216,7 +209,7 @@ def _gathered(paths: Sequence[Path], rate: Callable[[TrialResult], Any], curves:
         body = replace(trial.body, offsets={}, axes={}, segments={}, lengths={}, notes=())
         trials.append(replace(trial, body=body, **short))
     tables = {name: pd.DataFrame(rows[name], columns=columns) for name, columns in TABLES.items()}
-    return _Gathered(trials, ratings, tables, of_cycles)
+    return trials, ratings, tables, of_cycles
 
 
 @contextmanager
@@ -244,9 +237,8 @@ def _without_frames(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _without_frames(one) for name, one in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        arrays = {f.name: getattr(value, f.name) for f in fields(value)}
         return replace(
-            value, **{n: a[:0].copy() for n, a in arrays.items() if isinstance(a, np.ndarray)}
+            value, **{f.name: _without_frames(getattr(value, f.name)) for f in fields(value)}
         )
     return value
 
