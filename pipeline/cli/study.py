@@ -174,17 +174,18 @@ def report(
     ] = None,
 ) -> None:
     """They are made from the results of 'hbm run', and written beside them."""
-    from pipeline.report.write import write_report
+    from pipeline.report.write import NO_PAGES, write_report, writes_pages
     from pipeline.run.store import recorded_study_folder
 
     console = PlainConsole()
-    with console.status("report") as status:
-        page = write_report(
-            folder,
-            recorded_study_folder(folder),
-            lambda step: status.update(Text(step)),
-            pages=pages,
-        )
+    with StepProgress(console, "report", "steps") as progress:
+
+        def announce(step: str, done: int = 0, steps: int = 0) -> None:
+            progress.update(progress.task, description=step, completed=done, total=steps or None)
+
+        page = write_report(folder, recorded_study_folder(folder), announce, pages=pages)
+    if not writes_pages(folder, pages):
+        console.say(NO_PAGES.replace("RESULTS", str(folder)))
     if plan:
         console.say((page.parent / "plan.md").read_text(encoding="utf-8"))
     console.say(f"report: {page}")

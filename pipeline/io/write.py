@@ -40,6 +40,8 @@ MAX_WRITING_S: Final = 3600.0
 """Longer than any one file takes: the age of a leftover where locks tell nothing."""
 MAX_EXPANDED_BYTES: Final = 2**33
 """Of a study's table in memory: a million gait cycles."""
+ROWS_AT_ONCE: Final = 50_000
+"""Of a table that is written as text, which takes much more memory."""
 COMPUTED: Final = re.compile(r"'*[=+\-@\t\r\n]")
 """Beginning of a text that a spreadsheet would compute, with or without apostrophes before it."""
 CELL: Final = re.compile(r'("(?:[^"]|"")*"|[^,\r\n]*)(?:,|\r?\n|$)')
@@ -49,20 +51,44 @@ _unfinished: Final = set[Path]()
 
 def write_csv(table: "pd.DataFrame", path: Path) -> None:
     """Write a table as CSV, whole or not at all; numbers with six digits."""
-    cells = table.astype(object).where(table.notna(), None)
-    write_rows([*table], cells.to_numpy().tolist(), path)
+    texts = [
+        column.dtype.kind not in "biuf" and any(isinstance(value, str) for value in column)
+        for _, column in table.items()
+    ]
+    blocks = (table.iloc[k : k + ROWS_AT_ONCE] for k in range(0, len(table), ROWS_AT_ONCE))
+    cells = (map(_cells_of, (rows for _, rows in block.items()), texts) for block in blocks)
+    _write_columns([*table], cells, path)
 
 
-def write_rows(names: Iterable[str], rows: Sequence[Sequence[object]], path: Path) -> None:
+def write_rows(names: Sequence[str], rows: Sequence[Sequence[object]], path: Path) -> None:
     """Write rows as `write_csv` does a table, without pandas, which takes long to load."""
-    columns = [[_quoted(n), *_cells([row[k] for row in rows])] for k, n in enumerate(names)]
-    write_text("".join(f"{','.join(row)}\n" for row in zip(*columns, strict=True)), path)
+    columns = [[row[k] for row in rows] for k in range(len(names))]
+    texts = (any(isinstance(value, str) for value in column) for column in columns)
+    _write_columns(names, [map(_cells, columns, texts)], path)
 
 
-def _cells(column: Sequence[object]) -> list[str]:
+def _write_columns(
+    names: Iterable[str], blocks: Iterable[Iterable[Sequence[str]]], path: Path
+) -> None:
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write(f"{','.join(map(_quoted, names))}\n")
+        for columns in blocks:
+            file.writelines(f"{','.join(row)}\n" for row in zip(*columns, strict=True))
+
+
+def _cells_of(column: "pd.Series", is_text: bool) -> list[str]:
+    """Give the cells of a column of a table; texts that repeat are quoted once."""
+    if column.dtype == "str":
+        codes, values = column.factorize()
+        cells = [*map(_quoted, values), _quoted("")]  # of what is missing, -1
+        return [cells[code] for code in codes.tolist()]
+    return _cells(column.astype(object).where(column.notna(), None).tolist(), is_text)
+
+
+def _cells(values: Iterable[object], is_text: bool) -> list[str]:
     """Give the cells of a column, in quotes if it has any text; what is missing is empty."""
-    form = _quoted if any(isinstance(value, str) for value in column) else _number
-    return [form("" if value is None or value != value else value) for value in column]
+    form = _quoted if is_text else _number
+    return [form("" if value is None or value != value else value) for value in values]
 
 
 def _number(value: object) -> str:

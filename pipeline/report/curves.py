@@ -1,34 +1,31 @@
 """Where curves over the gait cycle differ: residuals and joints of a study."""
 
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
 from pipeline.figures.joints import LEG
-from pipeline.report.figures import rms_over_cycles
+from pipeline.report.joints import Cell, JointMeans
 from pipeline.statistics.curves import curve_differences
 from pipeline.statistics.design import Design
-from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.verdict import judged_conditions
 from pipeline.trial.joints import CURVES
 from pipeline.trial.residuals import AXES, UNITS
 
 COLUMNS: Final = ("curve", "unit", "compared", "n", "start_percent", "stop_percent", "p")
-Cell = tuple[str, bool]
-"""A condition, and whether its plates are compensated."""
 
 
-def differing_curves(
-    cycles: pd.DataFrame, joint_cycles: pd.DataFrame, design: Design
-) -> pd.DataFrame:
+def differing_curves(over_cycles: pd.DataFrame, joints: JointMeans, design: Design) -> pd.DataFrame:
     """Find the parts of the gait cycle that differ, as `curves.csv` holds them.
 
     Parameters
     ----------
-    cycles, joint_cycles
-        As those of `pipeline.run.load.Results`.
+    over_cycles
+        As `rms_over_cycles` gives them.
+    joints
+        The means of joint curves.
     design
         What is compared: conditions with the reference and, of joints, compensation with none.
 
@@ -41,34 +38,38 @@ def differing_curves(
     reference: Cell = (design.reference, False)
     best, rows = design.compensated, list[tuple[object, ...]]()
     judged: list[Cell] = [(name, best) for name in judged_conditions(design)]
-    keys = ["condition", "compensated", "subject", "percent"]
-    rms = rms_over_cycles(cycles, design.weigh).set_index(keys)
     for axis, unit in zip(AXES, UNITS, strict=True):
-        values = rms.loc[rms["axis"] == axis, "value"].rename(axis)
+        of_axis = over_cycles[over_cycles["axis"] == axis].groupby(["condition", "compensated"])
+        of_cells = {key: own.set_index(["subject", "percent"])["value"] for key, own in of_axis}
         for cell in judged:
-            rows += _rows(values, unit, cell, reference, design)
+            rows += _rows(axis, unit, of_cells, (cell, reference), design)
     pairs = [((name, True), (name, False)) for name in design.conditions if design.compensated]
     pairs += [((name, best), (design.reference, best)) for name in design.others]
-    names = [f"{motion.name}_{curve}" for motion in LEG for curve in CURVES]
-    means = subject_means(joint_cycles, names, design.weigh, of_sides=True)
+    compared = [cell for cell in joints.cells if any(cell in pair for pair in pairs)]
     for motion in LEG:
+        names = {curve: f"{motion.name}_{curve}" for curve in CURVES}
+        means = {cell: joints.of_subjects(cell, [*names.values()]) for cell in compared}
         for curve, unit in CURVES.items():
-            for first, second in pairs:
-                if curve != "angle" or first[0] != second[0]:
-                    rows += _rows(means[f"{motion.name}_{curve}"], unit, first, second, design)
+            of_cells = {cell: table[names[curve]] for cell, table in means.items()}
+            for pair in pairs:
+                if curve != "angle" or pair[0][0] != pair[1][0]:
+                    rows += _rows(names[curve], unit, of_cells, pair, design)
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def _rows(
-    means: pd.Series, unit: str, first: Cell, second: Cell, design: Design
+    name: str,
+    unit: str,
+    of_cells: Mapping[Any, pd.Series],
+    pair: tuple[Cell, Cell],
+    design: Design,
 ) -> Iterator[tuple[object, ...]]:
     """Compare a curve of two cells over the subjects who have both."""
-    of_cells = means.unstack("percent")
-    cells = {key[:2] for key in of_cells.index}
-    if not {first, second} <= cells:
+    if not {*pair} <= {*of_cells}:
         return
-    differences = (of_cells.xs(first) - of_cells.xs(second)).dropna(how="all")
-    compared = f"{design.cell(*first)} - {design.cell(*second)}"
+    first, second = (of_cells[cell].unstack("percent") for cell in pair)
+    differences = (first - second).dropna(how="all")
+    compared = " - ".join(design.cell(*cell) for cell in pair)
     for part in curve_differences(np.asarray(differences, float)):
         place = part.start, part.stop, part.p
-        yield means.name, unit, compared, len(differences), *place
+        yield name, unit, compared, len(differences), *place

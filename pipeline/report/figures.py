@@ -1,6 +1,7 @@
 """Figures of a study: gait cycles over subjects, and marginal means."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
@@ -30,7 +32,7 @@ from pipeline.figures.style import (
     draw_logarithmic,
 )
 from pipeline.report.tables import numbers
-from pipeline.run.load import Results
+from pipeline.run.load import Curves, Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.curves import CurveDifference, parts_of
 from pipeline.statistics.design import CONFIDENCE, Design, Weigh
@@ -64,14 +66,20 @@ VARIANTS: Final = {
 
 
 def study_figures(
-    results: Results, statistics: pd.DataFrame, design: Design, curves: pd.DataFrame
-) -> Iterator[tuple[str, Figure]]:
-    """Draw every figure of a study's report.
+    results: Results,
+    over_cycles: pd.DataFrame,
+    statistics: pd.DataFrame,
+    design: Design,
+    curves: pd.DataFrame,
+) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """Give every figure of a study's report, to be drawn in any process.
 
     Parameters
     ----------
     results
         What `hbm run` left.
+    over_cycles
+        As `rms_over_cycles` gives them.
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for them.
     design
@@ -81,18 +89,20 @@ def study_figures(
 
     Yields
     ------
-    name, figure
+    name, draw
         ``gait_cycle_CONDITION`` where there are gait cycles, and ``marginal_means`` (as the thesis'
         Figs F.8–F.13).
     """
-    over_cycles = rms_over_cycles(results.cycles, design.weigh)
-    for condition in drawn_conditions(results.cycles, design):
+    for condition in drawn_conditions(over_cycles, design):
         grey = mean_part(t for t in results.trials.values() if t.condition == condition)
         compared = f"{design.judged(condition)} - {design.reference_cell}"
         differing = {axis: parts_of(curves, axis, compared) for axis in AXES}
-        figure = gait_cycle_figure(over_cycles, condition, design, grey=grey, differing=differing)
+        shown = over_cycles[over_cycles["condition"].isin((design.reference, condition))]
+        figure = partial(
+            gait_cycle_figure, shown, condition, design, grey=grey, differing=differing
+        )
         yield f"gait_cycle_{condition}", figure
-    yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
+    yield "marginal_means", partial(marginal_means_figure, results.residuals, statistics, design)
 
 
 def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
@@ -101,7 +111,7 @@ def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
     return [name for name in conditions if name != design.reference] or conditions
 
 
-def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
+def rms_over_cycles(cycles: Curves, weigh: Weigh) -> pd.DataFrame:
     """Give each subject's RMS over gait cycles at every percent of the cycle.
 
     Its root mean square over the percent of a window is the subject's RMS in the table of
@@ -110,7 +120,7 @@ def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
     Parameters
     ----------
     cycles
-        As `pipeline.run.load.Results.cycles`.
+        Those of ``cycles.parquet``.
     weigh
         Whether each gait cycle or each recording is equal.
 
@@ -119,9 +129,13 @@ def rms_over_cycles(cycles: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
     pandas.DataFrame
         subject, condition, compensated, axis, percent, value [N, N·m]; NaN where none counts.
     """
-    squares = cycles.assign(value=cycles["value"] ** 2)
-    means = subject_means(squares, ["value"], weigh, within=["axis"]).reset_index()
-    return means.assign(value=np.sqrt(means["value"]))
+    parts = []
+    for axis in AXES:
+        curves = cycles.read(axis=axis)
+        curves["value"] **= 2
+        means = subject_means(curves, ["value"], weigh, within=["axis"]).reset_index()
+        parts.append(means.assign(value=np.sqrt(means["value"])))
+    return pd.concat(parts, ignore_index=True)
 
 
 def gait_cycle_figure(
@@ -157,7 +171,7 @@ def gait_cycle_figure(
     shown = curves[curves["condition"].isin((design.reference, condition))]
     of_subjects = shown.groupby(["condition", "compensated", "axis", "percent"])["value"]
     mean, sd = of_subjects.mean().unstack("percent"), of_subjects.std().unstack("percent")
-    order = design.in_order(curves["condition"])
+    order = design.in_order(curves["condition"].cat.categories)
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
     with mpl.rc_context(STYLE):
         figure, panels = six_panels(SIX_PANELS_INCH, "constrained")
@@ -255,9 +269,13 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
     Gives the upper ends of the intervals, which fit on a logarithmic axis; lower ones may not.
     """
     n = rms.count()
-    half = scipy.stats.t.isf((1 - CONFIDENCE) / 2, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
+    quantile = -scipy.special.stdtrit((n - 1).clip(lower=1), (1 - CONFIDENCE) / 2)
+    half = quantile * rms.std() / np.sqrt(n)
     x = np.arange(len(rms.columns)) + variant.offset
-    panel.plot(x, rms.to_numpy().T, color=variant.colour, lw=THIN_LINE_PT, alpha=0.3)
+    lines = [np.column_stack([x, of_subject]) for of_subject in rms.to_numpy()]
+    panel.add_collection(
+        LineCollection(lines, colors=variant.colour, linewidths=THIN_LINE_PT, alpha=0.3)
+    )
     panel.errorbar(
         *(x, rms.mean()),
         yerr=half.fillna(0),

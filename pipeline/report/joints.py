@@ -1,6 +1,7 @@
 """Joints of a study: their curves, and what the compensation changes in their peaks."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from math import nan
 from typing import Final
 
@@ -14,6 +15,7 @@ from pipeline.figures.style import condition_style
 from pipeline.report.blocks import Table
 from pipeline.report.figures import VARIANTS
 from pipeline.report.tables import numbers
+from pipeline.run.load import Curves
 from pipeline.statistics.curves import parts_of
 from pipeline.statistics.design import MIN_SUBJECTS, Design, Weigh
 from pipeline.statistics.paired import compare_paired
@@ -25,6 +27,8 @@ PEAKS: Final = ("largest moment", "smallest moment")
 MIN_PEAK: Final = 0.1
 """Of a moment that is in the table of what compensation changes [N·m/kg]."""
 
+Cell = tuple[str, bool]
+"""A condition, and whether its plates are compensated."""
 MIN_KNOWN_CYCLES: Final = 0.5
 """Share of the gait cycles of which an instant has to be known to be drawn."""
 
@@ -88,29 +92,78 @@ def _change(pair: Array) -> tuple[str, str, str, str]:
     return first, second, text, number(percent, "+z.1f", " %")
 
 
+class JointMeans:
+    """Means over the gait cycles of joint curves, a cell or a few columns of it in memory.
+
+    Attributes
+    ----------
+    cells
+        Conditions, each with whether its plates are compensated.
+    subjects
+        Condition -> number of subjects.
+    """
+
+    def __init__(self, cycles: Curves, weigh: Weigh) -> None:
+        self._cycles, self._weigh = cycles, weigh
+        every = cycles.read(["subject", "condition", "compensated"]).drop_duplicates()
+        self.cells: list[Cell] = sorted(
+            {*zip(every["condition"], every["compensated"], strict=True)}
+        )
+        self.subjects = every.groupby("condition", sort=False)["subject"].nunique()
+
+    def of_subjects(self, cell: Cell, names: Sequence[str]) -> pd.DataFrame:
+        """Average curves over gait cycles and sides: subject and percent -> value."""
+        means = subject_means(self._read(cell, names), names, self._weigh, of_sides=True)
+        return means.droplevel(["condition", "compensated"])
+
+    def mean_and_spread(self, cell: Cell) -> tuple[Array, Array]:
+        """Give mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each.
+
+        NaN where most cycles are unknown: means of the few others are of other steps.
+        """
+        found: list[list[Array]] = []
+        for motion in JOINT_MOTIONS:
+            names = [f"{motion.name}_{curve}" for curve in CURVES]
+            cycles = self._read(cell, names)
+            single = cycles["subject"].nunique() == 1
+            means = cycles
+            if not single:
+                means = subject_means(cycles, names, self._weigh, of_sides=True)
+            of_percent = means.groupby("percent", sort=True)[names]
+            known = cycles[names].notna().groupby(cycles["percent"]).mean() >= MIN_KNOWN_CYCLES
+            tables = of_percent.mean(), of_percent.std()
+            found.append([table.where(known).to_numpy(float) for table in tables])
+        mean, spread = np.stack(found, axis=2)
+        return mean, spread
+
+    def _read(self, cell: Cell, names: Sequence[str]) -> pd.DataFrame:
+        keys = ["subject", "condition", "recording", "compensated", "side", "percent"]
+        condition, compensated = cell
+        return self._cycles.read([*keys, *names], condition=condition, compensated=compensated)
+
+
 def joint_figures(
-    cycles: pd.DataFrame, design: Design, differing: pd.DataFrame
-) -> Iterator[tuple[str, Figure]]:
-    """Draw joints: each condition with and without compensation; then conditions together.
+    means: JointMeans, design: Design, differing: pd.DataFrame
+) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """Give the figures of joints, of each condition without and with compensation, and of all.
+
+    Any process can draw them.
 
     ``differing`` is as `pipeline.report.curves.differing_curves` gives it.
 
     Yields
     ------
-    name, figure
+    name, draw
         ``joints_CONDITION``, and ``joints`` and ``upper_body`` of all conditions.
     """
-    conditions = design.in_order(cycles["condition"].unique())
-    people = cycles.groupby("condition", sort=False)["subject"].nunique()
+    people = means.subjects
+    conditions = design.in_order(people.index)
 
     def over(counts: pd.Series) -> str:
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
-    curves = {
-        (condition, compensated): _mean_and_spread(cell, design.weigh)
-        for (condition, compensated), cell in cycles.groupby(["condition", "compensated"])
-    }
-    best = bool(cycles["compensated"].any())
+    curves = {cell: means.mean_and_spread(cell) for cell in means.cells}
+    best = any(compensated for _, compensated in means.cells)
     for condition in conditions if best else ():
         drawn: list[Curve] = []
         for compensated, variant in VARIANTS.items():
@@ -125,7 +178,7 @@ def joint_figures(
             for curve in CURVES
         }
         title += "; bars: IC differs from no IC" * any(parts.values())
-        yield f"joints_{condition}", joint_figure(drawn, title, differing=parts)
+        yield f"joints_{condition}", partial(joint_figure, drawn, title, differing=parts)
     together: list[Curve] = [
         (name, *condition_style(k), *curves[name, best])
         for k, name in enumerate(conditions)
@@ -134,21 +187,5 @@ def joint_figures(
     for name, motions in (("joints", LEG), ("upper_body", UPPER_BODY)):
         what = "Joints of the legs" if motions == LEG else "Trunk and arms"
         what += ", with inertia compensation" * best
-        yield name, joint_figure(together, f"{what}: mean ± SD over {over(people)}", motions)
-
-
-def _mean_and_spread(cycles: pd.DataFrame, weigh: Weigh) -> tuple[Array, Array]:
-    """Give mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each.
-
-    NaN where most cycles are unknown: means of the few others are of other steps.
-    """
-    columns = [f"{motion.name}_{curve}" for motion in JOINT_MOTIONS for curve in CURVES]
-    single = cycles["subject"].nunique() == 1
-    means = cycles if single else subject_means(cycles, columns, weigh, of_sides=True)
-    of_percent = means.groupby("percent", sort=True)[columns]
-    is_drawn = cycles[columns].notna().groupby(cycles["percent"]).mean() >= MIN_KNOWN_CYCLES
-    shape = -1, len(JOINT_MOTIONS), len(CURVES)
-    mean, spread = (
-        table.where(is_drawn).to_numpy(float) for table in (of_percent.mean(), of_percent.std())
-    )
-    return mean.reshape(shape), spread.reshape(shape)
+        title = f"{what}: mean ± SD over {over(people)}"
+        yield name, partial(joint_figure, together, title, motions)

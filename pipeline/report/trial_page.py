@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import matplotlib as mpl
 import numpy as np
+from joblib import delayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -22,6 +23,7 @@ from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
 from pipeline.report.trial_tables import result_tables, scope, verdict_lines
 from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
+from pipeline.run.processes import Task
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
 from pipeline.trial.findings.finding import Finding
@@ -130,32 +132,26 @@ def write_trial_page(
     return write_page(path, name, scope(result), sections, study, key)
 
 
-def write_trial_pages(
+def page_tasks(
     folder: Path,
     explained: Mapping[TrialName, "Explanation"],
     study: Study | None,
     names: Iterable[TrialName],
-) -> Iterator[TrialName]:
-    """Write the page of each trial of a results folder where it has changed; give their names."""
-    from joblib import cpu_count, delayed
-
-    from pipeline.run.processes import in_processes
-
-    tasks = [
-        delayed(_write_page)(folder / "trials" / name.stem, explained.get(name), study, name)
-        for name in names
-    ]
-    yield from in_processes(tasks, min(cpu_count(), len(tasks)))
+) -> Iterator[Task]:
+    """Give what writes the page of each trial of a results folder where it has changed."""
+    for name in names:
+        path = folder / "trials" / name.stem
+        yield delayed(_write_page)(path, explained.get(name), study, name)
 
 
 def _write_page(
     path: Path, explanation: "Explanation | None", study: Study | None, name: TrialName
-) -> TrialName:
+) -> str:
     """Write a trial's page beside its result, unless it is of this result and program already."""
     result, page = read_trial(Path(f"{path}.parquet")), Path(f"{path}.html")
     key = f"<!-- {result.key} {explanation.key if explanation else ''} {program_digest()} -->"
     if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
-        return name
+        return str(name)
     plates: Iterable[Plate] = ()
     if study is not None and name in study.trials and doubted_plates(result):
         trial = study.trial(name)
@@ -165,7 +161,7 @@ def _write_page(
     write_trial_page(
         result, page, plates=plates, explanation=explanation, study="../report.html", key=key
     )
-    return name
+    return str(name)
 
 
 def _joints(result: TrialResult) -> Iterator[Drawn]:

@@ -14,12 +14,14 @@ from pipeline.report.blocks import Check, Table, Text
 from pipeline.trial.residuals import (
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
+    counted,
     marker_rows,
-    residual_rows,
     threshold_rows,
+    windows,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import MAX_DELAY_S
+from pipeline.trial.window import frames_within
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,26 +132,26 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
     """Rate a trial: criterion -> findings, in the same order for every trial."""
     solved, locked = trial.motion.converged, len(trial.body.locked)
     unsolved = int(np.count_nonzero(~solved))
-    headline = [row for row in residual_rows(trial) if row.headline]
     markers, limits = marker_rows(trial), threshold_rows(trial)
     return {
-        "Gait cycles": (_counted(trial, headline),),
+        "Gait cycles": (_counted(trial),),
         "Marker error (RMS)": (_marker_error(markers),),
         "Marker gaps": (_marker_gaps(markers),),
         "Delay of plates": (_delay(trial.delay_s, trial.delay_uncertainty_s),),
         "Unsolved frames": (("check" if unsolved else "pass", str(unsolved), f"of {len(solved)}"),),
-        "Uncertainty added by compensation (1σ)": tuple(_compensation(headline)) or (NOT_KNOWN,),
+        "Uncertainty added by compensation (1σ)": tuple(_compensation(trial)) or (NOT_KNOWN,),
         "Joint angles held": (("none", str(locked), "at neutral" * bool(locked)),),
         "Peak force": tuple(_peaks(limits, "force")),
         "Peak moment": tuple(_peaks(limits, "moment")),
     }
 
 
-def _counted(trial: TrialResult, headline: Sequence[Any]) -> Check:
+def _counted(trial: TrialResult) -> Check:
     """Say how many gait cycles count, or which span, and for how much of it."""
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
-    least = min((row.valid_share for row in headline), default=1.0)
-    share = f"{100 * least:.0f} % of frames" if least < 1 else ""
+    inside = frames_within(trial.motion.time, {"": windows(trial)[0].spans}, None)
+    valid = float(np.mean(trial.counts[inside])) if inside.any() else 0.0
+    share = f"{100 * valid:.0f} % of frames" if 0 < valid < 1 else ""
     if trial.span is not None:
         value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"
     else:
@@ -160,12 +162,15 @@ def _counted(trial: TrialResult, headline: Sequence[Any]) -> Check:
     return "none", value, "; ".join(filter(None, (sides, share)))
 
 
-def _compensation(headline: Sequence[Any]) -> Iterator[Check]:
+def _compensation(trial: TrialResult) -> Iterator[Check]:
     """Say how uncertain the compensation makes forces and moments, at most, where that is known."""
-    for unit in ("N", "N·m"):
-        sds = (row.compensation_sd for row in headline if row.unit == unit)
-        if known := [sd for sd in sds if not isnan(sd)]:
-            yield "none", f"{max(known):.1f} {unit}", ""
+    counts = counted(trial)
+    if trial.uncertainty is not None and counts.any():
+        spread = np.sqrt(np.mean(trial.uncertainty[counts] ** 2, axis=0))
+        yield from (
+            ("none", f"{sd.max():.1f} {u}", "")
+            for u, sd in (("N", spread[:3]), ("N·m", spread[3:]))
+        )
 
 
 def _marker_error(markers: Sequence[Any]) -> Check:

@@ -1,11 +1,13 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 import pandas as pd
+from joblib import cpu_count, delayed
 from matplotlib.figure import Figure
 
 from pipeline.budgets.explanation import explanations, study_covariances
@@ -13,12 +15,12 @@ from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import picture, save_figure
-from pipeline.io.write import whole_file, write_csv, write_text
+from pipeline.io.write import write_csv, write_text
 from pipeline.report.blocks import Section, markup, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
-from pipeline.report.figures import study_figures
-from pipeline.report.joints import compensation_tables, joint_figures
+from pipeline.report.figures import rms_over_cycles, study_figures
+from pipeline.report.joints import JointMeans, compensation_tables, joint_figures
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
 from pipeline.report.tables import (
@@ -30,7 +32,7 @@ from pipeline.report.tables import (
     residual_tables,
     windows_sentence,
 )
-from pipeline.report.trial_page import write_trial_pages
+from pipeline.report.trial_page import page_tasks
 from pipeline.report.trials import (
     LIMITS,
     causes,
@@ -43,8 +45,9 @@ from pipeline.report.variants import choices, variant_residuals, variant_results
 from pipeline.report.verdict import question, verdict_values
 from pipeline.report.workbook import write_columns, write_wide_tables
 from pipeline.run.job import read_failures
-from pipeline.run.load import Results, collect, select_trials
-from pipeline.run.provenance import provenance, trial_states
+from pipeline.run.load import Curves, Results, collect, select_trials
+from pipeline.run.processes import in_processes
+from pipeline.run.provenance import left_out, provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
 from pipeline.statistics.recordings import pool_recordings
@@ -61,12 +64,14 @@ SECTIONS: Final = (
 
 MAX_PAGES: Final = 60
 """Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
+NO_PAGES: Final = "No pages of single trials were written: hbm report RESULTS --pages writes them."
+Announce = Callable[..., None]
 
 
 def write_report(
     folder: str | Path,
     study_folder: str | Path | None = None,
-    announce: Callable[[str], None] = lambda step: None,
+    announce: Announce = lambda step, done=0, steps=0: None,
     *,
     pages: bool | None = False,
 ) -> Path:
@@ -80,7 +85,8 @@ def write_report(
     study_folder
         The study, for its conditions and treadmill, its excluded trials and its input files.
     announce
-        Called with every step as it begins, such as "drawing marginal_means".
+        Called with what is done, such as "collecting the trials", and, where it has parts, how many
+        of them are done and how many there are.
     pages
         Whether a page is written for each trial, ``trials/NAME.html``, and linked; None for studies
         of at most `MAX_PAGES` trials.
@@ -114,15 +120,20 @@ def write_report(
     folder = Path(folder)
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    results = collect(folder, trial_quality)
-    states = trial_states(results, read_failures(folder), study)
+    failures = read_failures(folder)
+    results = collect(
+        folder,
+        trial_quality,
+        lambda trial: not left_out(trial.name, trial, failures, study),
+        partial(announce, "collecting the trials"),
+    )
+    states = trial_states(results, failures, study)
     results = select_trials(results, {state.name for state in states if state.in_tables})
     of_variants = {MAIN: results}
     if study is not None and study.variants:
         announce("collecting the variants")
         of_variants |= variant_results(folder, study)
     tables = {"residuals": results.residuals, "cycles": results.by_cycle, "joints": results.joints}
-    _write_parquet(results.joint_cycles, folder / "joint_cycles.parquet")
 
     announce("computing statistics")
     headline = results.residuals[results.residuals["headline"].astype(bool)]
@@ -141,7 +152,9 @@ def write_report(
     if len(repeated):
         tables["reliability"] = repeated
     announce("comparing curves")
-    curves = differing_curves(results.cycles, results.joint_cycles, design)
+    over_cycles = rms_over_cycles(Curves(folder / "cycles.parquet"), design.weigh)
+    joints = JointMeans(Curves(folder / "joint_cycles.parquet"), design.weigh)
+    curves = differing_curves(over_cycles, joints, design)
     explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
@@ -155,24 +168,28 @@ def write_report(
     for file, shown in {**tables, "plan": plan_table(found, design)}.items():
         write_csv(shown, folder / f"{file}.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
-    _write_parquet(results.cycles, folder / "cycles.parquet")
     write_columns(folder)
     if study is not None:
         announce("hashing the study's files")
     source = provenance(results, states, study)
     write_text(source.to_json(), folder / "study.json")
 
-    def drawn(figures: Iterator[tuple[str, Figure]]) -> dict[str, str]:
-        shown = {}
-        for name, figure in figures:
-            announce(f"drawing {name}")
-            save_figure(figure, folder / "figures" / name)
-            shown[name] = picture(folder / "figures" / f"{name}.svg")
-        return shown
-
     order = design.in_order(name.condition for name in results.trials)
-    pages = len(results.trials) <= MAX_PAGES if pages is None else pages
     keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
+    with_pages = writes_pages(folder, pages)
+    of_joints = dict(joint_figures(joints, design, curves))
+    of_study_figures = dict(study_figures(results, over_cycles, tests, design, curves))
+    tasks = [
+        delayed(_draw)(folder / "figures" / name, draw)
+        for name, draw in {**of_joints, **of_study_figures}.items()
+    ]
+    tasks += page_tasks(folder, explained, study, keys) if with_pages else ()
+    for count, done in enumerate(in_processes(tasks, min(cpu_count(), len(tasks)) or 1), 1):
+        announce(f"drawing: {done}", count, len(tasks))
+
+    def pictures(names: Iterable[str]) -> dict[str, str]:
+        return {name: picture(folder / "figures" / f"{name}.svg") for name in names}
+
     paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
@@ -189,19 +206,20 @@ def write_report(
         repeatability=reliability_tables(repeated, design),
         choices=sensitivity,
         tests=residual_tests(tests, design),
-        joints=drawn(joint_figures(results.joint_cycles, design, curves)),
+        joints=pictures(of_joints),
         joint_tables=compensation_tables(results.joints, design),
-        pictures=drawn(study_figures(results, tests, design, curves)),
+        pictures=pictures(of_study_figures),
         laboratory=None if study is None else page_of_study(study, folder),
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
-        has_reference=design.reference in results.cycles["condition"].unique(),
+        has_reference=design.reference in {*over_cycles["condition"]},
         trials={str(name): results.trials[name] for name in keys},
         states=states,
         quality=quality_table(
             {str(name): results.ratings[name] for name in results.trials},
-            {str(name): f"trials/{name.stem}.html" for name in keys} if pages else {},
+            {str(name): f"trials/{name.stem}.html" for name in keys} if with_pages else {},
         ),
+        no_pages="" if with_pages else NO_PAGES,
         limits=LIMITS,
         explained=bool(explained or failed or stale),
         causes=[causes(str(name), explained[name]) for name in keys if name in explained],
@@ -220,24 +238,19 @@ def write_report(
     sections = (Section(part, "", [markup(f"{part}.html", **values)]) for part in SECTIONS)
     name = source.name or "Study report"
     write_page(folder / "report.html", name, _scope(results, design), sections)
-    if pages:
-        for count, done in enumerate(write_trial_pages(folder, explained, study, keys), 1):
-            announce(f"page {count} of {len(keys)}: {done}")
     return folder / "report.html"
 
 
-def _write_parquet(table: pd.DataFrame, path: Path) -> None:
-    """Write a table whole or not at all."""
-    numbers = [name for name in table if table[name].dtype.kind == "f"]
-    texts = [name for name in table if name not in numbers]
-    with whole_file(path) as temporary:
-        table.to_parquet(
-            temporary,
-            index=False,
-            compression="zstd",
-            use_byte_stream_split=numbers,
-            use_dictionary=texts,
-        )
+def writes_pages(folder: Path, wanted: bool | None) -> bool:
+    """Whether a page is written for each trial of a results folder, where that may be open."""
+    count = sum(1 for _ in (folder / "trials").glob("*.parquet"))
+    return count <= MAX_PAGES if wanted is None else wanted
+
+
+def _draw(path: Path, draw: Callable[[], Figure]) -> str:
+    """Draw a figure into its files, without suffix; give its name."""
+    save_figure(draw(), path)
+    return path.name
 
 
 def _design(residuals: pd.DataFrame, study: Study | None) -> Design:

@@ -1,37 +1,94 @@
 """The trials of a results folder together: residual table, gait-cycle curves, summaries."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 from joblib import cpu_count, delayed
 
+from hbm.spatial import Array
 from pipeline.config.schema import TrialName
+from pipeline.io.write import whole_file
 from pipeline.run.processes import in_processes
-from pipeline.run.store import read_trial
-from pipeline.trial.joints import joint_tables
+from pipeline.run.store import OF_FRAMES, read_trial
+from pipeline.trial.joints import CURVE_COLUMNS, JOINT_COLUMNS, joint_curves, joint_rows
 from pipeline.trial.residuals import (
     AXES,
+    CYCLE_COLUMNS,
     TRIAL_COLUMNS,
+    Residual,
     counted,
     cycle_residuals,
-    cycles_of,
-    residual_table,
+    cycle_rows,
+    residual_rows,
+    trial_columns,
 )
 from pipeline.trial.result import TrialResult
 
-CYCLE_COLUMNS: Final = (
-    *TRIAL_COLUMNS,
-    "compensated",
-    *("side", "cycle", "percent", "axis", "value"),
-)
-MIN_TRIALS: Final = 10
-"""Of each process, which takes as long to start."""
-TABLES: Final = ("residuals", "cycles", "by_cycle", "joints", "joint_cycles")
-"""Of `Results`."""
+TEXT: Final = pa.dictionary(pa.int32(), pa.string())
+OF_CYCLE: Final = {
+    **dict.fromkeys(TRIAL_COLUMNS, TEXT),
+    **{"compensated": pa.bool_(), "side": TEXT, "cycle": pa.int64(), "percent": pa.int64()},
+}
+CURVES: Final = {
+    "cycles": pa.schema({**OF_CYCLE, "axis": TEXT, "value": pa.float64()}),
+    "joint_cycles": pa.schema({**OF_CYCLE, **dict.fromkeys(CURVE_COLUMNS, pa.float32())}),
+}
+"""Table of gait cycles -> its columns."""
+TABLES: Final = {
+    "residuals": Residual._fields,
+    "by_cycle": CYCLE_COLUMNS,
+    "joints": JOINT_COLUMNS,
+}
+"""Of `Results`, with their columns."""
+AT_ONCE: Final = 10
+"""Trials that a process reads together, which takes as long as it takes to start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """A table of gait cycles, in its file: there may be too many for memory.
+
+    Attributes
+    ----------
+    path
+        ``cycles.parquet``: subject, condition, recording, session, compensated, side, cycle (from 1
+        for each side), percent, axis, value: every sample of every gait cycle over 0–100 %; or
+        ``joint_cycles.parquet``, with a column for every joint motion and curve in place of axis
+        and value, such as hip_flexion_angle [deg], hip_flexion_moment [N·m/kg] and
+        hip_flexion_power [W/kg]. NaN where a frame does not count.
+    """
+
+    path: Path
+
+    def read(self, columns: Sequence[str] | None = None, **where: Any) -> pd.DataFrame:
+        """Read columns of the rows that have these values; texts are categories."""
+        rows = [(name, "==", value) for name, value in where.items()]
+        texts = [
+            name
+            for name in pq.read_schema(self.path).names
+            if name in (*TRIAL_COLUMNS, "side", "axis")
+        ]
+        table = pq.read_table(
+            self.path,
+            columns=None if columns is None else [*columns],
+            filters=rows or None,
+            read_dictionary=texts,
+        )
+        frame: pd.DataFrame = table.to_pandas(split_blocks=True, self_destruct=True)
+        return frame.assign(
+            **{
+                name: frame[name].cat.set_categories(sorted(frame[name].cat.categories))
+                for name in texts
+                if name in frame
+            }
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,34 +101,33 @@ class Results:
         Results folder.
     residuals
         As `pipeline.trial.residuals.residual_table`, of all trials.
-    cycles
-        subject, condition, recording, session, compensated, side, cycle (from 1 for each side),
-        percent, axis, value:
-        every sample of every gait cycle over 0–100 %; NaN where it does not count.
     by_cycle
         As `pipeline.trial.residuals.cycles_of`, of all trials.
-    joints, joint_cycles
-        As `pipeline.trial.joints.joint_tables`, of all trials.
+    joints
+        As `pipeline.trial.joints.joint_rows`, of all trials.
     subjects
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     trials
-        Name -> the trial without its frames.
+        Name -> the trial without its frames, and without the segments of its body.
     ratings
         Name -> what was found of it with its frames.
     """
 
     folder: Path
     residuals: pd.DataFrame
-    cycles: pd.DataFrame
     by_cycle: pd.DataFrame
     joints: pd.DataFrame
-    joint_cycles: pd.DataFrame
     subjects: pd.DataFrame
     trials: dict[TrialName, TrialResult]
     ratings: Mapping[TrialName, Any]
 
 
-def collect(folder: Path, rate: Callable[[TrialResult], Any] = lambda trial: None) -> Results:
+def collect(
+    folder: Path,
+    rate: Callable[[TrialResult], Any] = lambda trial: None,
+    in_curves: Callable[[TrialResult], bool] | None = None,
+    follow: Callable[[int, int], None] = lambda done, trials: None,
+) -> Results:
     """Gather the trials in a results folder, in as many processes as there are processors.
 
     Parameters
@@ -80,6 +136,10 @@ def collect(folder: Path, rate: Callable[[TrialResult], Any] = lambda trial: Non
         Results folder; trials are in ``trials/``.
     rate
         Of each trial with its frames, which are too many for a whole study: what it gives is kept.
+    in_curves
+        Of which trials `Curves` are written into the folder; without it, none are.
+    follow
+        Called with the number of trials that are read, and of all.
 
     Returns
     -------
@@ -94,26 +154,93 @@ def collect(folder: Path, rate: Callable[[TrialResult], Any] = lambda trial: Non
     paths = sorted((folder / "trials").glob("*.parquet"))
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
-    tasks = (delayed(_trial_and_tables)(path, rate) for path in paths)
-    workers = min(cpu_count(), -(-len(paths) // MIN_TRIALS))
-    found, ratings, *tables = zip(*in_processes(tasks, workers, ordered=True), strict=True)
-    trials = {trial.name: trial for trial in found}
-    joined = dict(zip(TABLES, map(_joined, tables), strict=True))
+    batches = [paths[k : k + AT_ONCE] for k in range(0, len(paths), AT_ONCE)]
+    tasks = (delayed(_gathered)(batch, rate, in_curves is not None) for batch in batches)
+    trials: dict[TrialName, TrialResult] = {}
+    ratings: list[Any] = []
+    parts: dict[str, list[pd.DataFrame]] = {name: [] for name in TABLES}
+    with ExitStack() as opened:
+        files = {
+            name: opened.enter_context(_written(folder / f"{name}.parquet", schema))
+            for name, schema in CURVES.items()
+            if in_curves is not None
+        }
+        gathered = in_processes(tasks, min(cpu_count(), len(batches)), ordered=True)
+        for read, rated, tables, curves in gathered:
+            for name, part in tables.items():
+                parts[name].append(part)
+            ratings += rated
+            trials |= {trial.name: trial for trial in read}
+            follow(len(trials), len(paths))
+            for name, file in files.items():
+                of_trials = zip(read, curves[name], strict=True)
+                shown = [table for trial, table in of_trials if in_curves and in_curves(trial)]
+                file.write_table(
+                    pa.concat_tables([CURVES[name].empty_table(), *shown]).unify_dictionaries()
+                )
     return Results(
         folder=folder,
         subjects=_subjects(trials),
         trials=trials,
         ratings=dict(zip(trials, ratings, strict=True)),
-        **joined,
+        **{name: _joined(part) for name, part in parts.items()},
     )
 
 
-def _trial_and_tables(path: Path, rate: Callable[[TrialResult], Any]) -> tuple[Any, ...]:
-    """Read a trial; give it without its frames, its rating, and its rows of `TABLES`."""
-    trial = read_trial(path)
-    name, short = trial.condition, read_trial(path, frames=False)
-    of_residuals = residual_table(trial, name), _curves(trial), cycles_of(trial, name)
-    return short, rate(trial), *of_residuals, *joint_tables(trial, name)
+def _gathered(
+    paths: Sequence[Path], rate: Callable[[TrialResult], Any], curves: bool
+) -> tuple[Any, ...]:
+    """Read trials: give them without frames, their ratings, `TABLES`, and each one's `CURVES`."""
+    trials, ratings = list[TrialResult](), list[Any]()
+    rows: dict[str, list[tuple[Any, ...]]] = {name: [] for name in TABLES}
+    of_cycles: dict[str, list[pa.Table]] = {name: [] for name in CURVES}
+    for path in paths:
+        trial = read_trial(path)
+        joints = joint_curves(trial)
+        rows["residuals"] += residual_rows(trial, trial.condition)
+        rows["by_cycle"] += cycle_rows(trial, trial.condition)
+        rows["joints"] += joint_rows(trial, trial.condition, joints)
+        if curves:
+            of_cycles["cycles"].append(_residual_cycles(trial))
+            of_cycles["joint_cycles"].append(_joint_cycles(trial, joints))
+        ratings.append(rate(trial))
+        short = {name: _without_frames(getattr(trial, name)) for name in OF_FRAMES}
+        # the segments of 10,000 bodies would be half of the memory of a report
+        body = replace(trial.body, offsets={}, axes={}, segments={}, lengths={}, notes=())
+        trials.append(replace(trial, body=body, **short))
+    tables = {name: pd.DataFrame(rows[name], columns=columns) for name, columns in TABLES.items()}
+    return trials, ratings, tables, of_cycles
+
+
+@contextmanager
+def _written(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+    """Write a table whole or not at all, in groups of rows."""
+    numbers = [field.name for field in schema if pa.types.is_floating(field.type)]
+    with (
+        whole_file(path) as temporary,
+        pq.ParquetWriter(
+            temporary,
+            schema,
+            compression="zstd",
+            use_byte_stream_split=numbers,
+            use_dictionary=[name for name in schema.names if name not in numbers],
+            store_schema=False,  # texts are read as texts
+        ) as file,
+    ):
+        yield file
+
+
+def _without_frames(value: Any) -> Any:
+    """Give what has a value in each frame without any."""
+    if isinstance(value, np.ndarray):
+        return value[:0].copy()  # a view would keep all
+    if isinstance(value, Mapping):
+        return {name: _without_frames(one) for name, one in value.items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(
+            value, **{f.name: _without_frames(getattr(value, f.name)) for f in fields(value)}
+        )
+    return value
 
 
 def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -175,30 +302,56 @@ def _subjects(trials: Mapping[TrialName, TrialResult]) -> pd.DataFrame:
     return pd.DataFrame(rows).groupby("subject", sort=False, as_index=False).agg(how)
 
 
-def _curves(trial: TrialResult) -> pd.DataFrame:
+def _residual_cycles(trial: TrialResult) -> pa.Table:
     """Give one trial's residuals over 0–100 % of each gait cycle; empty where nothing counts."""
-    parts = [pd.DataFrame(columns=CYCLE_COLUMNS)]
-    if not counted(trial).any():
-        return parts[0]
-    of_variant = {name: cycle_residuals(trial, name) for name in trial.variants}
-    for side in trial.cycles:
-        values = np.stack([curves[side] for curves in of_variant.values()], axis=2)
+    parts = [CURVES["cycles"].empty_table()]
+    variants = trial.variants if counted(trial).any() else ()
+    of_variants = [cycle_residuals(trial, name) for name in variants]
+    compensated = np.array([name == "compensated" for name in variants])
+    for side in trial.cycles if variants else ():
+        values = np.stack([curves[side] for curves in of_variants], axis=2)
         cycle, percent, variant, axis = (index.ravel() for index in np.indices(values.shape))
-        compensated = np.array([name == "compensated" for name in of_variant])
+        axes = pa.DictionaryArray.from_arrays(axis.astype(np.int32), [*AXES])
         parts.append(
-            pd.DataFrame(
-                {
-                    "subject": trial.subject.id,
-                    "condition": trial.condition,
-                    "recording": trial.recording,
-                    "session": trial.session,
-                    "compensated": compensated[variant],
-                    "side": side,
-                    "cycle": cycle + 1,
-                    "percent": percent,
-                    "axis": np.array(AXES)[axis],
-                    "value": values.ravel(),
-                }
+            _curve_table(
+                trial, "cycles", compensated[variant], side, cycle, percent, [axes, values]
             )
         )
-    return _joined([part for part in parts if len(part)] or parts)
+    return pa.concat_tables(parts)
+
+
+def _joint_cycles(trial: TrialResult, curves: Mapping[str, Mapping[str, Array]]) -> pa.Table:
+    """Give one trial's joint curves over 0–100 % of each gait cycle."""
+    parts = [CURVES["joint_cycles"].empty_table()]
+    for variant, of_sides in curves.items():
+        for side, values in of_sides.items():
+            cycle, percent = (index.ravel() for index in np.indices(values.shape[:2]))
+            compensated = np.full(cycle.shape, variant == "compensated")
+            columns = [*values.reshape(len(cycle), -1).T.astype(np.float32)]
+            parts.append(
+                _curve_table(trial, "joint_cycles", compensated, side, cycle, percent, columns)
+            )
+    return pa.concat_tables(parts)
+
+
+def _curve_table(
+    trial: TrialResult,
+    name: str,
+    compensated: Any,
+    side: str,
+    cycle: Any,
+    percent: Any,
+    others: Sequence[Any],
+) -> pa.Table:
+    """Put columns of a table of `CURVES` together, of one side of a trial."""
+    alike = np.zeros(len(cycle), np.int32)
+    *of_trial, of_side = (
+        pa.DictionaryArray.from_arrays(alike, [text])
+        for text in (*trial_columns(trial, trial.condition), side)
+    )
+    columns = *of_trial, compensated, of_side, cycle + 1, percent, *others
+    arrays = [
+        column if isinstance(column, pa.Array) else pa.array(column.ravel(), from_pandas=True)
+        for column in columns
+    ]
+    return pa.Table.from_arrays(arrays, schema=CURVES[name])

@@ -153,31 +153,35 @@ def _state(
     """Give what became of a trial, from its result, its failure, and what was to be done."""
     identity = (trial.source.name, trial.key) if trial is not None else (None, None)
 
-    def left_out(state: State, reason: str) -> TrialState:
-        older = ""
-        if trial is not None and not trial.shortage:
-            older = "; an older result is not in the tables"
-        return TrialState(*key, state, reason + older, False, *identity)
-
-    failure = failures.get(str(key)) or (trial.shortage if trial is not None else "")
-    if failure:
-        return left_out("failed", failure)
-    in_study = study is None or key in study
-    if study is not None and in_study and (reason := study.trial(key).exclude) is not None:
-        return left_out("excluded", reason)
-    if trial is None and not in_study:
-        return left_out("missing", "not in the subject's file")
-    if trial is None:
-        return left_out("missing", "no result: hbm run has not done it")
-    if not in_study:
-        reason = "no longer in the study; its result is not in the tables"
-        return TrialState(*key, "outdated", reason, False, *identity)
+    if absent := left_out(key, trial, failures, study):
+        state, reason = absent
+        if trial is not None and not trial.shortage and state != "outdated":
+            reason += "; an older result is not in the tables"
+        return TrialState(*key, state, reason, False, *identity)
+    assert trial is not None
     changed = ""
     if study is not None and trial.settings != study.file.settings:
         changed = "processed with other settings than the study has now; run it again"
     elif study is not None and trial.key != trial_key(study, key):
         changed = "the program, its files or its settings have changed; run it again"
     return TrialState(*key, "outdated" if changed else "done", changed, True, *identity)
+
+
+def left_out(
+    name: TrialName, trial: TrialResult | None, failures: Mapping[str, str], study: Study | None
+) -> tuple[State, str] | None:
+    """Say what became of a trial that tables and figures do not include, and why; else None."""
+    if failure := failures.get(str(name)) or (trial.shortage if trial is not None else ""):
+        return "failed", failure
+    in_study = study is None or name in study
+    if study is not None and in_study and (reason := study.trial(name).exclude) is not None:
+        return "excluded", reason
+    if trial is None:
+        missing = "no result: hbm run has not done it"
+        return "missing", missing if in_study else "not in the subject's file"
+    if not in_study:
+        return "outdated", "no longer in the study; its result is not in the tables"
+    return None
 
 
 def provenance(results: Results, states: Sequence[TrialState], study: Study | None) -> Provenance:

@@ -56,4 +56,4 @@ def deviation(covariance: Array, weights: Sequence[float]) -> float:
 
 def half_interval(sd: float) -> float:
     """Give half of the 95 % interval of a normally distributed value."""
-    return float(scipy.stats.norm.isf((1 - CONFIDENCE) / 2)) * sd
+    return -float(scipy.special.ndtri((1 - CONFIDENCE) / 2)) * sd

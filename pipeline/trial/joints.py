@@ -5,9 +5,9 @@ the direction in which the angle grows, so that moment times angular velocity is
 joint gives to the body. Angles are those of the model's coordinates (`hbm.coordinates`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import scipy
@@ -16,12 +16,9 @@ from hbm.coordinates import INDEX, SIDES
 from hbm.spatial import Array
 from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
-from pipeline.trial.residuals import with_name
+from pipeline.trial.residuals import TRIAL_COLUMNS, trial_columns
 from pipeline.trial.result import TrialResult
 from pipeline.trial.window import frames_within
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,39 +156,38 @@ QUANTITIES: Final = {
     "negative work": ("power", JOULES),
 }
 """What is reported of a joint motion in a gait cycle -> the curve that it is of, and its unit."""
-CYCLE_COLUMNS: Final = (
-    *("compensated", "side", "cycle", "percent"),
-    *(f"{motion.name}_{curve}" for motion in JOINT_MOTIONS for curve in CURVES),
-)
-COLUMNS: Final = (
+CURVE_COLUMNS: Final = tuple(f"{m.name}_{curve}" for m in JOINT_MOTIONS for curve in CURVES)
+"""Of `joint_cycles.parquet`: every joint motion and curve."""
+JOINT_COLUMNS: Final = (
+    *TRIAL_COLUMNS,
     *("compensated", "side", "joint", "direction", "quantity", "unit"),
     *("value", "sd", "percent", "n_cycles"),
 )
 
 
-def joint_tables(result: TrialResult, condition: str) -> "tuple[pd.DataFrame, pd.DataFrame]":
-    """Lay out the joints of a trial's gait cycles.
+def joint_rows(
+    result: TrialResult, condition: str, curves: Mapping[str, Mapping[str, Array]]
+) -> list[tuple[object, ...]]:
+    """Summarise the joints of a trial's gait cycles.
 
     Parameters
     ----------
     result
         The trial.
     condition
-        Name of the condition, for the tables.
+        Name of the condition, for the table.
+    curves
+        As `joint_curves` gives them.
 
     Returns
     -------
-    summary
-        As `joints.csv` holds it: subject, condition, recording, session, compensated, side, joint,
-        direction, quantity (`QUANTITIES`), unit; value and sd, mean and standard deviation over
-        cycles, and the mean percent of the cycle at which a peak is (NaN of ranges and work);
-        n_cycles, those in which the quantity is known: of an extreme those without unknown instants
-        near that of the mean curve (`NEAR_EXTREME`), of work those in which unknown instants have
-        little of it (`MAX_UNKNOWN_WORK`).
-    cycles
-        As `joint_cycles.parquet` holds it: subject, condition, recording, session, compensated,
-        side, cycle (from 1 for each side), percent, and a column for every joint motion and curve,
-        such as hip_flexion_angle [deg], hip_flexion_moment [N·m/kg] and hip_flexion_power [W/kg].
+    list of tuple
+        As `joints.csv` holds them (`JOINT_COLUMNS`): subject, condition, recording, session,
+        compensated, side, joint, direction, quantity (`QUANTITIES`), unit; value and sd, mean and
+        standard deviation over cycles, and the mean percent of the cycle at which a peak is (NaN of
+        ranges and work); n_cycles, those in which the quantity is known: of an extreme those
+        without unknown instants near that of the mean curve (`NEAR_EXTREME`), of work those in
+        which unknown instants have little of it (`MAX_UNKNOWN_WORK`).
 
     Examples
     --------
@@ -200,56 +196,49 @@ def joint_tables(result: TrialResult, condition: str) -> "tuple[pd.DataFrame, pd
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
-    >>> summary, cycles = joint_tables(result, "level")
-    >>> summary.query("joint == 'knee' and quantity == 'range of motion'")["value"].round().tolist()
-    [53.0, 54.0]
+    >>> rows = joint_rows(result, "level", joint_curves(result))
+    >>> [round(row[-4]) for row in rows if {"knee", "range of motion"} <= {*row}]
+    [53, 54]
     """
-    import pandas as pd
-
-    rows, parts = [], [pd.DataFrame(columns=CYCLE_COLUMNS)]
     time_s = {side: np.diff(spans)[:, 0] for side, spans in joint_spans(result).items()}
-    for variant, of_sides in joint_curves(result).items():
-        for side, curves in of_sides.items():
-            compensated, (count, percents) = variant == "compensated", curves.shape[:2]
-            rows += [(compensated, side, *row) for row in quantities(curves, time_s[side])]
-            cycle = np.repeat(np.arange(1, count + 1), percents)
-            names = compensated, side, cycle, np.tile(np.arange(percents), count)
-            values = curves.reshape(count * percents, -1).T.astype(np.float32)
-            parts.append(pd.DataFrame(dict(zip(CYCLE_COLUMNS, (*names, *values), strict=True))))
-    summary = pd.DataFrame(rows, columns=COLUMNS)
-    cycles = pd.concat(parts[1:] or parts, ignore_index=True)
-    return with_name(summary, result, condition), with_name(cycles, result, condition)
+    return [
+        (*trial_columns(result, condition), variant == "compensated", side, *row)
+        for variant, of_sides in curves.items()
+        for side, of_side in of_sides.items()
+        for row in quantities(of_side, time_s[side])
+    ]
 
 
 def quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]:
     """Give the rows of a side from the joint on, of curves (C, 101, 13, 3)."""
+    of_motions = dict(zip(CURVES, np.transpose(curves, (3, 2, 0, 1)), strict=True))
+    extremes = {curve: (_largest(own), _largest(-own)) for curve, own in of_motions.items()}
     for quantity, (curve, unit) in QUANTITIES.items():
-        of_motions = np.moveaxis(curves[..., [*CURVES].index(curve)], 2, 0)
-        of_quantity = _quantity(quantity, of_motions, duration_s)
-        for motion, of_cycles, percent in zip(JOINT_MOTIONS, *of_quantity, strict=True):
-            known = np.isfinite(of_cycles)
-            values = of_cycles[known]
-            if len(values):
-                spread = values.std(ddof=1) if len(values) > 1 else np.nan
-                name = motion.joint, motion.direction, quantity, unit
-                yield *name, values.mean(), spread, float(percent[known].mean()), len(values)
+        (largest, percent), (negative, percent_of_smallest) = extremes[curve]
+        values = largest
+        if quantity.startswith("smallest"):
+            values, percent = -negative, percent_of_smallest
+        elif not quantity.startswith("largest"):
+            percent = np.full(largest.shape, np.nan)
+        if quantity == "range of motion":
+            values = largest + negative
+        elif quantity.endswith("work"):
+            limit = np.maximum if quantity.startswith("positive") else np.minimum
+            values = _mean_power(limit(of_motions[curve], 0)) * duration_s
+        for motion, row in zip(JOINT_MOTIONS, _over_cycles(values, percent), strict=True):
+            if row[-1]:
+                yield motion.joint, motion.direction, quantity, unit, *row
 
 
-def _quantity(quantity: str, curves: Array, duration_s: Array) -> tuple[Array, Array]:
-    """Give a quantity of each cycle and the percent at which it is, of (J, C, 101), (J, C) each.
-
-    NaN in cycles of which it is not known.
-    """
-    unplaced = np.full(curves.shape[:2], np.nan)
-    if quantity.endswith("work"):
-        part = np.maximum(curves, 0) if quantity.startswith("positive") else np.minimum(curves, 0)
-        return _mean_power(part) * duration_s, unplaced
-    if quantity == "range of motion":
-        return _largest(curves)[0] + _largest(-curves)[0], unplaced
-    if quantity.startswith("largest"):
-        return _largest(curves)
-    largest, percent = _largest(-curves)
-    return -largest, percent
+@np.errstate(invalid="ignore", divide="ignore")
+def _over_cycles(values: Array, percent: Array) -> Iterator[tuple[float, float, float, int]]:
+    """Give mean, SD, mean percent and number of known values of each row, (J, C) each."""
+    known = np.isfinite(values)
+    count = known.sum(axis=1)
+    mean, at = (np.where(known, own, 0.0).sum(axis=1) / count for own in (values, percent))
+    squares = np.where(known, values - mean[:, None], 0.0) ** 2
+    spread = np.sqrt(squares.sum(axis=1) / (count - 1))  # of one value, 0 / 0
+    return zip(mean.tolist(), spread.tolist(), at.tolist(), count.tolist(), strict=True)
 
 
 def _mean_power(power: Array) -> Array:

@@ -13,7 +13,7 @@ from pipeline.report.figures import (
     rms_over_cycles,
     study_figures,
 )
-from pipeline.run.load import collect
+from pipeline.run.load import Curves, collect
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3, unstated_design
 from pipeline.trial.residuals import AXES
@@ -22,7 +22,13 @@ from tests.pipeline.fake_results import write_fake_results
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    return collect(write_fake_results(tmp_path_factory.mktemp("three"), subjects=3, cycles=4))
+    folder = write_fake_results(tmp_path_factory.mktemp("three"), subjects=3, cycles=4)
+    return collect(folder, in_curves=lambda trial: True)
+
+
+@pytest.fixture(scope="module")
+def curves(results):
+    return rms_over_cycles(Curves(results.folder / "cycles.parquet"), "cycle")
 
 
 @pytest.fixture(scope="module")
@@ -36,26 +42,30 @@ def line(panel, label):
 
 @pytest.mark.parametrize("condition", ["sway", "pitch"])
 @pytest.mark.parametrize("axis", AXES)
-def test_the_quadratic_mean_of_a_subjects_curve_is_its_value_in_the_table(results, condition, axis):
+def test_the_quadratic_mean_of_a_subjects_curve_is_its_value_in_the_table(
+    results, curves, condition, axis
+):
     """Of pitch too, whose artefact changes sign from cycle to cycle and cancels in a mean."""
     cell = f"subject == 'sub01' and condition == '{condition}' and axis == '{axis}'"
-    curve = rms_over_cycles(results.cycles, "cycle").query(cell)
+    curve = curves.query(cell)
     for compensated, own in curve.groupby("compensated"):
         rms = results.residuals.query(cell).set_index("compensated")["rms"][compensated]
         assert np.sqrt(np.mean(own["value"] ** 2)) == pytest.approx(rms, rel=0.02)
 
 
-def test_recordings_of_unlike_length_are_equal_where_the_study_says_so(results):
+def test_recordings_of_unlike_length_are_equal_where_the_study_says_so(results, tmp_path):
     """A recording of residual 1 with three cycles, and one of residual 7 with one."""
-    one = results.cycles.query("subject == 'sub01' and condition == 'sway' and percent == 0")
+    every = Curves(results.folder / "cycles.parquet").read()
+    one = every.query("subject == 'sub01' and condition == 'sway' and percent == 0")
     first = one.assign(recording="01", value=1.0).query("cycle == 1 and side == 'right'")
     cycles = pd.concat([*[first] * 3, first.assign(recording="02", value=7.0)])
+    cycles.to_parquet(tmp_path / "cycles.parquet")
     for weigh, mean_square in (("cycle", 13.0), ("recording", 25.0)):
-        np.testing.assert_allclose(rms_over_cycles(cycles, weigh)["value"] ** 2, mean_square)
+        over_cycles = rms_over_cycles(Curves(tmp_path / "cycles.parquet"), weigh)
+        np.testing.assert_allclose(over_cycles["value"] ** 2, mean_square)
 
 
-def test_a_gait_cycle_is_the_mean_and_sd_over_subjects(results):
-    curves = rms_over_cycles(results.cycles, "cycle")
+def test_a_gait_cycle_is_the_mean_and_sd_over_subjects(curves):
     cells = curves.query("condition == 'pitch' and compensated and axis == 'My'")
     by_subject = cells.pivot(index="subject", columns="percent", values="value").to_numpy()
     panel = gait_cycle_figure(curves, "pitch", EXPERIMENT_3).axes[AXES.index("My")]
@@ -65,9 +75,8 @@ def test_a_gait_cycle_is_the_mean_and_sd_over_subjects(results):
     assert band[:, 1].max() == pytest.approx(spread.max())
 
 
-def test_colours_mean_compensation_and_line_styles_conditions(results):
+def test_colours_mean_compensation_and_line_styles_conditions(curves):
     """In every figure, so that no two conditions differ by colour alone."""
-    curves = rms_over_cycles(results.cycles, "cycle")
     panels = [gait_cycle_figure(curves, c, EXPERIMENT_3).axes[0] for c in ("sway", "pitch")]
     styles = {}
     for panel, condition in zip(panels, ("sway", "pitch"), strict=True):
@@ -88,11 +97,13 @@ def test_a_study_without_compensation_does_not_speak_of_it(tmp_path):
     folder = write_fake_results(
         tmp_path, subjects=2, conditions=conditions, cycles=3, compensated=False
     )
-    own = collect(folder)
+    own = collect(folder, in_curves=lambda trial: True)
+    over_cycles = rms_over_cycles(Curves(folder / "cycles.parquet"), "cycle")
     design = unstated_design(conditions, compensated=False)
     tests = statistics(own.residuals, own.subjects, design)
     curves = pd.DataFrame(columns=["curve", "compared", "start_percent", "stop_percent", "p"])
-    figures = dict(study_figures(own, tests, design, curves))
+    drawn = study_figures(own, over_cycles, tests, design, curves)
+    figures = {name: draw() for name, draw in drawn}
     shown = [text for figure in figures.values() for text in figure.findobj(Text)]
     assert not [text.get_text() for text in shown if "IC" in text.get_text()]
     lines = figures["gait_cycle_boots"].axes[0].get_lines()[:2]

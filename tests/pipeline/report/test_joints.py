@@ -13,8 +13,9 @@ from scipy import stats
 from pipeline.config.comparison import study_design
 from pipeline.config.study import read_study
 from pipeline.report import write
-from pipeline.report.joints import compensation_tables, joint_figures, subject_values
+from pipeline.report.joints import JointMeans, compensation_tables, joint_figures, subject_values
 from pipeline.report.write import write_report
+from pipeline.run.load import Curves
 from pipeline.statistics.design import unstated_design
 from pipeline.statistics.recordings import subject_means
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS
@@ -67,7 +68,7 @@ def test_a_peak_that_shrinks_has_lost_so_much_of_itself_whichever_its_sign(pair,
     assert "-" not in "".join(row[1:])  # every minus sign is one
 
 
-def test_joints_are_drawn_only_where_most_cycles_are_known_and_the_title_says_so():
+def test_joints_are_drawn_only_where_most_cycles_are_known_and_the_title_says_so(tmp_path):
     """At 50 % one of three cycles is known, at 60 % two."""
     columns = [f"{motion.name}_{curve}" for motion in JOINT_MOTIONS for curve in CURVES]
     rows = [
@@ -80,7 +81,9 @@ def test_joints_are_drawn_only_where_most_cycles_are_known_and_the_title_says_so
     ]
     none = pd.DataFrame(columns=["curve", "compared", "start_percent", "stop_percent", "p"])
     design = unstated_design(["walk"], compensated=False)
-    figures = dict(joint_figures(pd.DataFrame(rows), design, none))
+    pd.DataFrame(rows).to_parquet(tmp_path / "joint_cycles.parquet")
+    means = JointMeans(Curves(tmp_path / "joint_cycles.parquet"), design.weigh)
+    figures = {name: draw() for name, draw in joint_figures(means, design, none)}
     drawn = figures["joints"].axes[0].get_lines()[0].get_ydata()
     assert np.flatnonzero(np.isnan(drawn)).tolist() == [50]
     assert "gaps: load of the foot" in figures["joints"].get_suptitle()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hbm.notes import warnings_of
+from pipeline.cli.app import main
 from pipeline.io.recording import Plate
 from pipeline.report import write
 from pipeline.report.trial_page import plate_figure, write_trial_page
@@ -183,6 +184,24 @@ def test_every_trial_of_a_report_has_a_page_and_an_unchanged_one_is_kept(tmp_pat
         each.name for each, old in zip(pages, before, strict=True) if each.stat().st_mtime_ns != old
     ]
     assert rewritten == ["sub01_sway.html"]
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_a_larger_study_says_that_trials_have_no_pages_and_what_writes_them(
+    tmp_path, monkeypatch, capsys, most
+):
+    for figures in ("study_figures", "joint_figures"):
+        monkeypatch.setattr(write, figures, lambda *given: iter(()))
+    monkeypatch.setattr(write, "MAX_PAGES", most)
+    folder = write_fake_results(tmp_path, subjects=1, conditions=("baseline", "sway"), cycles=3)
+    assert main(["report", str(folder)]) == 0
+    written = len([*(folder / "trials").glob("*.html")])
+    assert written == (2 if most == 2 else 0)
+    says_so = f"hbm report {folder} --pages writes them" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    in_page = "hbm report RESULTS --pages writes them" in text_of(folder / "report.html")
+    assert says_so == in_page == (not written)
 
 
 @needs_chromium

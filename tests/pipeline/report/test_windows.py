@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from pipeline.figures.residuals import mean_part, residual_figure
-from pipeline.report.figures import gait_cycle_figure
+from pipeline.report.figures import gait_cycle_figure, rms_over_cycles
 from pipeline.report.write import write_report
-from pipeline.run.load import collect
+from pipeline.run.load import Curves, collect
 from pipeline.run.store import write_trial
 from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.trial.result import CyclePart
@@ -63,13 +63,14 @@ def test_tests_and_table_3_are_of_the_headline_and_say_of_what(folder):
 
 def test_the_part_that_counts_is_grey_in_every_panel(folder):
     found = collect(folder)
+    curves = rms_over_cycles(Curves(folder / "cycles.parquet"), "cycle")
     grey = mean_part(t for t in found.trials.values() if t.condition == "sway")
     assert grey == pytest.approx((20, 50))
     assert mean_part(t for t in found.trials.values() if t.condition == "pitch") is None
-    study = gait_cycle_figure(found.cycles, "sway", EXPERIMENT_3, grey=grey)
+    study = gait_cycle_figure(curves, "sway", EXPERIMENT_3, grey=grey)
     trial = residual_figure(with_part(fake_trial(1, "sway", cycles=4)))
     for panel in (*study.axes, *trial.axes):
         (band,) = panel.patches
         box = band.get_extents().transformed(panel.transData.inverted())
         np.testing.assert_allclose([box.x0, box.x1], grey, atol=1e-6)
-    assert not gait_cycle_figure(found.cycles, "pitch", EXPERIMENT_3).axes[0].patches
+    assert not gait_cycle_figure(curves, "pitch", EXPERIMENT_3).axes[0].patches

@@ -75,7 +75,7 @@ def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, stud
     assert (found["sub03", "pitch"].state, found["sub03", "pitch"].in_tables) == ("excluded", False)
     left = select_trials(everything, {state.name for state in found.values() if state.in_tables})
     assert set(everything.trials) - set(left.trials) == {TrialName("sub03", "pitch")}
-    for table in (left.residuals, left.cycles):
+    for table in (left.residuals, left.joints):
         keys = set(table[[*TrialName._fields]].drop_duplicates().itertuples(index=False))
         assert keys == set(left.trials)
     assert set(left.subjects["subject"]) == {"sub01", "sub02", "sub03"}

@@ -80,7 +80,7 @@ def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypa
     assert (out / "trials" / "sub01_sway.parquet").is_file()
     monkeypatch.undo()
     assert main(["run", str(study), "--out", str(out)]) == 0
-    for drawn in ("study_figures", "joint_figures", "write_trial_pages"):
+    for drawn in ("study_figures", "joint_figures", "page_tasks"):
         monkeypatch.setattr(write, drawn, lambda *given: iter(()))
     assert main(["report", str(out)]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")

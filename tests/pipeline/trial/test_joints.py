@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
 
@@ -11,13 +12,15 @@ from hbm.poses import segment_frames
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Plate
+from pipeline.run.load import _joint_cycles
 from pipeline.trial.joints import (
     CURVES,
+    JOINT_COLUMNS,
     JOINT_MOTIONS,
     QUANTITIES,
     joint_curves,
+    joint_rows,
     joint_spans,
-    joint_tables,
     quantities,
 )
 from pipeline.trial.process import process_recording
@@ -112,6 +115,10 @@ def test_a_trunk_that_bends_to_the_right_bends_to_the_side_of_right_cycles_only(
     assert np.nanmean(curves["left"][:, :, k, 0]) == pytest.approx(-np.degrees(0.2))
 
 
+def summary_of(trial):
+    return pd.DataFrame(joint_rows(trial, "any", joint_curves(trial)), columns=JOINT_COLUMNS)
+
+
 def test_where_cycles_of_one_side_count_those_of_the_other_are_of_the_same_time(virtual):
     walk = virtual
     assert [side for side, own in walk.cycles.items() if len(own)] == ["right"]
@@ -122,7 +129,7 @@ def test_where_cycles_of_one_side_count_those_of_the_other_are_of_the_same_time(
 
 
 def test_peaks_ranges_and_work_are_those_of_the_curves(virtual):
-    summary, cycles = joint_tables(virtual, "pitch")
+    summary = summary_of(virtual)
     own = summary.query("compensated and side == 'right' and joint == 'ankle'")
     own = own[own["direction"] == "plantarflexion"].set_index("quantity")["value"]
     assert set(own.index) == set(QUANTITIES)
@@ -138,7 +145,8 @@ def test_peaks_ranges_and_work_are_those_of_the_curves(virtual):
     integral = CubicSpline(time[known], power[known]).antiderivative()
     net = np.diff(integral(joint_spans(virtual)["right"]))[:, 0] / virtual.body.mass
     assert own["positive work"] + own["negative work"] == pytest.approx(net.mean(), abs=2e-3)
-    stored = cycles.query("compensated and side == 'right' and cycle == 1")
+    stored = _joint_cycles(virtual, joint_curves(virtual)).to_pandas()
+    stored = stored.query("compensated and side == 'right' and cycle == 1")
     for c, name in enumerate(CURVES):
         values = stored[f"ankle_plantarflexion_{name}"].to_numpy()
         np.testing.assert_allclose(values, curves[0, :, k, c], rtol=1e-6, atol=1e-5)
@@ -197,7 +205,7 @@ def test_on_one_plate_moments_of_legs_are_those_of_two_or_unknown(tmp_path):
 
 def test_an_ankle_s_peak_does_not_hold_the_other_foot_s_load(real):
     """In some cycles of this walk the right heel lands on the left plate, with up to 300 N."""
-    summary, _ = joint_tables(real, "walking")
+    summary = summary_of(real)
     peak = summary.query("joint == 'ankle' and quantity == 'largest moment' and side == 'left'")
     peak = peak[peak["direction"] == "plantarflexion"].iloc[0]
     assert peak["value"] == pytest.approx(1.30, abs=0.03)
