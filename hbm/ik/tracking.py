@@ -26,7 +26,6 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy
 
 from hbm.coordinates import FIRST_Q, LAST_Q, LIMBS, N_Q, TREE
 from hbm.ik.continuity import MIN_JUMP_RAD, continuous, nearest_equivalent
@@ -37,6 +36,7 @@ from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import RealtimeFilter
+from hbm.signals.samples import cubic_spline
 from hbm.spatial import Array, Indices, Mask
 
 TRIES: Final = 45
@@ -281,7 +281,7 @@ def _starting_points(problem: Problem, frames: Indices) -> tuple[Array, Array | 
     between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2
     isolated = _far(found.q[inner], between)
     try_start(problem, found, inner[isolated], between[isolated])
-    spline = scipy.interpolate.make_interp_spline(keys[solved], continuous(found.q[solved]), k=3)
+    spline = cubic_spline(keys[solved].astype(float), continuous(found.q[solved]))
     start = np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]])))
     return start, np.median(found.pivots[solved], axis=0)
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from hbm.signals.samples import (
     blocks_without_gaps,
+    cubic_spline,
     extended,
     mean_rate_hz,
     require_equal_steps,
@@ -165,7 +166,7 @@ def delayed(time: Array, values: Array, delay_s: float) -> Array:
 def _spline(time: Array, samples: Array) -> Signal:
     """Give the spline through (N, K) samples; at their times it is the samples themselves."""
     step = (time[-1] - time[0]) / (len(time) - 1)
-    through_samples = cache(lambda: scipy.interpolate.make_interp_spline(time, samples))
+    through_samples = cache(lambda: cubic_spline(time, samples))
 
     def evaluate(at: Array) -> Array:
         nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)

@@ -1,6 +1,6 @@
 """Samples over time: checks, stretches, and the blocks between gaps."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,8 @@ from hbm.spatial import Array, Indices, Mask
 MAX_STEP_DIFFERENCE: Final = 2e-3
 """Difference between time steps that count as equal, relative to their mean: times rounded to
 0.01 ms at 100 Hz."""
+
+CUBIC: Final = 3
 
 
 def sample_times(time: ArrayLike, signal: Array) -> Array:
@@ -121,13 +123,58 @@ def bridged(columns: Array, time: Array, longest_s: float, degree: int) -> Array
         rows = np.flatnonzero(without_short_gaps(known, time, longest_s) & ~known)
         if len(rows):
             through = columns[known][:, numbers]
-            spline = scipy.interpolate.make_interp_spline(
-                time[known], through, min(degree, len(through) - 1)
-            )
+            if min(degree, len(through) - 1) == CUBIC:
+                spline = cubic_spline(time[known], through)
+            else:
+                spline = scipy.interpolate.make_interp_spline(
+                    time[known], through, min(degree, len(through) - 1)
+                )
             filled = columns.copy() if filled is columns else filled
             place = rows if isinstance(numbers, slice) else np.ix_(rows, numbers)
             filled[place] = spline(time[rows])
     return filled
+
+
+def cubic_spline(time: Array, samples: Array) -> Callable[[Array], Array]:
+    """Give the cubic spline through (N, K) samples at any times (N,), four or more of them.
+
+    As `scipy.interpolate.make_interp_spline`, which takes a sixth of a second to load: its first
+    two intervals, and its last two, are of one polynomial (de Boor 1978, A Practical Guide to
+    Splines, chapter IV).
+
+    Examples
+    --------
+    >>> time = np.array([0.0, 1.0, 2.0, 4.0])
+    >>> cubic_spline(time, time[:, None] ** 3)(np.array([3.0])).round(12).tolist()
+    [[27.0]]
+    """
+    step = np.diff(time)
+    before, after = step[:-1, None], step[1:, None]
+    slope = np.diff(samples, axis=0) / step[:, None]
+    # equal curvatures on both sides of each inner sample, of which each row has three derivatives
+    right = np.empty_like(samples)
+    right[1:-1] = 3 * (after * slope[:-1] + before * slope[1:])
+    # one polynomial over the two intervals at each end
+    first, last = step[0] + step[1], step[-2] + step[-1]
+    right[0] = ((step[0] + 2 * first) * step[1] * slope[0] + step[0] ** 2 * slope[1]) / first
+    right[-1] = (step[-1] ** 2 * slope[-2] + (step[-1] + 2 * last) * step[-2] * slope[-1]) / last
+    *_, derivative, _ = scipy.linalg.lapack.dgtsv(
+        np.append(step[1:], last),
+        np.concatenate([step[1:2], 2 * (step[:-1] + step[1:]), step[-2:-1]]),
+        np.append(first, step[:-1]),
+        right,
+    )
+    # of each interval, by values and derivatives at its ends
+    excess = derivative[:-1] + derivative[1:] - 2 * slope
+    square, cube = slope - derivative[:-1] - excess, excess / step[:, None]
+
+    def evaluate(at: Array) -> Array:
+        interval = np.searchsorted(time[1:-1], at, side="right")
+        t = (at - time[interval])[:, None]
+        curved = (square[interval] + t * cube[interval]) / step[interval, None]
+        return np.asarray(samples[interval] + t * (derivative[interval] + t * curved))
+
+    return evaluate
 
 
 def _columns_by_gaps(known: Mask) -> Iterator[tuple[Mask, Mask | slice]]:
