@@ -145,14 +145,33 @@ def _table(result: TrialResult) -> pa.Table:
         "feet": {variant: [*result.ground.get(variant, ())] for variant in variants},
         "blocks": {name: names for name, (names, _) in stored.items()},
     }
-    columns: dict[str, Any] = {"time_s": motion.time}
-    columns["event"] = event_labels(motion.time, result.events)
-    columns |= {"converged": motion.converged, "quality": result.quality}
-    columns["observed"] = motion.observed @ BITS
+    columns: dict[str, Any] = {"time_s": motion.time, "converged": motion.converged}
+    columns |= {"quality": result.quality, "observed": motion.observed @ BITS}
     for name, (names, rows) in stored.items():
         columns |= {f"{name}.{last}": row for last, row in zip(names, rows, strict=True)}
-    columns[TRIAL] = [to_json(rest, fallback=_plain).decode(), *[None] * (len(motion.time) - 1)]
-    return pa.table(columns)
+    as_json = to_json(rest, fallback=_plain).decode()
+    texts = {
+        "event": event_labels(motion.time, result.events),
+        TRIAL: [as_json, *[""] * (len(motion.time) - 1)],
+    }
+    arrays = {name: _numbers(column) for name, column in columns.items()}
+    return pa.table(arrays | {name: _texts(column) for name, column in texts.items()})
+
+
+def _numbers(column: Any) -> pa.Array:
+    """Give a column without a copy; `pyarrow.array` would load pandas to do so."""
+    column = np.ascontiguousarray(column)
+    kind = pa.from_numpy_dtype(column.dtype)
+    buffer = np.packbits(column, bitorder="little") if kind == pa.bool_() else column
+    return pa.Array.from_buffers(kind, len(column), [None, pa.py_buffer(buffer)])
+
+
+def _texts(column: Sequence[str]) -> pa.Array:
+    """Give a column of texts."""
+    encoded = [text.encode() for text in column]
+    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
+    return pa.Array.from_buffers(pa.string(), len(encoded), buffers)
 
 
 def _channels(result: TrialResult) -> Blocks:
