@@ -175,8 +175,12 @@ class MarkerSet:
         """
         spelt = _spelling(names)
         shown = [(m, next(filter(None, map(spelt, m.labels)), None)) for m in self.markers]
-        markers = tuple(replace(m, labels=(label,)) for m, label in shown if label is not None)
-        return replace(self, markers=markers)
+        markers = (
+            m if m.labels == (label,) else replace(m, labels=(label,))
+            for m, label in shown
+            if label is not None
+        )
+        return replace(self, markers=tuple(markers))
 
 
 def _spelling(names: Iterable[str]) -> Callable[[str], str | None]:

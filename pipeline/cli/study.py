@@ -66,16 +66,16 @@ def check(
     ] = False,
 ) -> int:
     """Every TOML file and every recording is read; exit code 2 where there are faults."""
-    from joblib import cpu_count
-
     from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
     from pipeline.run.check import check_study, read_twice, study_recordings
+    from pipeline.run.processes import processes_for
     from pipeline.statistics.design import in_words
 
     console, loaded = PlainConsole(), read_study(study)
-    found, recordings = check_study(loaded, cpu_count()), study_recordings(loaded)
+    found = check_study(loaded, processes_for(len(loaded.trials)))
+    recordings = study_recordings(loaded)
     agree = 0
     if second_reader:
         with StepProgress(console, "reading twice", "files") as progress:
@@ -128,7 +128,7 @@ def run(
     study: StudyFolder,
     subject: Annotated[list[str] | None, Option(help="Only this one; repeatable.")] = None,
     condition: Annotated[list[str] | None, Option(help="Only this one; repeatable.")] = None,
-    jobs: Jobs = 1,
+    jobs: Jobs = None,
     scheduler: Annotated[str | None, Option(help="Dask, e.g. tcp://host:8786.")] = None,
     out: Out = Path("results"),
     overwrite: Annotated[
@@ -138,6 +138,7 @@ def run(
     """Failed trials are listed with their reasons, the others are done; exit code 1."""
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
+    from pipeline.run.processes import processes_for
     from pipeline.run.run import forecast, plan, require_nothing_replaced, run_planned
     from pipeline.trial.study_files import read_study_laboratory
 
@@ -154,9 +155,8 @@ def run(
     if loaded.file.treadmill.check:
         console.say_notes(read_study_laboratory(loaded).notes)
     console.say(forecast(planned))
-    outcomes = run_planned(
-        loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
-    )
+    jobs, announce = jobs or processes_for(len(planned)), announcer(console)
+    outcomes = run_planned(loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announce)
     finished = follow_trials(outcomes, len(planned), "processing", "done and kept", console)
     console.say_notes(dict.fromkeys(note for one in finished for note in one.of_calibration))
     seconds = time.monotonic() - start
@@ -245,7 +245,7 @@ def simulate(
     setting: Annotated[Path | None, Option(help="TOML file; or thesis.")] = None,
     subjects: Annotated[int | None, Option(min=1, max=9, help="How many of the nine.")] = None,
     seed: Annotated[int | None, Option(help="Equal seeds give equal files.")] = None,
-    jobs: Annotated[int, Option(min=1, help="How many processes.")] = 2,
+    jobs: Jobs = None,
 ) -> None:
     """C3D files, study files and the true values are written.
 
@@ -276,11 +276,14 @@ def simulate(
 
 
 def _simulate_study(
-    folder: Path, setting: "Setting", jobs: int, console: PlainConsole, *, keep: bool = False
+    folder: Path, setting: "Setting", jobs: int | None, console: PlainConsole, *, keep: bool = False
 ) -> None:
     from hbm.kernels.native import kernels
+    from pipeline.run.processes import processes_for
     from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
+    protocol = setting.protocol
+    jobs = jobs or processes_for(protocol.subjects * len(protocol.conditions))
     goes_on = "goes on" if keep else "begins again"
     with stoppable(lambda: f"the study is not complete; the same command {goes_on}"):
         kernels(announcer(console))
@@ -290,7 +293,7 @@ def _simulate_study(
 
 def demo(
     full: Annotated[bool, Option("--full", help="The thesis' 2.4 hours of walking.")] = False,
-    jobs: Jobs = 2,
+    jobs: Jobs = None,
     out: Out = Path("demo"),
 ) -> int:
     """Write recordings, report, figures and viewer recording to --out."""

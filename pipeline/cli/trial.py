@@ -113,7 +113,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
 def explain(
     request: TrialRequest,
     out: Annotated[Path | None, Option(help="For one trial; default: results.")] = None,
-    jobs: Jobs = 1,
+    jobs: Jobs = None,
     apply: Annotated[
         Path | None, Option(help="Folder for the study with what is certain corrected.")
     ] = None,
@@ -191,7 +191,7 @@ def print_explanation(explanation: "Explanation", console: PlainConsole) -> None
 
 
 def _explain_results(
-    request: TrialRequest, out: Path | None, jobs: int, corrected: Path | None
+    request: TrialRequest, out: Path | None, jobs: int | None, corrected: Path | None
 ) -> int:
     from rich.text import Text
 
@@ -203,6 +203,7 @@ def _explain_results(
         study_of,
     )
     from pipeline.budgets.words import NOTHING_CERTAIN
+    from pipeline.run.processes import processes_for
     from pipeline.run.store import read_trial
 
     folder = request.trial
@@ -212,6 +213,7 @@ def _explain_results(
     console = PlainConsole()
     study = study_of(folder)
     planned = plan_explanations(study, folder)
+    jobs = jobs or processes_for(len(planned))
     outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
     finished = follow_trials(outcomes, len(planned), "explaining", "explained", console)
     if finished and all(outcome.failure is not None for outcome in finished):

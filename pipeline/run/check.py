@@ -60,8 +60,6 @@ from pipeline.trial.window import NO_POSE, what_counts
 
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
-MIN_SUBJECTS: Final = 25
-"""For each process, which needs as long to start as to check so many."""
 MAX_MISSING_SHARE: Final = 0.2
 """Share of the frames; a marker that is missing in more is named."""
 ASSUMED_MASS_KG: Final = 70.0
@@ -180,7 +178,7 @@ def check_study(study: Study, jobs: int = 1) -> Findings:
     study
         The study; its TOML files are already checked.
     jobs
-        How many subjects at a time; fewer where these are few.
+        How many subjects at a time.
 
     Returns
     -------
@@ -197,8 +195,7 @@ def check_study(study: Study, jobs: int = 1) -> Findings:
         delayed(_check_subject)([replace(way, study=way.study.alone(subject)) for way in ways])
         for subject in study.subjects
     )
-    workers = max(1, min(jobs, len(study.subjects) // MIN_SUBJECTS))
-    for of_subject in in_processes(tasks, workers, ordered=True):
+    for of_subject in in_processes(tasks, jobs, ordered=True):
         findings.include(of_subject)
     _remark_repeated(study, findings)
     renames = unused_renames(absent for _, absent in findings.read.values())

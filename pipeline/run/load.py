@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from joblib import cpu_count, delayed
+from joblib import delayed
 
 from hbm.spatial import Array
 from pipeline.config.schema import TrialName
 from pipeline.io.write import whole_file
-from pipeline.run.processes import in_processes
+from pipeline.run.processes import in_processes, processes_for
 from pipeline.run.store import OF_FRAMES, read_trial
 from pipeline.trial.joints import CURVE_COLUMNS, JOINT_COLUMNS, joint_curves, joint_rows
 from pipeline.trial.residuals import (
@@ -41,6 +41,8 @@ CURVES: Final = {
     "joint_cycles": pa.schema({**OF_CYCLE, **dict.fromkeys(CURVE_COLUMNS, pa.float32())}),
 }
 """Table of gait cycles -> its columns."""
+TEXTS: Final = (*TRIAL_COLUMNS, "side", "axis")
+"""Columns of these tables that are read as categories."""
 TABLES: Final = {
     "residuals": Residual._fields,
     "by_cycle": CYCLE_COLUMNS,
@@ -48,7 +50,7 @@ TABLES: Final = {
 }
 """Of `Results`, with their columns."""
 AT_ONCE: Final = 10
-"""Trials that a process reads together, which takes as long as it takes to start."""
+"""Trials that a process reads together, and whose curves are one group of rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,25 +72,16 @@ class Curves:
     def read(self, columns: Sequence[str] | None = None, **where: Any) -> pd.DataFrame:
         """Read columns of the rows that have these values; texts are categories."""
         rows = [(name, "==", value) for name, value in where.items()]
-        texts = [
-            name
-            for name in pq.read_schema(self.path).names
-            if name in (*TRIAL_COLUMNS, "side", "axis")
-        ]
         table = pq.read_table(
             self.path,
             columns=None if columns is None else [*columns],
             filters=rows or None,
-            read_dictionary=texts,
+            read_dictionary=TEXTS,
         )
         frame: pd.DataFrame = table.to_pandas(split_blocks=True, self_destruct=True)
-        return frame.assign(
-            **{
-                name: frame[name].cat.set_categories(sorted(frame[name].cat.categories))
-                for name in texts
-                if name in frame
-            }
-        )
+        texts = {name: column.cat for name, column in frame.items() if name in TEXTS}
+        ordered = {name: of.set_categories(sorted(of.categories)) for name, of in texts.items()}
+        return frame.assign(**ordered)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +121,7 @@ def collect(
     in_curves: Callable[[TrialResult], bool] | None = None,
     follow: Callable[[int, int], None] = lambda done, trials: None,
 ) -> Results:
-    """Gather the trials in a results folder, in as many processes as there are processors.
+    """Gather the trials in a results folder, in as many processes as `processes_for` gives.
 
     Parameters
     ----------
@@ -155,7 +148,7 @@ def collect(
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
     batches = [paths[k : k + AT_ONCE] for k in range(0, len(paths), AT_ONCE)]
-    tasks = (delayed(_gathered)(batch, rate, in_curves is not None) for batch in batches)
+    tasks = [delayed(_gathered)(batch, rate, in_curves is not None) for batch in batches]
     trials: dict[TrialName, TrialResult] = {}
     ratings: list[Any] = []
     parts: dict[str, list[pd.DataFrame]] = {name: [] for name in TABLES}
@@ -165,7 +158,7 @@ def collect(
             for name, schema in CURVES.items()
             if in_curves is not None
         }
-        gathered = in_processes(tasks, min(cpu_count(), len(batches)), ordered=True)
+        gathered = in_processes(tasks, min(processes_for(len(paths)), len(tasks)), ordered=True)
         for read, rated, tables, curves in gathered:
             for name, part in tables.items():
                 parts[name].append(part)
@@ -305,18 +298,15 @@ def _subjects(trials: Mapping[TrialName, TrialResult]) -> pd.DataFrame:
 def _residual_cycles(trial: TrialResult) -> pa.Table:
     """Give one trial's residuals over 0–100 % of each gait cycle; empty where nothing counts."""
     parts = [CURVES["cycles"].empty_table()]
-    variants = trial.variants if counted(trial).any() else ()
+    variants = [*trial.variants] if counted(trial).any() else []
     of_variants = [cycle_residuals(trial, name) for name in variants]
-    compensated = np.array([name == "compensated" for name in variants])
     for side in trial.cycles if variants else ():
         values = np.stack([curves[side] for curves in of_variants], axis=2)
-        cycle, percent, variant, axis = (index.ravel() for index in np.indices(values.shape))
+        cycle, percent, variant, axis = map(np.ravel, np.indices(values.shape))
+        compensated = np.array(variants)[variant] == "compensated"
         axes = pa.DictionaryArray.from_arrays(axis.astype(np.int32), [*AXES])
-        parts.append(
-            _curve_table(
-                trial, "cycles", compensated[variant], side, cycle, percent, [axes, values]
-            )
-        )
+        columns = compensated, cycle, percent, axes, values.ravel()
+        parts.append(_curve_table(trial, "cycles", side, *columns))
     return pa.concat_tables(parts)
 
 
@@ -325,33 +315,20 @@ def _joint_cycles(trial: TrialResult, curves: Mapping[str, Mapping[str, Array]])
     parts = [CURVES["joint_cycles"].empty_table()]
     for variant, of_sides in curves.items():
         for side, values in of_sides.items():
-            cycle, percent = (index.ravel() for index in np.indices(values.shape[:2]))
+            cycle, percent = map(np.ravel, np.indices(values.shape[:2]))
             compensated = np.full(cycle.shape, variant == "compensated")
-            columns = [*values.reshape(len(cycle), -1).T.astype(np.float32)]
-            parts.append(
-                _curve_table(trial, "joint_cycles", compensated, side, cycle, percent, columns)
-            )
+            of_joints = values.reshape(len(cycle), -1).T.astype(np.float32, order="C")
+            columns = compensated, cycle, percent, *of_joints
+            parts.append(_curve_table(trial, "joint_cycles", side, *columns))
     return pa.concat_tables(parts)
 
 
 def _curve_table(
-    trial: TrialResult,
-    name: str,
-    compensated: Any,
-    side: str,
-    cycle: Any,
-    percent: Any,
-    others: Sequence[Any],
+    trial: TrialResult, name: str, side: str, compensated: Any, cycle: Any, *others: Any
 ) -> pa.Table:
     """Put columns of a table of `CURVES` together, of one side of a trial."""
-    alike = np.zeros(len(cycle), np.int32)
-    *of_trial, of_side = (
-        pa.DictionaryArray.from_arrays(alike, [text])
-        for text in (*trial_columns(trial, trial.condition), side)
-    )
-    columns = *of_trial, compensated, of_side, cycle + 1, percent, *others
-    arrays = [
-        column if isinstance(column, pa.Array) else pa.array(column.ravel(), from_pandas=True)
-        for column in columns
-    ]
+    texts = (*trial_columns(trial, trial.condition), side)
+    *of_trial, of_side = (pa.repeat(text, len(cycle)).dictionary_encode() for text in texts)
+    columns = *of_trial, compensated, of_side, cycle + 1, *others
+    arrays = [pa.array(column, from_pandas=True) for column in columns]
     return pa.Table.from_arrays(arrays, schema=CURVES[name])

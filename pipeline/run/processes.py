@@ -15,7 +15,7 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Final
 
-from joblib import Parallel
+from joblib import Parallel, cpu_count
 from threadpoolctl import threadpool_limits
 
 from pipeline.io.write import remove_leftovers, remove_unfinished
@@ -26,8 +26,15 @@ STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
 """What asks a process to end, and lets it say so."""
 MANAGER: Final = "ExecutorManagerThread"
 """How loky names the thread that manages workers."""
+TRIALS: Final = 5
+"""For each process, which takes as long to start as to work on so many."""
 Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 """What `joblib.delayed` makes of a call."""
+
+
+def processes_for(trials: int) -> int:
+    """Give in how many processes to work on trials: all processors, one for `TRIALS` at most."""
+    return max(1, min(int(cpu_count()), trials // TRIALS))
 
 
 def in_processes(

@@ -168,10 +168,9 @@ def _numbers(column: Any) -> pa.Array:
 
 def _texts(column: Sequence[str]) -> pa.Array:
     """Give a column of texts."""
-    encoded = [text.encode() for text in column]
-    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    buffers = [None, pa.py_buffer(ends), pa.py_buffer(b"".join(encoded))]
-    return pa.Array.from_buffers(pa.string(), len(encoded), buffers)
+    builder = pa.lib.StringBuilder()
+    builder.append_values(column)
+    return builder.finish()
 
 
 def _channels(result: TrialResult) -> Blocks:

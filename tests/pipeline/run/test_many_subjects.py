@@ -41,8 +41,7 @@ def test_a_folder_is_not_searched_for_forces_of_formats_that_have_none_beside_th
     assert plate_files(tmp_path / "walk.tsv") == [tmp_path / "walk_f_1.tsv"]
 
 
-def test_several_processes_find_what_one_finds_in_the_same_order(study, monkeypatch):
-    monkeypatch.setattr(check, "MIN_SUBJECTS", 1)
+def test_several_processes_find_what_one_finds_in_the_same_order(study):
     of_three = study(3)
     alone, together = (check.check_study(of_three, jobs) for jobs in (1, 2))
     assert len(alone.faults) == 3

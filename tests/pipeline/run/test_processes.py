@@ -11,7 +11,8 @@ import pytest
 from joblib import delayed
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.run.processes import in_processes
+from pipeline.run import processes
+from pipeline.run.processes import in_processes, processes_for
 
 INTERRUPTED_IN_THE_SEARCH = """
 import os, signal, time
@@ -88,6 +89,14 @@ def test_no_request_to_end_is_lost_and_processes_that_start_are_awaited(program,
     """Half-started, they could not be ended; any other thread may be the one that it reaches."""
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stdout == printed, done.stderr
+
+
+@pytest.mark.parametrize(("trials", "number"), [(0, 1), (9, 1), (10, 2), (27, 5), (400, 8)])
+def test_a_process_has_five_trials_at_least_and_none_is_without_a_processor(
+    trials, number, monkeypatch
+):
+    monkeypatch.setattr(processes, "cpu_count", lambda: 8)
+    assert processes_for(trials) == number
 
 
 def threads_of_linear_algebra():
