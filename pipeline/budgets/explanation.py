@@ -243,7 +243,7 @@ def explanation_key(trial: str) -> str:
 
 
 def explain_planned(
-    planned: list[Job], folder: Path, *, jobs: int = 1, announce: Announce = lambda sentence: None
+    planned: list[Job], folder: Path, *, jobs: int | None = 1, announce: Announce = lambda _: None
 ) -> Iterator[Outcome]:
     """Explain the trials whose explanation is not there yet.
 
@@ -254,7 +254,7 @@ def explain_planned(
     folder
         Results folder; explanations go to ``explained`` in it.
     jobs
-        How many trials at a time.
+        How many trials at a time; None: all processors, with 5 trials or more for each.
     announce
         Called with a sentence when something takes long.
 

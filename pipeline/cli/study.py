@@ -70,12 +70,10 @@ def check(
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
     from pipeline.run.check import check_study, read_twice, study_recordings
-    from pipeline.run.processes import processes_for
     from pipeline.statistics.design import in_words
 
     console, loaded = PlainConsole(), read_study(study)
-    found = check_study(loaded, processes_for(len(loaded.trials)))
-    recordings = study_recordings(loaded)
+    found, recordings = check_study(loaded, jobs=None), study_recordings(loaded)
     agree = 0
     if second_reader:
         with StepProgress(console, "reading twice", "files") as progress:
@@ -138,7 +136,6 @@ def run(
     """Failed trials are listed with their reasons, the others are done; exit code 1."""
     from pipeline.config.study import read_study
     from pipeline.config.toml_file import StudyFaults
-    from pipeline.run.processes import processes_for
     from pipeline.run.run import forecast, plan, require_nothing_replaced, run_planned
     from pipeline.trial.study_files import read_study_laboratory
 
@@ -155,8 +152,9 @@ def run(
     if loaded.file.treadmill.check:
         console.say_notes(read_study_laboratory(loaded).notes)
     console.say(forecast(planned))
-    jobs, announce = jobs or processes_for(len(planned)), announcer(console)
-    outcomes = run_planned(loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announce)
+    outcomes = run_planned(
+        loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
+    )
     finished = follow_trials(outcomes, len(planned), "processing", "done and kept", console)
     console.say_notes(dict.fromkeys(note for one in finished for note in one.of_calibration))
     seconds = time.monotonic() - start
@@ -279,11 +277,8 @@ def _simulate_study(
     folder: Path, setting: "Setting", jobs: int | None, console: PlainConsole, *, keep: bool = False
 ) -> None:
     from hbm.kernels.native import kernels
-    from pipeline.run.processes import processes_for
     from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
-    protocol = setting.protocol
-    jobs = jobs or processes_for(protocol.subjects * len(protocol.conditions))
     goes_on = "goes on" if keep else "begins again"
     with stoppable(lambda: f"the study is not complete; the same command {goes_on}"):
         kernels(announcer(console))

@@ -203,7 +203,6 @@ def _explain_results(
         study_of,
     )
     from pipeline.budgets.words import NOTHING_CERTAIN
-    from pipeline.run.processes import processes_for
     from pipeline.run.store import read_trial
 
     folder = request.trial
@@ -213,7 +212,6 @@ def _explain_results(
     console = PlainConsole()
     study = study_of(folder)
     planned = plan_explanations(study, folder)
-    jobs = jobs or processes_for(len(planned))
     outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
     finished = follow_trials(outcomes, len(planned), "explaining", "explained", console)
     if finished and all(outcome.failure is not None for outcome in finished):

@@ -46,7 +46,7 @@ from pipeline.report.verdict import question, verdict_values
 from pipeline.report.workbook import write_columns, write_wide_tables
 from pipeline.run.job import read_failures
 from pipeline.run.load import Curves, Results, collect, select_trials
-from pipeline.run.processes import in_processes, processes_for
+from pipeline.run.processes import in_processes
 from pipeline.run.provenance import left_out, provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
@@ -184,7 +184,7 @@ def write_report(
         for name, draw in {**of_joints, **of_study_figures}.items()
     ]
     tasks += page_tasks(folder, explained, study, keys) if with_pages else ()
-    for count, done in enumerate(in_processes(tasks, processes_for(len(tasks))), 1):
+    for count, done in enumerate(in_processes(tasks), 1):
         announce(f"drawing: {done}", count, len(tasks))
 
     def pictures(names: Iterable[str]) -> dict[str, str]:

@@ -170,7 +170,7 @@ class Way:
         return self.findings.attempt(file, lambda: corrected(file)) if file else None
 
 
-def check_study(study: Study, jobs: int = 1) -> Findings:
+def check_study(study: Study, jobs: int | None = 1) -> Findings:
     """Check every recording of a study without processing it.
 
     Parameters
@@ -178,7 +178,7 @@ def check_study(study: Study, jobs: int = 1) -> Findings:
     study
         The study; its TOML files are already checked.
     jobs
-        How many subjects at a time.
+        How many subjects at a time; None: as `pipeline.run.processes.in_processes` chooses.
 
     Returns
     -------
@@ -188,9 +188,8 @@ def check_study(study: Study, jobs: int = 1) -> Findings:
     findings = Findings()
     findings.attempt(str(study.folder), study.to_process)
     every = {"": study, **study.variants}
-    # ways share the lists of findings; those of a subject begin with none
+    # ways share the lists of findings
     ways = [Way.of(way, replace(findings, variant=name)) for name, way in every.items()]
-    ways = [replace(way, findings=Findings(variant=way.findings.variant)) for way in ways]
     tasks = (
         delayed(_check_subject)([replace(way, study=way.study.alone(subject)) for way in ways])
         for subject in study.subjects

@@ -289,6 +289,7 @@ FAILURES: Final = "failures.json"
 """Collected from one file per trial, for several runs may work on one folder at the same time."""
 SUFFIX: Final = ".failed.json"
 _REASONS: Final = TypeAdapter(dict[str, str])
+"""Why trials failed, by their names."""
 
 
 def record_failure(target: Path, name: TrialName, reason: str | None) -> None:
@@ -320,20 +321,15 @@ def recorded_failures(folder: Path) -> Iterator[tuple[Path, dict[str, str]]]:
     """Give the files of `record_failure` in a folder and what they say; damaged ones left out."""
     for path in sorted(folder.glob(f"*{SUFFIX}")):
         with suppress(OSError, ValueError):
-            yield path, _reasons(path)
+            yield path, _REASONS.validate_json(read_text(path))
 
 
 def read_failures(folder: Path) -> dict[str, str]:
     """Read ``failures.json``; empty where there is none, a ValueError says that it is damaged."""
     path = folder / FAILURES
     try:
-        return _reasons(path)
+        return _REASONS.validate_json(read_text(path))
     except FileNotFoundError:
         return {}
     except ValueError as error:
         raise ValueError(f"{path} is damaged; run 'hbm run' again") from error
-
-
-def _reasons(path: Path) -> dict[str, str]:
-    """Read reasons by trial; a ValueError where a file holds anything else."""
-    return _REASONS.validate_json(read_text(path))

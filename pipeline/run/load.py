@@ -15,8 +15,8 @@ from joblib import delayed
 from hbm.spatial import Array
 from pipeline.config.schema import TrialName
 from pipeline.io.write import whole_file
-from pipeline.run.processes import in_processes, processes_for
-from pipeline.run.store import OF_FRAMES, read_trial
+from pipeline.run.processes import in_processes
+from pipeline.run.store import OF_FRAMES, parquet_writer, read_trial
 from pipeline.trial.joints import CURVE_COLUMNS, JOINT_COLUMNS, joint_curves, joint_rows
 from pipeline.trial.residuals import (
     AXES,
@@ -121,7 +121,7 @@ def collect(
     in_curves: Callable[[TrialResult], bool] | None = None,
     follow: Callable[[int, int], None] = lambda done, trials: None,
 ) -> Results:
-    """Gather the trials in a results folder, in as many processes as `processes_for` gives.
+    """Gather the trials in a results folder, in as many processes as pays.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def collect(
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
     batches = [paths[k : k + AT_ONCE] for k in range(0, len(paths), AT_ONCE)]
-    tasks = [delayed(_gathered)(batch, rate, in_curves is not None) for batch in batches]
+    tasks = (delayed(_gathered)(batch, rate, in_curves is not None) for batch in batches)
     trials: dict[TrialName, TrialResult] = {}
     ratings: list[Any] = []
     parts: dict[str, list[pd.DataFrame]] = {name: [] for name in TABLES}
@@ -158,7 +158,7 @@ def collect(
             for name, schema in CURVES.items()
             if in_curves is not None
         }
-        gathered = in_processes(tasks, min(processes_for(len(paths)), len(tasks)), ordered=True)
+        gathered = in_processes(tasks, ordered=True)
         for read, rated, tables, curves in gathered:
             for name, part in tables.items():
                 parts[name].append(part)
@@ -208,18 +208,7 @@ def _gathered(
 @contextmanager
 def _written(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
     """Write a table whole or not at all, in groups of rows."""
-    numbers = [field.name for field in schema if pa.types.is_floating(field.type)]
-    with (
-        whole_file(path) as temporary,
-        pq.ParquetWriter(
-            temporary,
-            schema,
-            compression="zstd",
-            use_byte_stream_split=numbers,
-            use_dictionary=[name for name in schema.names if name not in numbers],
-            store_schema=False,  # texts are read as texts
-        ) as file,
-    ):
+    with whole_file(path) as temporary, parquet_writer(temporary, schema) as file:
         yield file
 
 

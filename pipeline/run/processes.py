@@ -26,19 +26,18 @@ STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
 """What asks a process to end, and lets it say so."""
 MANAGER: Final = "ExecutorManagerThread"
 """How loky names the thread that manages workers."""
-TRIALS: Final = 5
+MIN_TASKS: Final = 5
 """For each process, which takes as long to start as to work on so many."""
 Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 """What `joblib.delayed` makes of a call."""
 
 
-def processes_for(trials: int) -> int:
-    """Give in how many processes to work on trials: all processors, one for `TRIALS` at most."""
-    return max(1, min(int(cpu_count()), trials // TRIALS))
-
-
 def in_processes(
-    tasks: Iterable[Task], workers: int, written: Iterable[Path] = (), *, ordered: bool = False
+    tasks: Iterable[Task],
+    workers: int | None = None,
+    written: Iterable[Path] = (),
+    *,
+    ordered: bool = False,
 ) -> Iterator[Any]:
     """Work on tasks in processes of their own; with one worker, in this process.
 
@@ -47,7 +46,8 @@ def in_processes(
     tasks
         Calls wrapped by `joblib.delayed`.
     workers
-        How many at a time.
+        How many at a time; by default as many as there are processors, with `MIN_TASKS` or more
+        tasks for each.
     written
         Folders into which they write; files that stopped processes left there are removed.
     ordered
@@ -71,6 +71,9 @@ def in_processes(
     Linear algebra uses one thread, in other processes and in this one: several would sum in another
     order, and results would differ in their last digits with the number of workers.
     """
+    if workers is None:
+        tasks = [*tasks]
+        workers = max(1, min(cpu_count(), len(tasks) // MIN_TASKS))
     if workers == 1:
         with one_thread():
             for function, arguments, options in tasks:

@@ -41,7 +41,7 @@ def run_study(
     *,
     subjects: Sequence[str] | None = None,
     conditions: Sequence[str] | None = None,
-    jobs: int = 1,
+    jobs: int | None = 1,
     scheduler: str | None = None,
     overwrite: bool = False,
     announce: Announce = lambda sentence: None,
@@ -57,7 +57,7 @@ def run_study(
     subjects, conditions
         Those to process; all by default.
     jobs
-        How many trials at a time.
+        How many trials at a time; None: all processors, with 5 trials or more for each.
     scheduler
         Address of a Dask scheduler to run them on instead.
     overwrite
@@ -161,7 +161,7 @@ def run_planned(
     planned: Iterable[Job],
     out: Path,
     *,
-    jobs: int = 1,
+    jobs: int | None = 1,
     scheduler: str | None = None,
     announce: Announce = lambda sentence: None,
 ) -> Iterator[Outcome]:
@@ -187,7 +187,7 @@ def run_planned(
 
 
 def run_jobs(
-    planned: Iterable[Job], *, workers: int = 1, scheduler: str | None = None
+    planned: Iterable[Job], *, workers: int | None = 1, scheduler: str | None = None
 ) -> Iterator[Outcome]:
     """Process planned trials, and nothing besides; outcomes as for `run_study`."""
     todo = []
@@ -201,14 +201,14 @@ def run_jobs(
         todo.sort(key=lambda job: job.size, reverse=True)
         yield from on_cluster(todo, scheduler)
     elif todo:
-        workers, laboratory = min(workers, len(todo)), None
+        laboratory = None
         with suppress(Exception), one_thread():  # what fails here fails again with each trial
             laboratory = read_study_laboratory(todo[0].study)
         yield from work_on(todo, partial(process_job, laboratory=laboratory), workers)
 
 
 def work_on(
-    todo: Iterable[Job], work: Callable[[Job], Outcome], workers: int = 1
+    todo: Iterable[Job], work: Callable[[Job], Outcome], workers: int | None = 1
 ) -> Iterator[Outcome]:
     """Do something with every trial, the longest first; outcomes as trials finish.
 
@@ -219,7 +219,7 @@ def work_on(
     work
         What to do with one, in a process of its own where there are several workers.
     workers
-        How many trials at a time.
+        How many trials at a time; None: as `in_processes` chooses.
 
     Notes
     -----
@@ -230,7 +230,8 @@ def work_on(
     try:
         tasks = [delayed(work)(job) for job in left.values()]
         written = {j.target.parent for job in left.values() for j in (job, *job.variants.values())}
-        for outcome in in_processes(tasks, max(1, min(workers, len(tasks))), written):
+        workers = workers and max(1, min(workers, len(tasks)))
+        for outcome in in_processes(tasks, workers, written):
             yield replace(outcome, job=left.pop(outcome.job.target))  # not its copy
     except BrokenProcessPool:
         for job in left.values():

@@ -90,23 +90,22 @@ def write_trial(result: TrialResult, path: Path) -> None:
 
 def sealed(table: pa.Table, version: bytes = str(FORMAT_VERSION).encode()) -> bytes:
     """Give a table as a Parquet file with a checksum."""
-    floats = [column.name for column in table.schema if pa.types.is_floating(column.type)]
     sink = pa.BufferOutputStream()
-    with pq.ParquetWriter(
-        sink,
-        table.schema,
-        compression="zstd",
-        use_dictionary=["event"],
-        use_byte_stream_split=floats,
-        write_statistics=False,
-        store_schema=False,
-    ) as file:
+    with parquet_writer(sink, table.schema, write_statistics=False) as file:
         file.write_table(table)
         file.add_key_value_metadata({VERSION: version})
     content: bytes = sink.getvalue().to_pybytes()
     place = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
     pages, footer = content[:place], content[place:]
     return pages + SEAL + _checksum(pages, footer) + footer
+
+
+def parquet_writer(sink: Any, schema: pa.Schema, **options: Any) -> pq.ParquetWriter:
+    """Compress what is not a number with decimals by a dictionary; texts are read as texts."""
+    numbers = [column.name for column in schema if pa.types.is_floating(column.type)]
+    options["use_dictionary"] = [name for name in schema.names if name not in numbers]
+    options |= {"use_byte_stream_split": numbers, "compression": "zstd", "store_schema": False}
+    return pq.ParquetWriter(sink, schema, **options)
 
 
 def _checksum(pages: bytes, footer: bytes) -> bytes:

@@ -248,7 +248,7 @@ def simulate_study(
     out: str | Path,
     setting: Setting | None = None,
     progress: ProgressCallback | None = None,
-    jobs: int = 2,
+    jobs: int | None = 2,
     *,
     keep: bool = False,
 ) -> Path:
@@ -267,7 +267,7 @@ def simulate_study(
     progress
         Called after every recording with its name, how many are written, and how many will be.
     jobs
-        Number of processes. The files do not depend on it.
+        Number of processes; None: all processors. The files do not depend on it.
     keep
         Whether files that are in the folder already are kept; by default they are written anew.
 

@@ -12,7 +12,7 @@ from joblib import delayed
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from pipeline.run import processes
-from pipeline.run.processes import in_processes, processes_for
+from pipeline.run.processes import in_processes
 
 INTERRUPTED_IN_THE_SEARCH = """
 import os, signal, time
@@ -91,12 +91,11 @@ def test_no_request_to_end_is_lost_and_processes_that_start_are_awaited(program,
     assert done.stdout == printed, done.stderr
 
 
-@pytest.mark.parametrize(("trials", "number"), [(0, 1), (9, 1), (10, 2), (27, 5), (400, 8)])
-def test_a_process_has_five_trials_at_least_and_none_is_without_a_processor(
-    trials, number, monkeypatch
-):
-    monkeypatch.setattr(processes, "cpu_count", lambda: 8)
-    assert processes_for(trials) == number
+@pytest.mark.parametrize(("tasks", "started"), [(9, False), (12, True)])
+def test_no_process_starts_for_fewer_than_five_tasks(tasks, started, monkeypatch):
+    monkeypatch.setattr(processes, "cpu_count", lambda: 2)
+    elsewhere = {*in_processes([delayed(os.getpid)()] * tasks)} - {os.getpid()}
+    assert bool(elsewhere) == started
 
 
 def threads_of_linear_algebra():
