@@ -26,7 +26,7 @@ Out = Annotated[
     Path, typer.Option("--out", help="Folder for the output.", rich_help_panel="Output")
 ]
 Jobs = Annotated[
-    int | None, typer.Option(min=1, help="Processes; default: a processor per 5 trials, up to all.")
+    int | None, typer.Option(min=1, help="Processes; default: one per 5 trials, up to all cores.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
 Simulate = Annotated[bool, typer.Option("--simulate", help="Simulate the recordings first.")]

@@ -158,7 +158,7 @@ def collect(
             for name, schema in CURVES.items()
             if in_curves is not None
         }
-        gathered = in_processes(tasks, ordered=True)
+        gathered = in_processes(tasks, ordered=True, least=1)
         for read, rated, tables, curves in gathered:
             for name, part in tables.items():
                 parts[name].append(part)

@@ -38,6 +38,7 @@ def in_processes(
     written: Iterable[Path] = (),
     *,
     ordered: bool = False,
+    least: int = MIN_TASKS,
 ) -> Iterator[Any]:
     """Work on tasks in processes of their own; with one worker, in this process.
 
@@ -45,9 +46,9 @@ def in_processes(
     ----------
     tasks
         Calls wrapped by `joblib.delayed`.
-    workers
-        How many at a time; by default as many as there are processors, with `MIN_TASKS` or more
-        tasks for each.
+    workers, least
+        How many at a time; by default as many as there are processors, each for ``least`` tasks or
+        more.
     written
         Folders into which they write; files that stopped processes left there are removed.
     ordered
@@ -73,7 +74,7 @@ def in_processes(
     """
     if workers is None:
         tasks = [*tasks]
-        workers = max(1, min(cpu_count(), len(tasks) // MIN_TASKS))
+        workers = max(1, min(cpu_count(), len(tasks) // least))
     if workers == 1:
         with one_thread():
             for function, arguments, options in tasks:
