@@ -51,7 +51,7 @@ Residual = namedtuple(
 )
 """A row of `residual_table`."""
 Threshold = namedtuple("Threshold", "compensated quantity unit peak limit passed above_percent")
-"""A row of `threshold_rows`."""
+"""A row of `threshold_table`."""
 MarkerError = namedtuple("MarkerError", "marker rms_mm peak_mm missing_percent")
 """A row of `marker_rows`."""
 
@@ -359,7 +359,7 @@ def height_of_mass(body: Body, q: Array) -> float:
     return float(np.mean(center_of_mass(body, q)[:, 2] - lowest))
 
 
-def threshold_rows(result: TrialResult) -> list[Threshold]:
+def threshold_table(result: TrialResult) -> "pd.DataFrame":
     """Compare a trial's peak residuals with published limits.
 
     Parameters
@@ -369,7 +369,7 @@ def threshold_rows(result: TrialResult) -> list[Threshold]:
 
     Returns
     -------
-    list of Threshold
+    pandas.DataFrame
         compensated, quantity (force, moment), unit, peak, limit, passed, and the percentage of
         used frames above the limit; empty where no frame is used.
 
@@ -380,6 +380,13 @@ def threshold_rows(result: TrialResult) -> list[Threshold]:
     mass times that force. Peaks are of the vectors' magnitudes, over the used frames; the
     height is the mean one above the lowest joint of the feet (ankles and toes) in each frame.
     """
+    import pandas as pd
+
+    return pd.DataFrame(threshold_rows(result), columns=Threshold._fields)
+
+
+def threshold_rows(result: TrialResult) -> list[Threshold]:
+    """Give the rows of `threshold_table`."""
     inside, rows = counted(result), list[Threshold]()
     if not inside.any():
         return rows
