@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import version
 from typing import Final
 
@@ -235,6 +236,7 @@ def inverse_dynamics_variants(
     ]
 
 
+@cache
 def engine_name() -> str:
     """Give the name and version of what computes inverse dynamics, as results state it."""
     return f"kernels generated with CasADi {version('casadi')}"

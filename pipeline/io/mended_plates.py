@@ -106,11 +106,11 @@ def _mended(plate: Plate, deed: str, what: str) -> Array:
 
 
 def of_channels(plate: Plate, change: Array, wrench: Array) -> Array:
-    """Give a plate's wrench, (N, 6), as if its channels were changed by matrices, (..., 6, 6).
+    """Give a plate's wrench, (N, 6), as if its channels were changed by a matrix, (6, 6).
 
     Channels hold moments about the transducer.
     """
-    return shift_wrench(shift_wrench(wrench, plate.transducer) @ change.mT, -plate.transducer)
+    return shift_wrench(shift_wrench(wrench, plate.transducer) @ change.T, -plate.transducer)
 
 
 def turning(degrees: str | int) -> Array:

@@ -24,7 +24,7 @@ from hbm.spatial import (
     rotation_about,
     shift_wrench,
 )
-from pipeline.io.mended_plates import of_channels, reversing, turning
+from pipeline.io.mended_plates import reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
 from pipeline.trial.findings.finding import JudgedKind
 
@@ -177,6 +177,8 @@ class View:
         Of each plate: matrix by which these are multiplied, for lab axes about the lab origin.
     to_residual
         Of each plate, and each of the F frames, (F, 6, 6): for residuals in standard deviations.
+    to_channels, from_channels
+        Of each plate: about its transducer, where channels are, and back.
     whiten
         By which a residual (6,) about the pelvis has unit variance, (6, 6).
     mass_sd
@@ -193,6 +195,8 @@ class View:
     wrenches: tuple[Array, ...]
     to_lab: tuple[Array, ...]
     to_residual: tuple[Array, ...]
+    to_channels: tuple[Array, ...]
+    from_channels: tuple[Array, ...]
     whiten: Array
     mass_sd: float
     independent: float
@@ -232,6 +236,8 @@ class View:
             wrenches=(),
             to_lab=tuple(shift_wrench(u, -p.center) for u, p in zip(units, places, strict=True)),
             to_residual=tuple(shifted @ whiten for shifted in to_pelvis),
+            to_channels=tuple(shift_wrench(np.eye(6), place.transducer) for place in places),
+            from_channels=tuple(shift_wrench(np.eye(6), -place.transducer) for place in places),
             whiten=whiten,
             mass_sd=MASS_SD[mass_is_stated],
             independent=6 * independent,
@@ -418,7 +424,7 @@ def correcting(view: View, hypothesis: Hypothesis, sizes: Array) -> Array:
             channels = reversing(what)[None]
         case _:
             channels = turning(what)[None]
-    return of_channels(view.evidence.plates[k], channels, np.eye(6))
+    return np.asarray(view.to_channels[k] @ channels.mT @ view.from_channels[k])
 
 
 def fit(view: View, hypothesis: Hypothesis) -> Fitted:
