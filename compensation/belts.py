@@ -132,10 +132,8 @@ class BeltModel:
             Wrong shape, no samples or gaps.
         """
         a = read_signal(belt_acceleration, "belt acceleration")
-        moment: Array = scipy.signal.lfilter(
-            self.theta[2:], self._recursion, _advanced(a, self.advance)
-        )
-        return moment
+        ahead = _advanced(a, self.advance)
+        return np.asarray(scipy.signal.lfilter(self.theta[2:], self._recursion, ahead))
 
     def step(self, belt_acceleration: float, state: State) -> tuple[float, State]:
         """Predict one sample in real time.
@@ -261,10 +259,7 @@ def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
     """Give the free-running output, (N,), and its derivatives by theta, (N, 5)."""
     recursion = [1, *theta[:2]]
     moment = scipy.signal.lfilter(theta[2:], recursion, a)
-    by_past, by_input = (
-        scipy.signal.lfilter([1], recursion, -moment),
-        scipy.signal.lfilter([1], recursion, a),
-    )
+    by_past, by_input = (scipy.signal.lfilter([1], recursion, x) for x in (-moment, a))
     columns = [(by_past, 1), (by_past, 2), (by_input, 0), (by_input, 1), (by_input, 2)]
     return moment, np.column_stack([_delayed(signal, n) for signal, n in columns])
 
@@ -358,7 +353,6 @@ def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
     middle = -3 * np.log10(rate)  # where half of the spectrum is smoothed, whatever the rate
     grid = middle + GRID
     nearest = grid[int(np.argmin([score(log_p) for log_p in grid]))]
-    best = scipy.optimize.minimize_scalar(
-        score, bounds=(nearest - 0.1, nearest + 0.1), method="bounded"
-    )
+    bounds = nearest - 0.1, nearest + 0.1
+    best = scipy.optimize.minimize_scalar(score, bounds=bounds, method="bounded")
     return float((10**best.x * (1 / rate)) ** (-1 / 4) / (2 * np.pi))

@@ -186,10 +186,8 @@ class _LateChannels:
     """Linear model of a signal (N, C) by groups of channels, (N, K) each, read ahead by delays."""
 
     def __init__(self, groups: Sequence[Array], signal: Array, reach: int) -> None:
-        samples = len(signal)
-        self.splines = [
-            scipy.interpolate.CubicSpline(np.arange(samples), group) for group in groups
-        ]
+        samples, spline = len(signal), scipy.interpolate.CubicSpline
+        self.splines = [spline(np.arange(samples), group) for group in groups]
         self.inside = np.arange(reach + 1, samples - reach - 1)
         self.signal = signal[self.inside]
 

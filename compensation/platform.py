@@ -251,9 +251,8 @@ def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> Plat
     """
     known = np.asarray(np.isfinite(pose.position).all(axis=1))
     vectors = np.full((len(pose.position), 6), np.nan)
-    vectors[known, :3] = scipy.spatial.transform.Rotation.from_matrix(
-        pose.rotation[known]
-    ).as_rotvec()
+    turned = scipy.spatial.transform.Rotation.from_matrix(pose.rotation[known])
+    vectors[known, :3] = turned.as_rotvec()
     vectors[:, 3:] = pose.position
     wanted = interpolate(time, vectors, at)
     found = np.asarray(np.isfinite(wanted).all(axis=1))

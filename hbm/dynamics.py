@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import version
 from typing import Final
 
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, support
-from hbm.engines.engine import Engine, choose_engine
+from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
@@ -34,7 +36,7 @@ class Dynamics:
     power
         Power of each coordinate's generalized force, (T, 46) [W].
     engine
-        Name and version of the engine that computed them (`hbm.engines`).
+        Name and version of what computed them (`engine_name`).
 
     Examples
     --------
@@ -145,9 +147,6 @@ def inverse_dynamics(
     Comput 51:1069). The force residual is ``Σ m(a − g) − Σ F`` and the moment residual the same
     balance of moments about the pelvis origin.
 
-    The package's own kernels compute it where they are compiled, else Pinocchio where it can be
-    imported; they agree to 1e-11 of the largest force.
-
     Deviations from the original
     ----------------------------
     The residual moment is given in lab axes, not as generalized forces of the pelvis' Euler
@@ -172,12 +171,7 @@ def inverse_dynamics(
 
 
 def inverse_dynamics_variants(
-    body: Body,
-    motion: Motion,
-    variants: Sequence[Mapping[str, Array]],
-    *,
-    jobs: int = 1,
-    engine: Engine | None = None,
+    body: Body, motion: Motion, variants: Sequence[Mapping[str, Array]], *, jobs: int = 1
 ) -> list[Dynamics]:
     """Do `inverse_dynamics` for several sets of wrenches in one evaluation of the equations.
 
@@ -187,8 +181,6 @@ def inverse_dynamics_variants(
         As for `inverse_dynamics`.
     variants
         Sets of wrenches, such as plates as measured and compensated.
-    engine
-        By default that of `hbm.engines.engine.choose_engine`.
 
     Returns
     -------
@@ -219,13 +211,16 @@ def inverse_dynamics_variants(
     if frames and np.isnan(motion.v).all() and not np.isnan(motion.q).all():
         raise ValueError("the motion has no velocities; filter it first with filter_motion")
 
-    engine, segments = engine or choose_engine(), sorted(set().union(*variants))
     # generalized forces and residual of each variant, (T, 52)
     forces = [np.empty((frames, N_Q + 6)) for _ in variants]
     for first in range(0, frames, FRAMES_AT_ONCE):
         block = slice(first, first + FRAMES_AT_ONCE)
         q, v, a = (np.asarray(x[block]) for x in (motion.q, motion.v, motion.a))
-        tau, needed, jacobians = engine.free_dynamics(body, q, v, a, segments, jobs)
+        # what the motion needs where nothing but gravity acts on the body, and the motion per unit
+        # rate of each coordinate: velocity of the point at the lab origin, angular velocity
+        state = q, v, a, body.geometry, body.inertia_vector
+        tau, wrench_needed, rates = kernels().newton_euler(*state, jobs=jobs)
+        needed, rates = shift_wrench(wrench_needed, q[:, :3]), rates.reshape(-1, N_Q, 6)
         for wrenches, force in zip(variants, forces, strict=True):
             force[block, :N_Q] = tau
             external = np.zeros_like(needed)
@@ -233,9 +228,15 @@ def inverse_dynamics_variants(
                 acting = np.asarray(wrench, float)[block]
                 external += acting
                 chain = np.array(support(LAST_Q[segment]))
-                force[block, chain] -= np.einsum("tci,ti->tc", jacobians[segment], acting)
+                force[block, chain] -= np.einsum("tci,ti->tc", rates[:, chain], acting)
             force[block, N_Q:] = needed - shift_wrench(external, q[:, :3])
     return [
-        Dynamics(motion.time, tau, residual, frozen(tau * motion.v), engine.name)
+        Dynamics(motion.time, tau, residual, frozen(tau * motion.v), engine_name())
         for tau, residual in (np.split(frozen(force), [N_Q], axis=1) for force in forces)
     ]
+
+
+@cache
+def engine_name() -> str:
+    """Give the name and version of what computes inverse dynamics, as results state it."""
+    return f"kernels generated with CasADi {version('casadi')}"

@@ -7,7 +7,7 @@ import numpy as np
 from hbm.coordinates import MOVING
 from hbm.kernels.native import kernels
 from hbm.model import Body
-from hbm.spatial import Array
+from hbm.spatial import Array, in_lab_axes
 
 
 def segment_frames(body: Body, q: Array) -> tuple[Array, Array]:
@@ -67,17 +67,9 @@ def marker_positions(body: Body, q: Array) -> Array:
     Array
         Positions in the lab, (T, K, 3) [m].
     """
-    poses = kernels().segment_poses(q, body.geometry)[0].reshape(len(q), len(MOVING), 12)
-    segments = np.array([MOVING.index(segment) for segment in body.marker_segment], int)
-    positions = np.empty((len(q), len(segments), 3))
-    for segment in set(segments.tolist()):
-        on = segments == segment
-        # axes times position, plus origin: one product for all frames and markers of the segment
-        local = np.column_stack([body.marker_position[on], np.ones(on.sum())])
-        product = np.einsum("ka,ij->aikj", local, np.eye(3)).reshape(12, -1)
-        placed = poses[:, segment] @ product
-        positions[:, on] = placed.reshape(len(q), len(local), 3)
-    return positions
+    rotation, origin = segment_frames(body, q)
+    segments = [MOVING.index(segment) for segment in body.marker_segment]
+    return origin[:, segments] + in_lab_axes(rotation[:, segments], body.marker_position)
 
 
 def center_of_mass(body: Body, q: Array) -> Array:

@@ -69,12 +69,8 @@ def test_no_other_program_fits_the_markers_better(trial, result, name):
 @pytest.mark.parametrize(
     ("name", "task"),
     [
-        *(
-            (name, f"id {engine}")
-            for name in (COMPILED, MACHINE)
-            for engine in ("pinocchio", "kernels")
-        ),
-        *((name, "id") for name in (COMPILED, "MuJoCo", "Pinocchio")),
+        (COMPILED, "id from rates"),
+        *((name, "id") for name in (COMPILED, MACHINE, "MuJoCo", "Pinocchio")),
         pytest.param("OpenSim", "id", marks=pytest.mark.opensim),
     ],
 )

@@ -142,9 +142,8 @@ class Calibration:
     def correlation_of(self, plates: Sequence[str]) -> Array:
         """Give the correlation of what is left of some plates, (6 P, 6 P), in their order."""
         if self.correlation is None:
-            return np.asarray(
-                scipy.linalg.block_diag(*(self.in_use[name].correlation for name in plates))
-            )
+            blocks = (self.in_use[name].correlation for name in plates)
+            return np.asarray(scipy.linalg.block_diag(*blocks))
         order = list(self.plates)
         at = np.concatenate([6 * order.index(name) + np.arange(6) for name in plates])
         return np.asarray(self.correlation[np.ix_(at, at)])

@@ -28,16 +28,7 @@ from hbm.calibration_pose.anatomy import (
 )
 from hbm.coordinates import SIDES, UP
 from hbm.segments import SAMPLE_STATURE_M, Sex, columns_of
-from hbm.spatial import (
-    Array,
-    axes_from,
-    cross,
-    distance,
-    dot,
-    in_lab_axes,
-    perpendicular,
-    unit,
-)
+from hbm.spatial import Array, axes_from, cross, distance, dot, in_lab_axes, perpendicular, unit
 
 
 def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatomy:

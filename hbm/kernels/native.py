@@ -18,13 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hbm.kernels.kernel import (
-    CONSTANT_INPUTS,
-    Kernel,
-    Kernels,
-    Pointers,
-    kernel_sizes,
-)
+from hbm.kernels.kernel import CONSTANT_INPUTS, Kernel, Kernels, Pointers, kernel_sizes
 from hbm.spatial import Array
 
 FOLDER: Final = Path(__file__).parent

@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from hbm.signals.samples import (
+    MIN_SPLINE_SAMPLES,
     blocks_without_gaps,
     cubic_spline,
     extended,
@@ -33,9 +34,6 @@ Signal = Callable[[Array], Array]
 
 MIN_DECIMATION: Final = 0.99
 """New rate as share of the old one, from which on rates count as equal and nothing can alias."""
-
-MIN_SPLINE_SAMPLES: Final = 4
-"""Of a cubic spline."""
 
 ROUNDING_STEPS: Final = 1e-6
 """Time beyond the ends of a block, in samples, that is treated as rounding error."""

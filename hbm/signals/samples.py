@@ -13,7 +13,8 @@ MAX_STEP_DIFFERENCE: Final = 2e-3
 """Difference between time steps that count as equal, relative to their mean: times rounded to
 0.01 ms at 100 Hz."""
 
-CUBIC: Final = 3
+MIN_SPLINE_SAMPLES: Final = 4
+"""Of a cubic spline."""
 
 
 def sample_times(time: ArrayLike, signal: Array) -> Array:
@@ -116,22 +117,20 @@ def without_short_gaps(known: Mask, time: Array, longest_s: float) -> Mask:
 def bridged(columns: Array, time: Array, longest_s: float, degree: int) -> Array:
     """Fill unknown samples (T, K) between known ones that are at most so far apart [s].
 
-    By straight lines (``degree`` 1), which know nothing of what follows, or by cubic splines (3).
+    By straight lines (``degree`` 1), which know nothing of what follows, or by cubic splines (3),
+    for which four samples are needed.
     """
     filled = columns
     for known, numbers in _columns_by_gaps(np.isfinite(columns)):
         rows = np.flatnonzero(without_short_gaps(known, time, longest_s) & ~known)
         if len(rows):
-            through = columns[known][:, numbers]
-            if min(degree, len(through) - 1) == CUBIC:
-                spline = cubic_spline(time[known], through)
-            else:
-                spline = scipy.interpolate.make_interp_spline(
-                    time[known], through, min(degree, len(through) - 1)
-                )
+            through, at = columns[known][:, numbers], time[rows]
             filled = columns.copy() if filled is columns else filled
             place = rows if isinstance(numbers, slice) else np.ix_(rows, numbers)
-            filled[place] = spline(time[rows])
+            if degree == 1 or len(through) < MIN_SPLINE_SAMPLES:
+                filled[place] = np.transpose([np.interp(at, time[known], x) for x in through.T])
+            else:
+                filled[place] = cubic_spline(time[known], through)(at)
     return filled
 
 

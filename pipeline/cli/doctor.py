@@ -21,7 +21,7 @@ REPETITIONS: Final = 4
 
 def doctor() -> None:
     """Kernels are timed; the engine of the inverse dynamics is named."""
-    from hbm.engines.engine import choose_engine
+    from hbm.dynamics import engine_name
     from hbm.kernels.native import kernels
 
     console = PlainConsole()
@@ -36,7 +36,7 @@ def doctor() -> None:
     for name in ("newton_step", "segment_poses", "newton_euler"):
         rate = speed(getattr(ready, name))
         console.print(f"  {name}: {rate:,.0f} frames/s on one core ({1e6 / rate:.1f} µs)")
-    console.say(f"inverse dynamics: {choose_engine().name}")
+    console.say(f"inverse dynamics: {engine_name()}")
 
 
 def speed(kernel: "Kernel") -> float:

@@ -22,7 +22,7 @@ Option = str | float | bool | None | Path | Sequence[str] | Mapping[str, str | t
 """Value of an option of the command line."""
 UNITS: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
 """In which a number is, by the end of its key."""
-NO_LONGER_NEEDED: Final = {"engine": "compiled kernels run where they are, else Pinocchio"}
+NO_LONGER_NEEDED: Final = {"engine": "there is one engine of the inverse dynamics"}
 """Keys of older studies that state nothing now -> what is done instead."""
 
 

@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import cache, lru_cache
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Final
@@ -40,8 +40,6 @@ MAX_WRITING_S: Final = 3600.0
 """Longer than any one file takes: the age of a leftover where locks tell nothing."""
 MAX_EXPANDED_BYTES: Final = 2**33
 """Of a study's table in memory: a million gait cycles."""
-ROWS_AT_ONCE: Final = 50_000
-"""Of a table that is written as text, which takes much more memory."""
 COMPUTED: Final = re.compile(r"'*[=+\-@\t\r\n]")
 """Beginning of a text that a spreadsheet would compute, with or without apostrophes before it."""
 CELL: Final = re.compile(r'("(?:[^"]|"")*"|[^,\r\n]*)(?:,|\r?\n|$)')
@@ -55,48 +53,37 @@ def write_csv(table: "pd.DataFrame", path: Path) -> None:
         column.dtype.kind not in "biuf" and any(isinstance(value, str) for value in column)
         for _, column in table.items()
     ]
-    blocks = (table.iloc[k : k + ROWS_AT_ONCE] for k in range(0, len(table), ROWS_AT_ONCE))
-    cells = (map(_cells_of, (rows for _, rows in block.items()), texts) for block in blocks)
-    _write_columns([*table], cells, path)
+    _write([*table], texts, table.itertuples(index=False, name=None), path)
 
 
 def write_rows(names: Sequence[str], rows: Sequence[Sequence[object]], path: Path) -> None:
     """Write rows as `write_csv` does a table, without pandas, which takes long to load."""
-    columns = [[row[k] for row in rows] for k in range(len(names))]
-    texts = (any(isinstance(value, str) for value in column) for column in columns)
-    _write_columns(names, [map(_cells, columns, texts)], path)
+    texts = [any(isinstance(row[k], str) for row in rows) for k in range(len(names))]
+    _write(names, texts, rows, path)
 
 
-def _write_columns(
-    names: Iterable[str], blocks: Iterable[Iterable[Sequence[str]]], path: Path
+def _write(
+    names: Iterable[str], texts: Iterable[bool], rows: Iterable[Sequence[object]], path: Path
 ) -> None:
+    """Write rows; cells of a column with any text are in quotes, what is missing is empty."""
+    forms = [_quoted if is_text else _number for is_text in texts]
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(f"{','.join(map(_quoted, names))}\n")
-        for columns in blocks:
-            file.writelines(f"{','.join(row)}\n" for row in zip(*columns, strict=True))
-
-
-def _cells_of(column: "pd.Series", is_text: bool) -> list[str]:
-    """Give the cells of a column of a table; texts that repeat are quoted once."""
-    if column.dtype == "str":
-        codes, values = column.factorize()
-        cells = [*map(_quoted, values), _quoted("")]  # of what is missing, -1
-        return [cells[code] for code in codes.tolist()]
-    return _cells(column.astype(object).where(column.notna(), None).tolist(), is_text)
-
-
-def _cells(values: Iterable[object], is_text: bool) -> list[str]:
-    """Give the cells of a column, in quotes if it has any text; what is missing is empty."""
-    form = _quoted if is_text else _number
-    return [form("" if value is None or value != value else value) for value in values]
+        for row in rows:
+            cells = [form(value) for form, value in zip(forms, row, strict=True)]
+            file.write(f"{','.join(cells)}\n")
 
 
 def _number(value: object) -> str:
+    if value is None or value != value:
+        return ""
     return f"{value:.6g}" if isinstance(value, float | np.floating) else str(value)
 
 
+@lru_cache(typed=True)  # most texts repeat
 def _quoted(text: object) -> str:
-    return '"' + uncomputed(str(text)).replace('"', '""') + '"'
+    shown = "" if text is None or text != text else uncomputed(str(text))
+    return '"' + shown.replace('"', '""') + '"'
 
 
 def uncomputed(text: str) -> str:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 from pydantic import TypeAdapter
 
-from hbm.engines.engine import choose_engine
 from hbm.notes import Note
 from pipeline.config.schema import Settings, Subject, TrialName
 from pipeline.config.study import Study
@@ -222,7 +221,7 @@ def trial_key(study: Study, name: TrialName) -> str:
         "marker_set": str(study.marker_set),
         "files": names,
     }
-    program = computation_digest(), choose_engine().name, FORMAT_VERSION
+    program = computation_digest(), FORMAT_VERSION
     contents = [file_digest(study.path(name)) if name else None for name in names]
     unnamed = [plate_files(study.path(name)) for name in names if name]
     contents += [file_digest(file) for files in unnamed for file in files]

@@ -25,7 +25,6 @@ from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, N_Q
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
-from hbm.engines.engine import kernels_engine
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.poses import marker_positions
@@ -402,7 +401,7 @@ def _computed(
     motion = replace(motion, marker_error=_marker_errors(body, motion, markers))
     motion = filter_motion(motion, cutoff=settings.cutoff_hz, method=settings.filter)
     wrenches = list(ground.values())
-    variants = inverse_dynamics_variants(body, motion, wrenches, engine=kernels_engine())
+    variants = inverse_dynamics_variants(body, motion, wrenches)
     return motion, known_forces(dict(zip(ground, variants, strict=True)), quality)
 
 

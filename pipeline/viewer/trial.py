@@ -26,7 +26,7 @@ from pipeline.trial.residuals import (
     counted,
     reported,
     residual_rows,
-    threshold_table,
+    threshold_rows,
     unseen_sentence,
 )
 from pipeline.trial.result import TrialResult
@@ -200,7 +200,7 @@ def trial_summary(result: TrialResult) -> str:
         for name in result.variants:
             own = [row for row in rows if row.compensated == (name == "compensated")]
             shown[name] = [f"{row.rms:.1f} {row.unit}, {row.rms_percent:.2f} %" for row in own]
-        peaks = threshold_table(result)
+        peaks = pd.DataFrame(threshold_rows(result))
         limits = pd.DataFrame(
             {
                 "plates": np.where(peaks["compensated"], "compensated", "measured"),

@@ -10,7 +10,6 @@ from tests.benchmarks.implementation import Implementation, Timing, ratio, time_
 from tests.benchmarks.trial import Trial
 
 COMPILED, MACHINE = "hbm, compiled", "hbm, virtual machine"
-ENGINE, KERNELS = "hbm, Pinocchio", "hbm, kernels"
 OTHERS = ("OpenSim", "MuJoCo", "Pinocchio")
 IK = {
     "OpenSim": ("OpenSim IK tool", "ik tool", "ik files"),
@@ -59,14 +58,10 @@ def compare_dynamics(trial: Trial, running: dict[str, Implementation], repeats: 
     """
     compiled, machine = running[COMPILED], running[MACHINE]
     timings = {
-        ENGINE: Timing(f"{ENGINE}, with filter, two variants", compiled, "id pinocchio"),
-        KERNELS: Timing(f"{KERNELS}, with filter, two variants", compiled, "id kernels"),
-        MACHINE: Timing(f"{MACHINE}, with filter, two variants", machine, "id kernels"),
-        f"{ENGINE}, rates": Timing(
-            f"{ENGINE}, rates given, two variants", compiled, "id pinocchio from rates"
-        ),
-        f"{KERNELS}, rates": Timing(
-            f"{KERNELS}, rates given, two variants", compiled, "id kernels from rates"
+        COMPILED: Timing(f"{COMPILED}, with filter, two variants", compiled, "id"),
+        MACHINE: Timing(f"{MACHINE}, with filter, two variants", machine, "id"),
+        f"{COMPILED}, rates": Timing(
+            f"{COMPILED}, rates given, two variants", compiled, "id from rates"
         ),
     } | _timings(ID, running)
     errors = {
@@ -74,7 +69,7 @@ def compare_dynamics(trial: Trial, running: dict[str, Implementation], repeats: 
         for name, timing in timings.items()
     }
     time_alternately(list(timings.values()), repeats)
-    return [_row(timings, name, trial, ENGINE) | {"force_error": errors[name]} for name in timings]
+    return [_row(timings, name, trial) | {"force_error": errors[name]} for name in timings]
 
 
 def _timings(tasks, running: dict[str, Implementation]) -> dict[str, Timing]:
@@ -85,8 +80,8 @@ def _timings(tasks, running: dict[str, Implementation]) -> dict[str, Timing]:
     }
 
 
-def _row(timings: dict[str, Timing], name: str, trial: Trial, of_ours: str = COMPILED) -> Row:
-    frames, timing, ours = len(trial.markers.time), timings[name], timings[of_ours]
+def _row(timings: dict[str, Timing], name: str, trial: Trial) -> Row:
+    frames, timing, ours = len(trial.markers.time), timings[name], timings[COMPILED]
     return {
         "key": name,
         "name": timing.name,

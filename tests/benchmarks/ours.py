@@ -4,15 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hbm import dynamics
 from hbm.dynamics import filter_motion, inverse_dynamics_variants
-from hbm.engines.engine import choose_engine, kernels_engine, pinocchio_engine
 from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
 from tests.synthetic import synthetic_body
-
-ENGINES = {"pinocchio": pinocchio_engine, "kernels": kernels_engine}
 
 
 def tasks(folder: Path):
@@ -23,17 +19,15 @@ def tasks(folder: Path):
     feet = {foot: given[foot] for foot in ("left_foot", "right_foot")}
     compensated = {foot: 0.9 * wrench for foot, wrench in feet.items()}
 
-    def forces(motion, engine):
+    def forces(motion):
         """Forces and residuals for two variants of the plates, as in every compensated trial."""
-        dynamics.choose_engine = engine
         measured, _ = inverse_dynamics_variants(body, motion, [feet, compensated])
         return measured.tau
 
     return {
         "ik": lambda: solve_ik(body, markers).q,
-        "id": lambda: forces(filter_motion(raw), choose_engine),
-        **{f"id {name}": lambda e=e: forces(filter_motion(raw), e) for name, e in ENGINES.items()},
-        **{f"id {name} from rates": lambda e=e: forces(motion, e) for name, e in ENGINES.items()},
+        "id": lambda: forces(filter_motion(raw)),
+        "id from rates": lambda: forces(motion),
     }
 
 

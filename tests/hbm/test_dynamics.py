@@ -1,7 +1,4 @@
-"""The equations of motion: closed loops, invariances, independent implementations.
-
-Every statement holds for both engines.
-"""
+"""The equations of motion: closed loops, invariances, independent implementations."""
 
 from dataclasses import replace
 
@@ -11,7 +8,6 @@ import pytest
 from hbm import dynamics
 from hbm.coordinates import INDEX, LAST_Q, MOVING, support
 from hbm.dynamics import filter_motion, inverse_dynamics, inverse_dynamics_variants
-from hbm.engines.engine import kernels_engine, pinocchio_engine
 from hbm.poses import center_of_mass, segment_frames
 from hbm.spatial import GRAVITY_MPS2, rotation_about, shift_wrench, transform_wrench
 from tests.hbm.motions import motion_of, swinging
@@ -20,15 +16,6 @@ from tests.synthetic import MASS_KG
 PELVIS = slice(0, 3)
 RELATIVE = 1e-9
 WEIGHT = MASS_KG * GRAVITY_MPS2
-
-
-@pytest.fixture(autouse=True, params=[pinocchio_engine, kernels_engine])
-def engine(request, monkeypatch):
-    """Compute with each engine in turn."""
-    if request.param() is None:
-        pytest.skip("Pinocchio has no wheel for this system")
-    monkeypatch.setattr(dynamics, "choose_engine", request.param)
-    return request.param
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import prod
 from typing import Final
 
@@ -72,6 +73,7 @@ def integer_type(byte_order: str, *, signed: bool = True) -> np.dtype:
     return np.dtype((">" if byte_order == "sgi" else "<") + ("i2" if signed else "u2"))
 
 
+@lru_cache(maxsize=1024)  # the files of a study have the same labels
 def decoded_text(data: bytes) -> str:
     """Decode a text, which ends at its first zero, printable and without spaces around it."""
     return printable(data.decode("utf-8", "replace").split("\0", 1)[0].strip())

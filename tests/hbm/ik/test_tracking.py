@@ -6,7 +6,8 @@ import pytest
 from hbm.ik import tracking
 from hbm.ik.problem import Problem
 from hbm.ik.tracking import TRIES, look_for_lower, lowest_of_tries, solve_ik
-from tests.hbm.motions import any_pose, markers_of, with_noise, without
+from hbm.markers import Markers
+from tests.hbm.motions import any_pose, markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 
 BODY = synthetic_body()
@@ -88,3 +89,16 @@ def test_unrelated_poses_get_all_tries_where_the_first_ones_lead_lower(monkeypat
     noisy = with_noise(markers_of(BODY, TRUTH), np.random.default_rng(4), 0.003)
     solve_ik(BODY, without(noisy, missing))
     assert frames[-1] == tried
+
+
+def test_frames_without_markers_before_a_walk_change_nothing_in_those_with_markers():
+    """Not even where a wrist loses its markers: neighbouring frames show how it is bent."""
+    moving = swinging(np.random.default_rng(5), frames=120)
+    walk = with_noise(markers_of(BODY, moving), np.random.default_rng(6), 0.003)
+    walk = without(without(walk, UNUSED), ["LLW", "LMW"], slice(60, 70))
+    position = np.pad(walk.position, ((180, 0), (0, 0), (0, 0)), constant_values=np.nan)
+    longer = Markers(np.arange(len(position)) / 100, walk.names, position)
+    expected, found = solve_ik(BODY, walk), solve_ik(BODY, longer)
+    np.testing.assert_allclose(found.q[180:], expected.q, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(found.observed[180:], expected.observed)
+    assert found.converged.tolist() == [False] * 180 + [True] * 120

@@ -13,8 +13,19 @@ from hbm.segments import Inertia, SegmentOverride
 from pipeline.cli.app import main
 from pipeline.export.models import TOKEN_INERTIA, write_osim, write_urdf
 from tests.hbm.people import person
-from tests.pipeline.without_pinocchio import BLOCKED, COMMAND
 from tests.synthetic import MASS_KG, synthetic_body
+
+BLOCKED = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "pinocchio":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Blocked())
+"""
+COMMAND = "import sys; from pipeline.cli.app import main; raise SystemExit(main(sys.argv[1:]))"
 
 
 @pytest.fixture(scope="module", params=["by the table", "with a rucksack and a helmet"])

@@ -17,7 +17,7 @@ from pipeline.run.store import write_trial
 from pipeline.trial.findings.finding import Correction, Finding
 from pipeline.trial.findings.raw import RawFault
 from pipeline.trial.findings.words import note_of
-from pipeline.trial.residuals import residual_table, threshold_table
+from pipeline.trial.residuals import residual_table, threshold_rows
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.fake_results import fake_trial, write_fake_results
 
@@ -75,7 +75,7 @@ def test_the_page_has_the_numbers_of_the_tables(trial, page):
         numbers = " ".join(f"{value:z.1f}" for value in (row.rms, row.mean, row.sd, row.peak))
         assert f"{row.axis} ({row.unit}) {plates} {numbers.replace('-', '−')}" in text
     assert not re.findall(r"(?<![\w.:])-\d", text)  # a minus sign is no hyphen
-    for row in threshold_table(trial).query("compensated").itertuples():
+    for row in filter(lambda row: row.compensated, threshold_rows(trial)):
         assert f"IC {row.peak:.0f} {row.unit}, limit {row.limit:.0f} {row.unit}" in text
 
 

@@ -4,12 +4,10 @@ import json
 import os
 import shutil
 import signal
-import sys
 from pathlib import Path
 
 import pytest
 
-from hbm.kernels import native
 from pipeline.cli.app import main
 from pipeline.config.study import Study, read_study
 from pipeline.run import cluster, program
@@ -114,15 +112,6 @@ def test_another_program_or_library_redoes_everything(moving_study, out, monkeyp
     assert not set(before) & set(after)
 
 
-def test_another_engine_of_the_inverse_dynamics_redoes_everything(study, out, monkeypatch):
-    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
-    monkeypatch.setitem(native._READY, "kernels", native.interpreted_kernels("virtual machine"))
-    before = [job.key for job in plan(read_study(study), out)]
-    monkeypatch.setitem(sys.modules, "pinocchio", None)
-    after = [job.key for job in plan(read_study(study), out)]
-    assert not set(before) & set(after)
-
-
 @pytest.mark.parametrize(
     ("table", "place"), [("settings", "settings."), ("variants.slow", "variants.slow: ")]
 )
@@ -130,11 +119,11 @@ def test_an_engine_that_an_older_study_states_is_one_line_that_says_to_remove_it
     study, out, capsys, table, place
 ):
     edit(study / "study.toml", "[treadmill]", f'[{table}]\nengine = "kernels"\n[treadmill]')
-    line = f"study.toml: {place}engine: no longer needed: compiled kernels run where they are"
+    line = f"study.toml: {place}engine: no longer needed: there is one engine of the inverse"
     for command in (["run", str(study), "--out", str(out)], ["check", str(study)]):
         assert main(command) == 2
         (message,) = capsys.readouterr().err.splitlines()
-        assert message == f"hbm: error: {line}, else Pinocchio; remove it"
+        assert message == f"hbm: error: {line} dynamics; remove it"
 
 
 def test_two_trials_at_a_time_give_the_same_results_as_one(moving_study, finished, tmp_path):

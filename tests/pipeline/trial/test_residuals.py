@@ -11,10 +11,10 @@ from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import (
     counted,
     cycle_residuals,
-    marker_table,
+    marker_rows,
     reported,
     residual_table,
-    threshold_table,
+    threshold_rows,
 )
 
 SPANS = np.array([[6.0, 7.0], [7.0, 8.5]])
@@ -91,7 +91,7 @@ def test_frames_that_do_not_count_are_in_no_number(processed):
     for column in ("rms", "rms_of_cycles", "peak"):
         np.testing.assert_allclose(table[column], 1.0, rtol=1e-9)
     np.testing.assert_allclose(table["valid_share"], 1 - 0.2 / 2.5, atol=0.002)
-    limits = list(threshold_table(masked(result, plates=carried)).itertuples())
+    limits = threshold_rows(masked(result, plates=carried))
     assert limits[0].peak == pytest.approx(np.sqrt(3))
     curves = cycle_residuals(masked(result, plates=carried), "measured")["right"]
     assert np.isnan(curves[0, 42:58]).all()
@@ -122,7 +122,7 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
 ):
     residual = np.tile([3.0, 4.0, 0, 0, 0, 2.0], (len(time_of(processed)), 1))
     result = with_residual(processed, residual)
-    force, moment = threshold_table(result).itertuples()
+    force, moment = threshold_rows(result)
     inside = counted(result)
     ground = sum(result.ground["measured"].values())[inside, :3]
     peak = np.linalg.norm(ground, axis=1).max()
@@ -134,13 +134,13 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
     height = moment.limit / (0.01 * peak)
     assert above_belts - 0.1 < height < above_belts  # the lowest joint of a foot is in the shoe
     worse = with_residual(processed, 100 * residual)
-    assert not threshold_table(worse)["passed"].any()
+    assert not any(row.passed for row in threshold_rows(worse))
 
 
 def test_hicks_limits_do_not_depend_on_where_the_laboratory_has_its_origin(processed):
     q = processed.motion.q + 2.0 * (np.arange(46) == 2)
     moved = replace(processed, motion=replace(processed.motion, q=q))
-    limits, before = threshold_table(moved)["limit"], threshold_table(processed)["limit"]
+    limits, before = ([row.limit for row in threshold_rows(r)] for r in (moved, processed))
     np.testing.assert_allclose(limits, before, rtol=1e-9)
 
 
@@ -150,8 +150,8 @@ def test_marker_errors_leave_gaps_out_and_count_them(processed):
     error[:, 0] = 0.004
     error[: len(error) // 2, 0] = np.nan
     error[:, 1] = np.nan
-    table = marker_table(replace(processed, motion=replace(motion, marker_error=error)))
-    first, second, third, every = table.iloc[[0, 1, 2, -1]].itertuples()
+    rows = marker_rows(replace(processed, motion=replace(motion, marker_error=error)))
+    first, second, third, every = (rows[k] for k in (0, 1, 2, -1))
     assert (first.rms_mm, first.missing_percent) == pytest.approx((4.0, 50.0))
     assert np.isnan(second.rms_mm)
     assert second.missing_percent == 100.0

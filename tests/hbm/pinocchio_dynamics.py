@@ -1,7 +1,7 @@
 """Inverse dynamics by Pinocchio: the recursive Newton–Euler algorithm on the body's own model.
 
 The forces on the pelvis' three rotations are projections of the moment on axes that depend on the
-pose, and at ±90° of pitch two of these axes coincide. The engine's model therefore has two more
+pose, and at ±90° of pitch two of these axes coincide. This model therefore has two more
 joints that always stand still, about the lab's X and Y axes at mid-hip, before the pelvis' rotation
 about Z. The forces on these three joints are the moment about mid-hip in lab axes, in every pose.
 
@@ -27,21 +27,21 @@ CACHED_BODIES: Final = 8
 
 
 def free_dynamics(
-    body: Body, q: Array, v: Array, a: Array, segments: Collection[str], jobs: int
+    body: Body, q: Array, v: Array, a: Array, segments: Collection[str]
 ) -> tuple[Array, Array, dict[str, Array]]:
-    """Find `hbm.engines.engine.FreeDynamics`; undefined frames are NaN."""
+    """Give what a motion needs where nothing but gravity acts on the body.
+
+    Generalised forces, (T, 46); the wrench needed at mid-hip, lab axes, (T, 6); segment -> its
+    motion per unit rate of each coordinate that carries it, (T, C, 6). Undefined frames are NaN.
+    """
     state = np.zeros((3, len(q), N_Q + N_STILL))
     for x, given in zip(state, (q, v, a), strict=True):
         x[:, :YAW], x[:, YAW + N_STILL :] = given[:, :YAW], given[:, YAW:]
     tau = np.empty_like(state[0])
-    if hasattr(pin, "rneaInParallel"):
-        pool = _pool(body, jobs)
-        pin.rneaInParallel(jobs, pool, *(x.T for x in state), tau.T)
-    else:  # in Pinocchio's wheels for macOS, which lack OpenMP
-        model = _model(body)
-        data = model.createData()
-        for frame, *of_frame in zip(tau, *state, strict=True):
-            frame[:] = pin.rnea(model, data, *of_frame)
+    model = _model(body)
+    data = model.createData()
+    for frame, *of_frame in zip(tau, *state, strict=True):
+        frame[:] = pin.rnea(model, data, *of_frame)
     forces = np.hstack([tau[:, :YAW], tau[:, YAW + N_STILL :]])
     return forces, tau[:, :6], _jacobians(body, q, segments)
 
@@ -57,11 +57,6 @@ def _jacobians(body: Body, q: Array, segments: Collection[str]) -> dict[str, Arr
     for frame, coordinates in zip(motion, q[:, carrying], strict=True):
         frame[:] = pin.computeJointJacobians(model, data, coordinates).T
     return {s: motion[:, np.searchsorted(carrying, chain)] for s, chain in chains.items()}
-
-
-@lru_cache(maxsize=CACHED_BODIES)
-def _pool(body: Body, jobs: int) -> Any:
-    return pin.ModelPool(_model(body), jobs)
 
 
 @lru_cache(maxsize=CACHED_BODIES)

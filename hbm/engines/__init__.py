@@ -1,1 +1,0 @@
-"""The two engines of inverse dynamics: the package's own kernels, and Pinocchio."""
