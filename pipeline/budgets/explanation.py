@@ -10,15 +10,14 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, TypeVar
 
-import numpy as np
-import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from hbm.kernels.native import kernels
-from hbm.spatial import Array
 from hbm.spelling import listed
 from pipeline.budgets.words import Fix, budget_lines, study_lines, what_to_fix_first
-from pipeline.config.schema import NOUNS, TrialName
+from pipeline.config.schema import TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.explain.budget import Bands, Budget, SharedCause, TrialEvidence
 from pipeline.explain.explain import explain_trial
@@ -30,10 +29,7 @@ from pipeline.run.job import Job, Outcome, record_failure, recorded_failures, tr
 from pipeline.run.processes import one_thread
 from pipeline.run.program import explanation_digest
 from pipeline.run.run import Announce, plan, work_on
-from pipeline.run.store import read_trial, recorded_study_folder
-from pipeline.statistics.design import Weigh
-from pipeline.statistics.measurement import CELL, Covariances
-from pipeline.statistics.recordings import recording_weights, root_mean_square
+from pipeline.run.store import number_column, read_trial, recorded_study_folder
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
@@ -179,11 +175,12 @@ def write_bands(bands: Bands, path: Path) -> None:
         The file. Its columns are ``time_s``; ``cycle``, the number of the gait cycle; and per axis,
         as reported, ``residual.Fx`` and ``deviation.Fx``, one standard deviation [N, N·m].
     """
-    table = pd.DataFrame({"time_s": bands.time, "cycle": bands.cycle})
-    for name in ("residual", "deviation"):
-        table[[f"{name}.{axis}" for axis in AXES]] = getattr(bands, name)
+    columns = {"time_s": bands.time, "cycle": bands.cycle}
+    for name, values in (("residual", bands.residual), ("deviation", bands.deviation)):
+        columns |= {f"{name}.{axis}": values[:, k] for k, axis in enumerate(AXES)}
+    table = pa.table({name: number_column(values) for name, values in columns.items()})
     with whole_file(path) as temporary:
-        table.to_parquet(temporary, index=False)
+        pq.write_table(table, temporary)
 
 
 def read_bands(path: Path) -> Bands:
@@ -387,54 +384,3 @@ def explanations(
     of_all = key_of_all(found.key for found in explained.values())
     together = up_to_date(folder / FOLDER / STUDY, of_all, StudyExplanation)
     return explained, reasons, together.lines if together else (), stale * bool(others)
-
-
-def study_covariances(
-    explained: Mapping[TrialName, Explanation], residuals: pd.DataFrame, weigh: Weigh = "cycle"
-) -> tuple[Covariances | None, str]:
-    """Give how errors of measurement vary together in a study's residuals.
-
-    Parameters
-    ----------
-    explained
-        Explanations of its trials.
-    residuals
-        Long table of RMS residuals, one row per recording and axis, each of the window that its
-        condition asks for.
-
-    Returns
-    -------
-    covariances
-        Over draws of causes' sizes, which are the same in all trials that share them; None unless
-        every trial of the table is explained, over the window that its residuals are of.
-    missing
-        Why there are none, and what adds them; empty where there are.
-    """
-    once = residuals.drop_duplicates([*TrialName._fields])
-    names = [TrialName(*key) for key in once[[*TrialName._fields]].itertuples(index=False)]
-    cells: dict[tuple[str, str, bool], list[tuple[Array, float]]] = {}
-    count = 0
-    for name, window, weight in zip(
-        names, once["window"], recording_weights(once, weigh), strict=True
-    ):
-        budget = explained[name].budget if name in explained else None
-        if budget is None or (window not in (*NOUNS, "span") and not budget.of_window):
-            continue
-        count += 1
-        for uncertain in budget.of_window or budget.uncertainty:
-            cell = name.subject, name.condition, uncertain.compensated
-            cells.setdefault(cell, []).append((uncertain.draws, weight))
-    if count < len(once) or not cells:
-        some = f"; {count} of {len(once)} trials are explained" * (count > 0)
-        return None, f"'hbm explain RESULTS' adds intervals of measurement{some}." * bool(len(once))
-    draws = {}
-    for cell, recordings in sorted(cells.items()):
-        of_each, weights = zip(*recordings, strict=True)
-        draws[cell] = root_mean_square(np.stack(of_each), np.array(weights))
-    index = pd.MultiIndex.from_tuples(draws, names=CELL)
-    of_axes = np.stack(list(draws.values()), axis=2).swapaxes(0, 1)
-    covariances = {
-        axis: pd.DataFrame(np.atleast_2d(np.cov(own, rowvar=False)), index, index)
-        for axis, own in zip(AXES, of_axes, strict=True)
-    }
-    return covariances, ""

@@ -11,8 +11,9 @@ ones.
 """
 
 import math
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -40,6 +41,8 @@ VARIANCE: Final = np.array([0.5, 6.0]) ** 2
 a mixture of both."""
 MOST_CERTAIN: Final = 1 - 1e-9
 """Chance of a fault at most; 1 is that of what is usually there."""
+ROUNDING: Final = 1e-12
+"""Of the largest singular value, below which one is zero."""
 FAULT: Final = "fault"
 """Level of a cause that is a fault."""
 Stored = Annotated[
@@ -85,7 +88,26 @@ class Evidence:
     @property
     def rare(self) -> Mask:
         """Causes that are faults, (K,)."""
-        return np.array([level == FAULT for level in self.levels])
+        return np.array([level == FAULT for level in self.levels], bool)
+
+    def condensed(self, shared: Collection[str], name: str) -> "Evidence":
+        """Replace causes that are no faults, nor shared, by no more than there are coefficients.
+
+        Sizes are independent and of variance one, so that what causes E add is distributed alike
+        for all E of the same E'E: with the singular values S, E = U S V', so it is for S V'.
+        """
+        kept = self.rare | np.isin(self.names, [*shared])
+        _, values, rows = np.linalg.svd(self.effects[~kept], full_matrices=False)
+        count = int(np.sum(values > ROUNDING * values.max(initial=0.0)))
+        names, levels = (
+            (*np.array(texts)[kept].tolist(), *added)
+            for texts, added in (
+                (self.names, [f"{name} {k}" for k in range(count)]),
+                (self.levels, ["trial"] * count),
+            )
+        )
+        effects = np.vstack([self.effects[kept], (values[:, None] * rows)[:count]])
+        return replace(self, effects=effects, names=names, levels=levels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,9 +234,12 @@ def find_faults(trials: Sequence[Evidence]) -> Posterior:
     one of faults. Drawn in turn are: which faults are there, each given the others, with all sizes
     integrated out; all sizes; what no cause describes; its variance in each axis of each trial.
     Sizes that are no faults are integrated out within each trial first, then within each subject,
-    then within the laboratory.
+    then within the laboratory; those that trials do not share in the space of their coefficients
+    (`Evidence.condensed`), which changes draws, but not what they are drawn from.
     """
-    rng = np.random.default_rng(0)
+    rng, used = np.random.default_rng(0), Counter(name for trial in trials for name in trial.names)
+    shared = [name for name, number in used.items() if number > 1]
+    trials = [trial.condensed(shared, f"{number}") for number, trial in enumerate(trials)]
     count = [np.bincount(trial.axis) for trial in trials]
     power = [np.bincount(t.axis, t.values**2) / n for t, n in zip(trials, count, strict=True)]
     undescribed, kept = [START * square for square in power], list[list[Array]]()
