@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, TypeVar
@@ -269,8 +270,12 @@ def explain_planned(
         if up_to_date(job.target, job.key, Explanation) and beside(job.target, EVIDENCE).is_file()
     }
     kept = (Outcome(job, "kept") for job in planned if job.target in ready)
-    todo = [job for job in planned if job.target not in ready]
-    for outcome in chain(kept, work_on(todo, explain_job, jobs)):
+    todo, laboratory = [job for job in planned if job.target not in ready], None
+    if todo:
+        with suppress(Exception), one_thread():  # what fails here fails again with each trial
+            laboratory = read_study_laboratory(todo[0].study)
+    explain_one = partial(explain_job, laboratory=laboratory)
+    for outcome in chain(kept, work_on(todo, explain_one, jobs)):
         record_failure(outcome.job.target, outcome.job.name, outcome.failure)
         yield outcome
 
@@ -280,10 +285,16 @@ def beside(explanation: Path, suffix: str) -> Path:
     return explanation.with_name(f"{explanation.stem}{suffix}")
 
 
-def explain_job(job: Job) -> Outcome:
-    """Explain one trial and write what was found; failures become outcomes."""
+def explain_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
+    """Explain one trial and write what was found; failures become outcomes.
+
+    Without a ``laboratory``, that of the study is read.
+    """
     try:
-        explanation = explain(*processed(job), job.key)
+        recording, result = processed(job)
+        explanation = explain(
+            recording, laboratory or read_study_laboratory(job.study), result, job.key
+        )
         if explanation.budget.bands and explanation.budget.evidence:
             write_bands(explanation.budget.bands, beside(job.target, BANDS))
             write_evidence(explanation.budget.evidence, beside(job.target, EVIDENCE))
@@ -293,8 +304,8 @@ def explain_job(job: Job) -> Outcome:
     return Outcome(job, "done")
 
 
-def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
-    """Read the recording, the laboratory and the result of a trial.
+def processed(job: Job) -> tuple[Recording, TrialResult]:
+    """Read the recording and the result of a trial.
 
     A ValueError where the result is missing or not up to date, or the recording is gone.
     """
@@ -311,8 +322,7 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
         )
     if result.key != trial_key(job.study, job.name):
         raise ValueError("its result is not up to date; run 'hbm run' first")
-    recording = read_study_file(job.study, trial.file, trial, person.static)
-    return recording, read_study_laboratory(job.study), result
+    return read_study_file(job.study, trial.file, trial, person.static), result
 
 
 def explain_study(folder: Path, planned: Sequence[Job]) -> StudyExplanation:
