@@ -6,7 +6,7 @@ import pytest
 from hbm.ik import tracking
 from hbm.ik.problem import Problem
 from hbm.ik.tracking import TRIES, look_for_lower, lowest_of_tries, solve_ik
-from tests.hbm.motions import any_pose, markers_of, with_noise, without
+from tests.hbm.motions import any_pose, markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 
 BODY = synthetic_body()
@@ -88,3 +88,14 @@ def test_unrelated_poses_get_all_tries_where_the_first_ones_lead_lower(monkeypat
     noisy = with_noise(markers_of(BODY, TRUTH), np.random.default_rng(4), 0.003)
     solve_ik(BODY, without(noisy, missing))
     assert frames[-1] == tried
+
+
+def test_coordinates_nearby_lead_to_the_same_optimum_where_they_are_known():
+    rng = np.random.default_rng(0)
+    markers = with_noise(markers_of(BODY, swinging(rng)), rng, 0.001)
+    near, unknown = solve_ik(BODY, markers).q.copy(), slice(10, 15)
+    near[unknown] = np.nan
+    moved = with_noise(markers, rng, 0.0005)
+    expected = solve_ik(BODY, moved).q.copy()
+    expected[unknown] = np.nan
+    np.testing.assert_allclose(solve_ik(BODY, moved, near=near).q, expected, atol=1e-9)
