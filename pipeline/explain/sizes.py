@@ -14,6 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, compress
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -99,14 +100,9 @@ class Evidence:
         kept = self.rare | np.isin(self.names, [*shared])
         _, values, rows = np.linalg.svd(self.effects[~kept], full_matrices=False)
         count = int(np.sum(values > ROUNDING * values.max(initial=0.0)))
-        names, levels = (
-            (*np.array(texts)[kept].tolist(), *added)
-            for texts, added in (
-                (self.names, [f"{name} {k}" for k in range(count)]),
-                (self.levels, ["trial"] * count),
-            )
-        )
         effects = np.vstack([self.effects[kept], (values[:, None] * rows)[:count]])
+        names = (*compress(self.names, kept), *(f"{name} {k}" for k in range(count)))
+        levels = (*compress(self.levels, kept), *["trial"] * count)
         return replace(self, effects=effects, names=names, levels=levels)
 
 
@@ -147,8 +143,7 @@ class Information:
         across = np.column_stack([self.precision[np.ix_(gone, ~gone)], self.pull[gone]])
         # with the factor L, one triangular solve: across' (L L')^-1 across = half' half
         half, _ = scipy.linalg.lapack.dtrtrs(factor.T, across, trans=1)
-        kept = tuple(name for name in self.names if name not in names)
-        integrated = tuple(name for name in self.names if name in names)
+        kept, integrated = (tuple(compress(self.names, which)) for which in (~gone, gone))
         taken = half[:, :-1].T @ half
         precision = self.precision[np.ix_(~gone, ~gone)] - taken[:, :-1]
         rest = Information(kept, precision, self.pull[~gone] - taken[:, -1])
@@ -237,17 +232,16 @@ def find_faults(trials: Sequence[Evidence]) -> Posterior:
     then within the laboratory; those that trials do not share in the space of their coefficients
     (`Evidence.condensed`), which changes draws, but not what they are drawn from.
     """
-    rng, used = np.random.default_rng(0), Counter(name for trial in trials for name in trial.names)
+    rng, used = np.random.default_rng(0), Counter(chain(*(trial.names for trial in trials)))
     shared = [name for name, number in used.items() if number > 1]
     trials = [trial.condensed(shared, f"{number}") for number, trial in enumerate(trials)]
     count = [np.bincount(trial.axis) for trial in trials]
     power = [np.bincount(t.axis, t.values**2) / n for t, n in zip(trials, count, strict=True)]
     undescribed, kept = [START * square for square in power], list[list[Array]]()
-    faults, given = _faults(trials, undescribed)
-    there, draws = np.zeros(len(faults.names), bool), list[tuple[Array, ...]]()
+    there = np.zeros(len({*chain(*(compress(t.names, t.rare) for t in trials))}), bool)
+    draws = list[tuple[Array, ...]]()
     for number in range(ROUNDS):
-        if number:
-            faults, given = _faults(trials, undescribed)
+        faults, given = _faults(trials, undescribed)
         known = faults.precision + np.diag(1 / VARIANCE[there.astype(int)])
         covariance: Array = np.asarray(np.linalg.inv(known), float)
         size = covariance @ faults.pull
@@ -359,8 +353,7 @@ def _averaged(draws: Sequence[tuple[Array, ...]]) -> tuple[Array, Array, Array, 
 def with_others(trial: Evidence, faults: Posterior) -> Posterior:
     """Give the sizes of all causes of one trial, those that are no faults given the faults."""
     rare, (undescribed,) = trial.rare, faults.undescribed
-    others = {name for name, is_fault in zip(trial.names, rare, strict=True) if not is_fault}
-    _, given = trial.information(undescribed).without(others)
+    _, given = trial.information(undescribed).without({*compress(trial.names, ~rare)})
     size, covariance = np.empty(len(rare)), np.empty((len(rare), len(rare)))
     slope = given.divided(given.half)
     size[rare], size[~rare] = faults.size, slope[:, -1] - slope[:, :-1] @ faults.size
