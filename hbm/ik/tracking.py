@@ -179,7 +179,14 @@ EQUAL_COST: Final = 1e-6
 """Relative difference of the costs of one optimum that is reached from two starts."""
 
 
-def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int = 1) -> Motion:
+def solve_ik(
+    body: Body,
+    markers: Markers,
+    *,
+    tolerance: float = 1e-6,
+    jobs: int = 1,
+    near: Array | None = None,
+) -> Motion:
     """Find the coordinates whose markers lie nearest to the measured ones.
 
     Parameters
@@ -194,6 +201,9 @@ def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int
         remains is far smaller.
     jobs
         Threads.
+    near
+        Coordinates of almost the same body and markers, (T, 46), from which frames start; those
+        where they are NaN are not solved.
 
     Returns
     -------
@@ -224,8 +234,10 @@ def solve_ik(body: Body, markers: Markers, *, tolerance: float = 1e-6, jobs: int
     problem = Problem(body, markers, tolerance, jobs)
     problem.stand_upright()
     frames = np.arange(len(problem.time))
-    start, usual_pivots = _starting_points(problem, frames)
+    start, usual_pivots = _starting_points(problem, frames) if near is None else (near, None)
     found = problem.newton(frames, start)
+    if near is not None:
+        usual_pivots = np.median(found.pivots[found.converged], axis=0)
     # where no marker is, there is nothing to find, and nothing to tell of other frames
     shown = np.isfinite(found.error).any(axis=1)
     far = shown & (~found.converged | _far(found.q, start))

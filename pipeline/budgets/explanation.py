@@ -6,19 +6,19 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, TypeVar
 
-import numpy as np
-import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from hbm.kernels.native import kernels
-from hbm.spatial import Array
 from hbm.spelling import listed
 from pipeline.budgets.words import Fix, budget_lines, study_lines, what_to_fix_first
-from pipeline.config.schema import NOUNS, TrialName
+from pipeline.config.schema import TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.explain.budget import Bands, Budget, SharedCause, TrialEvidence
 from pipeline.explain.explain import explain_trial
@@ -30,10 +30,7 @@ from pipeline.run.job import Job, Outcome, record_failure, recorded_failures, tr
 from pipeline.run.processes import one_thread
 from pipeline.run.program import explanation_digest
 from pipeline.run.run import Announce, plan, work_on
-from pipeline.run.store import read_trial, recorded_study_folder
-from pipeline.statistics.design import Weigh
-from pipeline.statistics.measurement import CELL, Covariances
-from pipeline.statistics.recordings import recording_weights, root_mean_square
+from pipeline.run.store import number_column, read_trial, recorded_study_folder
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
@@ -179,11 +176,12 @@ def write_bands(bands: Bands, path: Path) -> None:
         The file. Its columns are ``time_s``; ``cycle``, the number of the gait cycle; and per axis,
         as reported, ``residual.Fx`` and ``deviation.Fx``, one standard deviation [N, N·m].
     """
-    table = pd.DataFrame({"time_s": bands.time, "cycle": bands.cycle})
-    for name in ("residual", "deviation"):
-        table[[f"{name}.{axis}" for axis in AXES]] = getattr(bands, name)
+    columns = {"time_s": bands.time, "cycle": bands.cycle}
+    for name, values in (("residual", bands.residual), ("deviation", bands.deviation)):
+        columns |= {f"{name}.{axis}": values[:, k] for k, axis in enumerate(AXES)}
+    table = pa.table({name: number_column(values) for name, values in columns.items()})
     with whole_file(path) as temporary:
-        table.to_parquet(temporary, index=False)
+        pq.write_table(table, temporary)
 
 
 def read_bands(path: Path) -> Bands:
@@ -272,8 +270,12 @@ def explain_planned(
         if up_to_date(job.target, job.key, Explanation) and beside(job.target, EVIDENCE).is_file()
     }
     kept = (Outcome(job, "kept") for job in planned if job.target in ready)
-    todo = [job for job in planned if job.target not in ready]
-    for outcome in chain(kept, work_on(todo, explain_job, jobs)):
+    todo, laboratory = [job for job in planned if job.target not in ready], None
+    if todo:
+        with suppress(Exception), one_thread():  # what fails here fails again with each trial
+            laboratory = read_study_laboratory(todo[0].study)
+    explain_one = partial(explain_job, laboratory=laboratory)
+    for outcome in chain(kept, work_on(todo, explain_one, jobs)):
         record_failure(outcome.job.target, outcome.job.name, outcome.failure)
         yield outcome
 
@@ -283,10 +285,16 @@ def beside(explanation: Path, suffix: str) -> Path:
     return explanation.with_name(f"{explanation.stem}{suffix}")
 
 
-def explain_job(job: Job) -> Outcome:
-    """Explain one trial and write what was found; failures become outcomes."""
+def explain_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
+    """Explain one trial and write what was found; failures become outcomes.
+
+    Without a ``laboratory``, that of the study is read.
+    """
     try:
-        explanation = explain(*processed(job), job.key)
+        recording, result = processed(job)
+        explanation = explain(
+            recording, laboratory or read_study_laboratory(job.study), result, job.key
+        )
         if explanation.budget.bands and explanation.budget.evidence:
             write_bands(explanation.budget.bands, beside(job.target, BANDS))
             write_evidence(explanation.budget.evidence, beside(job.target, EVIDENCE))
@@ -296,8 +304,8 @@ def explain_job(job: Job) -> Outcome:
     return Outcome(job, "done")
 
 
-def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
-    """Read the recording, the laboratory and the result of a trial.
+def processed(job: Job) -> tuple[Recording, TrialResult]:
+    """Read the recording and the result of a trial.
 
     A ValueError where the result is missing or not up to date, or the recording is gone.
     """
@@ -314,8 +322,7 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
         )
     if result.key != trial_key(job.study, job.name):
         raise ValueError("its result is not up to date; run 'hbm run' first")
-    recording = read_study_file(job.study, trial.file, trial, person.static)
-    return recording, read_study_laboratory(job.study), result
+    return read_study_file(job.study, trial.file, trial, person.static), result
 
 
 def explain_study(folder: Path, planned: Sequence[Job]) -> StudyExplanation:
@@ -387,54 +394,3 @@ def explanations(
     of_all = key_of_all(found.key for found in explained.values())
     together = up_to_date(folder / FOLDER / STUDY, of_all, StudyExplanation)
     return explained, reasons, together.lines if together else (), stale * bool(others)
-
-
-def study_covariances(
-    explained: Mapping[TrialName, Explanation], residuals: pd.DataFrame, weigh: Weigh = "cycle"
-) -> tuple[Covariances | None, str]:
-    """Give how errors of measurement vary together in a study's residuals.
-
-    Parameters
-    ----------
-    explained
-        Explanations of its trials.
-    residuals
-        Long table of RMS residuals, one row per recording and axis, each of the window that its
-        condition asks for.
-
-    Returns
-    -------
-    covariances
-        Over draws of causes' sizes, which are the same in all trials that share them; None unless
-        every trial of the table is explained, over the window that its residuals are of.
-    missing
-        Why there are none, and what adds them; empty where there are.
-    """
-    once = residuals.drop_duplicates([*TrialName._fields])
-    names = [TrialName(*key) for key in once[[*TrialName._fields]].itertuples(index=False)]
-    cells: dict[tuple[str, str, bool], list[tuple[Array, float]]] = {}
-    count = 0
-    for name, window, weight in zip(
-        names, once["window"], recording_weights(once, weigh), strict=True
-    ):
-        budget = explained[name].budget if name in explained else None
-        if budget is None or (window not in (*NOUNS, "span") and not budget.of_window):
-            continue
-        count += 1
-        for uncertain in budget.of_window or budget.uncertainty:
-            cell = name.subject, name.condition, uncertain.compensated
-            cells.setdefault(cell, []).append((uncertain.draws, weight))
-    if count < len(once) or not cells:
-        some = f"; {count} of {len(once)} trials are explained" * (count > 0)
-        return None, f"'hbm explain RESULTS' adds intervals of measurement{some}." * bool(len(once))
-    draws = {}
-    for cell, recordings in sorted(cells.items()):
-        of_each, weights = zip(*recordings, strict=True)
-        draws[cell] = root_mean_square(np.stack(of_each), np.array(weights))
-    index = pd.MultiIndex.from_tuples(draws, names=CELL)
-    of_axes = np.stack(list(draws.values()), axis=2).swapaxes(0, 1)
-    covariances = {
-        axis: pd.DataFrame(np.atleast_2d(np.cov(own, rowvar=False)), index, index)
-        for axis, own in zip(AXES, of_axes, strict=True)
-    }
-    return covariances, ""

@@ -7,12 +7,7 @@ from typing import Final
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import Array
 from hbm.spelling import listed, written
-from pipeline.explain.budget import (
-    Budget,
-    EstimatedCause,
-    SharedCause,
-    alike_in_plates,
-)
+from pipeline.explain.budget import Budget, EstimatedCause, SharedCause, alike_in_plates
 from pipeline.explain.cause import OF_PERSON, UNSEEN, groups
 from pipeline.explain.linearise import MIN_CYCLES
 from pipeline.trial.residuals import AXES, UNITS

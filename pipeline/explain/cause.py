@@ -189,10 +189,11 @@ class Cause:
         course, moved = self.moves
         moving, settings = moved.any(axis=0), chain.settings
         change = size * course * moved[:, moving]
-        step = np.zeros((len(chain.filtered), *moved.shape))
-        step[:, :, moving] = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
-        for end, combine in ((size, np.add), (-size, np.subtract)):
-            state = Filtered(*map(combine, chain.filtered, step))
+        step = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
+        for end, sign in ((size, 1), (-size, -1)):
+            state = Filtered(*(before.copy() for before in chain.filtered))
+            for after, part in zip(state, step, strict=True):
+                after[:, moving] += sign * part
             yield chain.changed(body=self.alters(chain.body, end), filtered=state)
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from hbm.spatial import Array
 from pipeline.explain.budget import EstimatedCause, SharedCause, TrialEvidence
@@ -87,6 +86,8 @@ def _usual(trials: Mapping[str, TrialEvidence]) -> dict[str, _Usual]:
     A mean that was measured in several trials is weighed by its precision. The delay that the
     motion of a body shows is as unsure in all trials of a subject, whose body it is.
     """
+    import pandas as pd  # of one trial it is not needed
+
     rows = pd.concat(
         pd.DataFrame({"name": own.whole.names, "mean": own.mean, "size": own.size}).assign(
             found=own.found, subject=own.whole.subject

@@ -11,8 +11,10 @@ ones.
 """
 
 import math
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain, compress
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -40,6 +42,8 @@ VARIANCE: Final = np.array([0.5, 6.0]) ** 2
 a mixture of both."""
 MOST_CERTAIN: Final = 1 - 1e-9
 """Chance of a fault at most; 1 is that of what is usually there."""
+ROUNDING: Final = 1e-12
+"""Of the largest singular value, below which one is zero."""
 FAULT: Final = "fault"
 """Level of a cause that is a fault."""
 Stored = Annotated[
@@ -85,7 +89,21 @@ class Evidence:
     @property
     def rare(self) -> Mask:
         """Causes that are faults, (K,)."""
-        return np.array([level == FAULT for level in self.levels])
+        return np.array([level == FAULT for level in self.levels], bool)
+
+    def condensed(self, shared: Collection[str], name: str) -> "Evidence":
+        """Replace causes that are no faults, nor shared, by no more than there are coefficients.
+
+        Sizes are independent and of variance one, so that what causes E add is distributed alike
+        for all E of the same E'E: with the singular values S, E = U S V', so it is for S V'.
+        """
+        kept = self.rare | np.isin(self.names, [*shared])
+        _, values, rows = np.linalg.svd(self.effects[~kept], full_matrices=False)
+        count = int(np.sum(values > ROUNDING * values.max(initial=0.0)))
+        effects = np.vstack([self.effects[kept], (values[:, None] * rows)[:count]])
+        names = (*compress(self.names, kept), *(f"{name} {k}" for k in range(count)))
+        levels = (*compress(self.levels, kept), *["trial"] * count)
+        return replace(self, effects=effects, names=names, levels=levels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,8 +143,7 @@ class Information:
         across = np.column_stack([self.precision[np.ix_(gone, ~gone)], self.pull[gone]])
         # with the factor L, one triangular solve: across' (L L')^-1 across = half' half
         half, _ = scipy.linalg.lapack.dtrtrs(factor.T, across, trans=1)
-        kept = tuple(name for name in self.names if name not in names)
-        integrated = tuple(name for name in self.names if name in names)
+        kept, integrated = (tuple(compress(self.names, which)) for which in (~gone, gone))
         taken = half[:, :-1].T @ half
         precision = self.precision[np.ix_(~gone, ~gone)] - taken[:, :-1]
         rest = Information(kept, precision, self.pull[~gone] - taken[:, -1])
@@ -212,17 +229,19 @@ def find_faults(trials: Sequence[Evidence]) -> Posterior:
     one of faults. Drawn in turn are: which faults are there, each given the others, with all sizes
     integrated out; all sizes; what no cause describes; its variance in each axis of each trial.
     Sizes that are no faults are integrated out within each trial first, then within each subject,
-    then within the laboratory.
+    then within the laboratory; those that trials do not share in the space of their coefficients
+    (`Evidence.condensed`), which changes draws, but not what they are drawn from.
     """
-    rng = np.random.default_rng(0)
+    rng, used = np.random.default_rng(0), Counter(chain(*(trial.names for trial in trials)))
+    shared = [name for name, number in used.items() if number > 1]
+    trials = [trial.condensed(shared, f"{number}") for number, trial in enumerate(trials)]
     count = [np.bincount(trial.axis) for trial in trials]
     power = [np.bincount(t.axis, t.values**2) / n for t, n in zip(trials, count, strict=True)]
     undescribed, kept = [START * square for square in power], list[list[Array]]()
-    faults, given = _faults(trials, undescribed)
-    there, draws = np.zeros(len(faults.names), bool), list[tuple[Array, ...]]()
+    there = np.zeros(len({*chain(*(compress(t.names, t.rare) for t in trials))}), bool)
+    draws = list[tuple[Array, ...]]()
     for number in range(ROUNDS):
-        if number:
-            faults, given = _faults(trials, undescribed)
+        faults, given = _faults(trials, undescribed)
         known = faults.precision + np.diag(1 / VARIANCE[there.astype(int)])
         covariance: Array = np.asarray(np.linalg.inv(known), float)
         size = covariance @ faults.pull
@@ -334,8 +353,7 @@ def _averaged(draws: Sequence[tuple[Array, ...]]) -> tuple[Array, Array, Array, 
 def with_others(trial: Evidence, faults: Posterior) -> Posterior:
     """Give the sizes of all causes of one trial, those that are no faults given the faults."""
     rare, (undescribed,) = trial.rare, faults.undescribed
-    others = {name for name, is_fault in zip(trial.names, rare, strict=True) if not is_fault}
-    _, given = trial.information(undescribed).without(others)
+    _, given = trial.information(undescribed).without({*compress(trial.names, ~rare)})
     size, covariance = np.empty(len(rare)), np.empty((len(rare), len(rare)))
     slope = given.divided(given.half)
     size[rare], size[~rare] = faults.size, slope[:, -1] - slope[:, :-1] @ faults.size

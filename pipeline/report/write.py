@@ -10,7 +10,8 @@ import pandas as pd
 from joblib import delayed
 from matplotlib.figure import Figure
 
-from pipeline.budgets.explanation import explanations, study_covariances
+from pipeline.budgets.explanation import explanations
+from pipeline.budgets.measurement import study_covariances
 from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study

@@ -152,11 +152,11 @@ def _table(result: TrialResult) -> pa.Table:
         "event": event_labels(motion.time, result.events),
         TRIAL: [as_json, *[""] * (len(motion.time) - 1)],
     }
-    arrays = {name: _numbers(column) for name, column in columns.items()}
+    arrays = {name: number_column(column) for name, column in columns.items()}
     return pa.table(arrays | {name: _texts(column) for name, column in texts.items()})
 
 
-def _numbers(column: Any) -> pa.Array:
+def number_column(column: Any) -> pa.Array:
     """Give a column without a copy; `pyarrow.array` would load pandas to do so."""
     column = np.ascontiguousarray(column)
     kind = pa.from_numpy_dtype(column.dtype)

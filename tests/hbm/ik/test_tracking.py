@@ -102,3 +102,14 @@ def test_frames_without_markers_before_a_walk_change_nothing_in_those_with_marke
     np.testing.assert_allclose(found.q[180:], expected.q, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(found.observed[180:], expected.observed)
     assert found.converged.tolist() == [False] * 180 + [True] * 120
+
+
+def test_coordinates_nearby_lead_to_the_same_optimum_where_they_are_known():
+    rng = np.random.default_rng(0)
+    markers = with_noise(markers_of(BODY, swinging(rng)), rng, 0.001)
+    near, unknown = solve_ik(BODY, markers).q.copy(), slice(10, 15)
+    near[unknown] = np.nan
+    moved = with_noise(markers, rng, 0.0005)
+    expected = solve_ik(BODY, moved).q.copy()
+    expected[unknown] = np.nan
+    np.testing.assert_allclose(solve_ik(BODY, moved, near=near).q, expected, atol=1e-9)

@@ -1,5 +1,8 @@
 """Residuals over time with how sure they are: in files, in a figure, in the viewer."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -52,3 +55,8 @@ def test_the_viewer_has_the_ends_of_the_interval_where_a_trial_is_explained(tmp_
     curves = np.stack(stored.rows("residual/Fz", "scalars"))
     np.testing.assert_allclose(curves[shown, -1], bands.residual[:, 2] + 1.96 * 0.5)
     assert np.isnan(curves[:50, -2:]).all()
+
+
+def test_a_trial_is_explained_without_what_takes_long_to_load():
+    code = "import sys, pipeline.budgets.explanation; assert 'pandas' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.budgets.explanation import Explanation, study_covariances
+from pipeline.budgets.explanation import Explanation
+from pipeline.budgets.measurement import study_covariances
 from pipeline.config.schema import TrialName
 from pipeline.explain.budget import Budget, RmsUncertainty
 from pipeline.trial.residuals import AXES

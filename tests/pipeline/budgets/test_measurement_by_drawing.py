@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.budgets.explanation import explain, study_covariances
+from pipeline.budgets.explanation import explain
+from pipeline.budgets.measurement import study_covariances
 from pipeline.config.schema import TrialName
 from pipeline.explain.cause import groups
 from pipeline.explain.linearise import explained_part, left_by_filter, linearised

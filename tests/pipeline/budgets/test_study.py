@@ -24,10 +24,12 @@ from pipeline.budgets.explanation import (
     study_of,
 )
 from pipeline.cli.app import main
+from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_study
 from pipeline.report.write import write_report
 from pipeline.run.run import run_study
 from pipeline.run.store import read_trial
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import residual_table
 
 
@@ -99,6 +101,14 @@ def test_every_trial_is_explained_once_though_a_run_was_interrupted(copy, known)
     assert sorted(states(copy).values()) == ["done", "kept"]
     (copy / FOLDER / "sub01_sway.json").write_text("{")
     assert states(copy) == {"baseline": "kept", "sway": "done"}
+
+
+def test_the_laboratory_is_read_once_for_all_trials(copy, known, monkeypatch):
+    name, read = "pipeline.budgets.explanation.read_study_laboratory", []
+    monkeypatch.setattr(name, lambda study: read.append(study) or Laboratory(Treadmill()))
+    shutil.rmtree(copy / FOLDER)
+    assert states(copy) == {"baseline": "done", "sway": "done"}
+    assert len(read) == 1
 
 
 def test_a_result_has_bands_while_its_explanation_is_of_it(copy):

@@ -78,6 +78,18 @@ def test_sizes_integrated_out_trial_by_trial_are_those_integrated_out_at_once():
     np.testing.assert_allclose(found.pull, effects[faults] @ weight @ values, rtol=1e-8, atol=1e-8)
 
 
+def test_causes_that_only_one_trial_has_add_the_same_by_fewer_sizes():
+    own = trial(np.random.default_rng(0), "t0", "s0", np.zeros(4))
+    own = replace(own, effects=own.effects[:, :5])  # fewer coefficients than causes
+    shared = [name for name in own.names if name.startswith("s0: part")]
+    alone = [k for k, name in enumerate(own.names) if "skin" in name]
+    own.effects[alone[1]] = own.effects[alone[0]]
+    found = own.condensed(shared, "t0")
+    assert found.names[:-3] == tuple(name for name in own.names if "skin" not in name)
+    assert found.levels[-3:] == ("trial",) * 3  # of four causes, two add the same
+    np.testing.assert_allclose(found.effects.T @ found.effects, own.effects.T @ own.effects)
+
+
 def test_nine_trials_tell_what_they_share_three_times_as_well_as_one():
     rng = np.random.default_rng(1)
     trials = [trial(rng, f"t{k}", f"s{k}", np.array([6.0, 0, 0, 0])) for k in range(9)]
