@@ -102,7 +102,7 @@ class Results:
     residuals
         As `pipeline.trial.residuals.residual_table`, of all trials.
     by_cycle
-        As `pipeline.trial.residuals.cycles_of`, of all trials.
+        As `pipeline.trial.residuals.cycle_rows`, of all trials.
     joints
         As `pipeline.trial.joints.joint_rows`, of all trials.
     subjects

@@ -53,7 +53,7 @@ Residual = namedtuple(
 Threshold = namedtuple("Threshold", "compensated quantity unit peak limit passed above_percent")
 """A row of `threshold_table`."""
 MarkerError = namedtuple("MarkerError", "marker rms_mm peak_mm missing_percent")
-"""A row of `marker_table`."""
+"""A row of `marker_rows`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +143,8 @@ def counted(result: TrialResult) -> Mask:
     return np.asarray(frames_within(result.motion.time, {"": spans}, None) & result.counts)
 
 
-def cycles_of(result: TrialResult, condition: str) -> "pd.DataFrame":
-    """Lay out the residuals of every gait cycle that counts, as `cycles.csv` holds them.
+def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
+    """Give the residuals of every gait cycle that counts, as `cycles.csv` holds them.
 
     Parameters
     ----------
@@ -155,19 +155,13 @@ def cycles_of(result: TrialResult, condition: str) -> "pd.DataFrame":
 
     Returns
     -------
-    pandas.DataFrame
-        subject, condition, recording, session, compensated, window and headline (as in
-        `residual_table`), side, cycle (from 1 for each side), start_s, stop_s, axis, unit, rms and
-        peak (largest magnitude) over the frames of the window in the cycle that count, their number
-        and share; NaN where none counts. Empty where a span of the recording counts.
+    list of tuple
+        Rows of `CYCLE_COLUMNS`: subject, condition, recording, session, compensated, window and
+        headline (as in `residual_table`), side, cycle (from 1 for each side), start_s, stop_s,
+        axis, unit, rms and peak (largest magnitude) over the frames of the window in the cycle that
+        count, their number and share; NaN where none counts. Empty where a span of the recording
+        counts.
     """
-    import pandas as pd
-
-    return pd.DataFrame(cycle_rows(result, condition), columns=CYCLE_COLUMNS)
-
-
-def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
-    """Give the rows of `cycles_of`."""
     rows = []
     for name in result.variants:
         for window in () if result.span else windows(result):
@@ -201,12 +195,6 @@ def _of_cycles(
             yield side, number, start, stop, rms, peak, len(used), share
 
 
-def with_name(table: "pd.DataFrame", result: TrialResult, condition: str) -> "pd.DataFrame":
-    """Put the trial's name before the columns of a table."""
-    named = table.assign(**dict(zip(TRIAL_COLUMNS, trial_columns(result, condition), strict=True)))
-    return named[[*TRIAL_COLUMNS, *table.columns]]
-
-
 def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":
     """Summarise a trial's residuals, one row per variant and axis.
 
@@ -237,7 +225,7 @@ def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":
         rms, mean, sd, peak
             Over all samples of the window; the peak is the largest magnitude.
         rms_of_cycles
-            RMS over cycles of each cycle's RMS in the window, that of `cycles_of`.
+            RMS over cycles of each cycle's RMS in the window, that of `cycle_rows`.
         rms_percent
             The RMS in percent of body weight, or of body weight × stature.
         n_cycles
@@ -421,7 +409,7 @@ def threshold_rows(result: TrialResult) -> list[Threshold]:
     return rows
 
 
-def marker_table(result: TrialResult) -> "pd.DataFrame":
+def marker_rows(result: TrialResult) -> list[MarkerError]:
     """Give each marker's distance from the model, and its gaps.
 
     Parameters
@@ -431,17 +419,10 @@ def marker_table(result: TrialResult) -> "pd.DataFrame":
 
     Returns
     -------
-    pandas.DataFrame
+    list of MarkerError
         marker, rms_mm, peak_mm, missing_percent, in the motion's order of markers; the last row,
         "all", is over all of them. RMS and peak of a marker that was never seen are NaN.
     """
-    import pandas as pd
-
-    return pd.DataFrame(marker_rows(result))
-
-
-def marker_rows(result: TrialResult) -> list[MarkerError]:
-    """Give the rows of `marker_table`."""
     error_mm = 1000 * result.motion.marker_error
     columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {EVERY_MARKER: error_mm}
     rows = []

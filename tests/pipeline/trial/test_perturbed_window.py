@@ -16,7 +16,7 @@ from pipeline.figures.residuals import mean_part
 from pipeline.run.store import read_trial, write_trial
 from pipeline.trial.gait.cycles import motion_onsets, motion_stops
 from pipeline.trial.process import process_trial
-from pipeline.trial.residuals import counted, cycles_of, residual_table
+from pipeline.trial.residuals import CYCLE_COLUMNS, counted, cycle_rows, residual_table
 from pipeline.trial.window import perturbed_part
 from tests.pipeline import lab
 
@@ -191,7 +191,8 @@ def test_the_rms_of_cycles_is_that_of_the_part(sway):
 def test_a_residual_follows_from_the_rows_of_its_cycles(sway, window):
     """Whole cycles and parts: mean squares by used frames, and those of cycles."""
     keys = ["window", "compensated", "axis"]
-    cycles = cycles_of(sway[window], "sway").assign(
+    rows = cycle_rows(sway[window], "sway")
+    cycles = pd.DataFrame(rows, columns=CYCLE_COLUMNS).assign(
         square=lambda t: t["rms"] ** 2 * t["n_frames"], of_cycle=lambda t: t["rms"] ** 2
     )
     of_rows = cycles.groupby(keys).agg(

@@ -11,7 +11,7 @@ from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import (
     counted,
     cycle_residuals,
-    marker_table,
+    marker_rows,
     reported,
     residual_table,
     threshold_table,
@@ -150,8 +150,8 @@ def test_marker_errors_leave_gaps_out_and_count_them(processed):
     error[:, 0] = 0.004
     error[: len(error) // 2, 0] = np.nan
     error[:, 1] = np.nan
-    table = marker_table(replace(processed, motion=replace(motion, marker_error=error)))
-    first, second, third, every = table.iloc[[0, 1, 2, -1]].itertuples()
+    rows = marker_rows(replace(processed, motion=replace(motion, marker_error=error)))
+    first, second, third, every = *rows[:3], rows[-1]
     assert (first.rms_mm, first.missing_percent) == pytest.approx((4.0, 50.0))
     assert np.isnan(second.rms_mm)
     assert second.missing_percent == 100.0
