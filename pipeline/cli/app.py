@@ -33,6 +33,8 @@ UNREAD: Final = 141
 MAX_LINE: Final = 690
 """Characters of an error, some lines of a terminal: names and texts out of files may have any
 length."""
+OBJECTS_AT_ONCE: Final = 50_000
+"""New ones before garbage is looked for; matplotlib alone makes 200,000."""
 GROUP: Final = "calibration"
 WITH_JSON: Final = frozenset({"residuals", "check", "run", "explain", "plates", "fit", "rank"})
 """Commands that print one object with --json."""
@@ -151,7 +153,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         program; 130 interrupted; 141 the output is not read; 143 terminated.
     """
     accept_any_letter()
-    atexit.register(gc.freeze)  # to look for garbage among all that is imported takes 0.3 s
+    # to look for garbage among all that is imported takes a tenth of a short command
+    gc.set_threshold(OBJECTS_AT_ONCE)
+    atexit.register(gc.freeze)
     given = list(sys.argv[1:] if arguments is None else arguments)
     typed = [argument for argument in given if argument != "--debug"]
     if typed in ([], [GROUP]):

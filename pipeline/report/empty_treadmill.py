@@ -187,15 +187,11 @@ def measure_empty(
     )
 
 
-def _density(signal: Array, rate_hz: float) -> tuple[Array, Array]:
-    length = min(round(SEGMENT_S * rate_hz), len(signal))
-    frequency, power = scipy.signal.welch(signal, rate_hz, nperseg=length, axis=0)
-    return frequency, power
-
-
 def _spectrum(before: Array, after: Array, rate_hz: float) -> Spectrum:
-    (frequency, first), (_, second) = (_density(each, rate_hz) for each in (before, after))
-    return Spectrum(frequency, np.sqrt(first), np.sqrt(second))
+    length = min(round(SEGMENT_S * rate_hz), len(before))
+    both = np.stack([before, after])
+    frequency, power = scipy.signal.welch(both, rate_hz, nperseg=length, axis=1)
+    return Spectrum(frequency, *np.sqrt(power))
 
 
 def _background(power: Array, frequency: Array) -> Array:
