@@ -190,7 +190,7 @@ def draw_part(panels: Sequence[Axes], percent: tuple[float, float] | None) -> No
 
 def axis_label(k: int) -> str:
     """Give a residual's axis with its direction, such as "Mx (about forward)"."""
-    return f"{AXES[k]} ({'' if k < 3 else 'about '}{DIRECTIONS[k]})"
+    return f"{AXES[k]} ({DIRECTIONS[k]})"
 
 
 def label_panels(

@@ -25,7 +25,7 @@ HEALTHY: Final = "healthy adults on a treadmill at rest (van de Loosdrecht 2018,
 """RMS residuals [N, N·m], and of whom; they are lower in lighter people."""
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
-DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")
+DIRECTIONS: Final = ("forward", "right", "up", "about forward", "about right", "about up")
 REPORTED_SIGN: Final = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """From lab axes, with Y to the left, to the reported ones, with y to the right."""
 MAX_FORCE_SHARE: Final = 0.05
