@@ -9,6 +9,7 @@ SHARED_DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 
 # the same few examples every time: what fails, fails again; --hypothesis-profile random explores
 settings.register_profile("same", deadline=None, derandomize=True, max_examples=40)
+settings.register_profile("few", deadline=None, derandomize=True, max_examples=5)
 settings.register_profile("random", deadline=None)
 settings.load_profile("same")
 
