@@ -203,8 +203,8 @@ def _mauchly(error: Array, df: int) -> tuple[float, float]:
     if w <= ROUNDING:  # a contrast does not vary at all
         return 0.0, 0.0
     rho = 1 - (2 * d**2 + d + 2) / (6 * d * df)
-    second = (d + 2) * (d - 1) * (d - 2) * (2 * d**3 + 6 * d**2 + 3 * d + 2)
-    second /= 288 * (d * df * rho) ** 2
+    cubic = (d + 2) * (d - 1) * (d - 2) * (2 * d**3 + 6 * d**2 + 3 * d + 2)
+    second = cubic / (288 * (d * df * rho) ** 2)
     chi2, df_chi2 = -df * rho * np.log(w), d * (d + 1) / 2 - 1
     first, next_term = scipy.stats.chi2.sf(chi2, df_chi2), scipy.stats.chi2.sf(chi2, df_chi2 + 4)
     return w, float(first + second * (next_term - first))
