@@ -33,8 +33,6 @@ UNREAD: Final = 141
 MAX_LINE: Final = 690
 """Characters of an error, some lines of a terminal: names and texts out of files may have any
 length."""
-OBJECTS_AT_ONCE: Final = 50_000
-"""New ones before garbage is looked for; matplotlib alone makes 200,000."""
 GROUP: Final = "calibration"
 WITH_JSON: Final = frozenset({"residuals", "check", "run", "explain", "plates", "fit", "rank"})
 """Commands that print one object with --json."""
@@ -154,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     accept_any_letter()
     # to look for garbage among all that is imported takes a tenth of a short command
-    gc.set_threshold(OBJECTS_AT_ONCE)
+    gc.set_threshold(50_000)
     atexit.register(gc.freeze)
     given = list(sys.argv[1:] if arguments is None else arguments)
     typed = [argument for argument in given if argument != "--debug"]
@@ -167,7 +165,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
-        drop_output()
+        # nothing more is written, because nobody reads it: else Python complains when it ends
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
         return UNREAD
     except OSError as error:
         if "--debug" in given:
@@ -267,10 +268,3 @@ def print_error(line: str) -> None:
     shown = both_ends(printable(" ".join(line.split())), MAX_LINE)
     if sys.stderr is not None:
         print(f"hbm: {shown}", file=sys.stderr)
-
-
-def drop_output() -> None:
-    """Write nothing more, because nobody reads it: else Python complains when it ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
