@@ -175,7 +175,6 @@ def gait_cycle_figure(
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
     with mpl.rc_context(STYLE):
         figure, panels = six_panels(SIX_PANELS_INCH, "constrained")
-        label_panels(panels)
         for name, compensated in cells:
             colour, linestyle = condition_style(order.index(name))
             if design.compensated:
@@ -194,6 +193,7 @@ def gait_cycle_figure(
                     linestyle=linestyle,
                     linewidth=LINE_WIDTH_PT if compared else MIDDLE_LINE_PT,
                 )
+        label_panels(panels)
         draw_part(panels, grey)
         for axis, panel in zip(AXES, panels, strict=True):
             draw_logarithmic(panel, mean.xs(axis, level="axis").to_numpy())
