@@ -3,6 +3,7 @@
 import json
 import webbrowser
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -57,12 +58,13 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     require_folder(out)
     chain = chain_of(request)
     result, name = process(request, chain, announcer(console)), request.trial.stem
-    console.say(scope(result))
-    for line in verdict_lines(result):
-        console.print(line)
-    for block in result_tables(result):
-        print_block(block, console)
-    console.say_notes(result.notes)
+    with suppress(BrokenPipeError):  # files are written though nobody reads the table
+        console.say(scope(result))
+        for line in verdict_lines(result):
+            console.print(line)
+        for block in result_tables(result):
+            print_block(block, console)
+        console.say_notes(result.notes)
 
     # what files and figures need is loaded, and takes its time, when the answer is there
     from pipeline.figures.residuals import residual_figure

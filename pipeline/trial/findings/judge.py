@@ -492,8 +492,9 @@ class _Comparison:
             at, wrenches = [*of_rows], np.concatenate([*of_rows.values()])
             change = self.measured[k] - self.view.measured(k, wrenches)
             feet = self.view.feet(k, wrenches, signal)
-            rows[at, :, : change.shape[1]] += change.reshape(len(at), -1, change.shape[1])
-            rows[at, :, self.feet[signal]] = feet.reshape(len(at), rows.shape[1], -1)
+            of_sizes = len(at), rows.shape[1]
+            rows[at, :, : change.shape[1]] += change.reshape(*of_sizes, change.shape[1])
+            rows[at, :, self.feet[signal]] = feet.reshape(*of_sizes, feet.shape[1])
         return rows
 
     def _least(

@@ -24,7 +24,7 @@ HEAVY = (
     "pinocchio",
     "pingouin",
     "rerun",
-    "scipy",
+    "scipy.linalg",  # the first part of SciPy that anything needs
 )
 MASS = ("--mass-kg", "74.6")
 LAB_AXES = ("--axes", "left,back,up")

@@ -156,7 +156,7 @@ def test_requests_to_stop_that_are_recorded_interrupt_nothing_however_close_they
     [
         ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGTERM),
         ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGINT),
-        ("report {out}", ".png", signal.SIGTERM),
+        ("report {out}", ".csv", signal.SIGTERM),
         ("export {study} --format c3d --out {out}", ".c3d", signal.SIGINT),
     ],
 )
