@@ -151,7 +151,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         program; 130 interrupted; 141 the output is not read; 143 terminated.
     """
     accept_any_letter()
-    atexit.register(gc.freeze)  # to look for garbage among all that is imported takes 0.3 s
+    # to look for garbage among all that is imported takes a tenth of a short command
+    gc.set_threshold(50_000)
+    atexit.register(gc.freeze)
     given = list(sys.argv[1:] if arguments is None else arguments)
     typed = [argument for argument in given if argument != "--debug"]
     if typed in ([], [GROUP]):
@@ -163,7 +165,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:
-        drop_output()
+        # nothing more is written, because nobody reads it: else Python complains when it ends
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
         return UNREAD
     except OSError as error:
         if "--debug" in given:
@@ -263,10 +268,3 @@ def print_error(line: str) -> None:
     shown = both_ends(printable(" ".join(line.split())), MAX_LINE)
     if sys.stderr is not None:
         print(f"hbm: {shown}", file=sys.stderr)
-
-
-def drop_output() -> None:
-    """Write nothing more, because nobody reads it: else Python complains when it ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)

@@ -123,10 +123,10 @@ def require_no_options(request: TrialRequest, what: str) -> None:
         )
 
 
-def require_folder(out: Path, option: str = "--out") -> None:
+def require_folder(out: Path) -> None:
     """Refuse a folder that cannot be written to before minutes are spent on what goes into it."""
     nearest = next(path for path in (out, *out.absolute().parents) if path.exists())
     if not nearest.is_dir():
-        raise ValueError(f"{option} {out}: {nearest} is a file, not a folder")
+        raise ValueError(f"--out {out}: {nearest} is a file, not a folder")
     if not os.access(nearest, os.W_OK):
-        raise ValueError(f"{option} {out}: no permission to write into {nearest}")
+        raise ValueError(f"--out {out}: no permission to write into {nearest}")

@@ -43,10 +43,6 @@ if TYPE_CHECKING:
 Open = Annotated[
     bool, Option("--open", help="Open the page in the browser.", rich_help_panel="Output")
 ]
-PAGE = ".html"
-"""Suffix of a trial's page."""
-
-
 NO_RECORDINGS = (RESULT, ".toml", ".json", ".rrd", ".html")
 
 
@@ -86,7 +82,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     figure = save_figure(residual_figure(result), out / f"{name}_residuals")
     plates, command = chain.inputs.recording.plates, explain_command(request)
     page = write_trial_page(
-        result, out / f"{name}{PAGE}", plates=plates, command=command, figure=figure
+        result, out / f"{name}.html", plates=plates, command=command, figure=figure
     )
     console.say(
         f"written to {out}: {page.name}; {name}.parquet (frames), {name}_residuals.csv, .png and "
@@ -152,7 +148,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     assert bands is not None  # it was not read from a file
     write_bands(bands, out / f"{name}{BANDS}")
     page = write_trial_page(
-        result, out / f"{name}{PAGE}", plates=recording.plates, explanation=explanation
+        result, out / f"{name}.html", plates=recording.plates, explanation=explanation
     )
     if warnings := warnings_of(result.notes):
         console.say("Warnings of the trial, to correct first:")

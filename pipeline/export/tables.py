@@ -231,16 +231,8 @@ def write_trc(markers: Markers, path: str | Path) -> None:
     """
     frames, count = len(markers.time), len(markers.names)
     rate = f"{even_rate_hz(markers.time, 'TRC'):.10g}"
-    header = {
-        "DataRate": rate,
-        "CameraRate": rate,
-        "NumFrames": frames,
-        "NumMarkers": count,
-        "Units": "m",
-        "OrigDataRate": rate,
-        "OrigDataStartFrame": 1,
-        "OrigNumFrames": frames,
-    }
+    header = {"DataRate": rate, "CameraRate": rate, "NumFrames": frames, "NumMarkers": count}
+    header |= {"Units": "m", "OrigDataRate": rate, "OrigDataStartFrame": 1, "OrigNumFrames": frames}
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
         "\t".join(header),

@@ -36,6 +36,7 @@ def bands_figure(bands: Bands, name: str) -> Figure:
     percent = np.linspace(0, 100, len(mean))
     with mpl.rc_context(STYLE):
         figure, panels = six_panels()
+        label_panels(panels)
         for k, panel in enumerate(panels):
             for spread, colour, label in (
                 (half[:, k], PALETTE[1], "95 % interval of measurement"),
@@ -46,7 +47,6 @@ def bands_figure(bands: Bands, name: str) -> Figure:
                     *(percent, low, high), color=colour, alpha=BAND_OPACITY, lw=0, label=label
                 )
             panel.plot(percent, mean[:, k], label="mean")
-        label_panels(panels)
         legend_below(figure, panels[0])
         figure.suptitle(
             f"{name}: pelvis residuals of {len(spans)} gait cycles with 95 % intervals",

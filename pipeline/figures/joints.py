@@ -42,6 +42,7 @@ def joint_figure(
         size = PANEL_INCH[0] * len(motions), PANEL_INCH[1] * len(CURVES) + 0.9
         gaps = ""
         figure, panels = panel_grid(len(CURVES), len(motions), size)
+        panels[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for label, colour, linestyle, mean, spread in curves:
             if np.isnan(mean[:, columns]).any():
                 gaps = GAPS
@@ -60,7 +61,6 @@ def joint_figure(
                 panel.set_xlabel("gait cycle (%)")
             panel.axhline(0, color="black", lw=0.5)
             draw_differences(panel, differing.get((motions[column].name, [*CURVES][row]), ()))
-        panels[0, 0].set_xlim(0, 100)  # of all, which share it
         legend_below(figure, panels[0, 0])
         figure.suptitle(f"{title}{gaps}", fontsize=11)
     return figure

@@ -29,6 +29,8 @@ LINE_INCH: Final = 0.2
 MARGIN_INCH: Final = (0.7, 0.55, 0.2, 0.6)
 """Left, below, right and above panels whose places are fixed: to find them by their texts takes as
 long as to draw them."""
+MAX_TICKS: Final = 5
+"""Intervals between the ticks of an axis."""
 
 
 def residual_figure(result: TrialResult) -> Figure:
@@ -57,6 +59,7 @@ def _over_time(result: TrialResult) -> Figure:
     settled = free_of(result.quality, Quality.SETTLING)[:, None]
     with mpl.rc_context(STYLE):
         figure, panels = six_panels()
+        label_panels(panels, (float(time[0]), float(time[-1])), "time (s)")
         for variant, dynamics in result.variants.items():
             values = reported(np.where(settled, dynamics.residual, np.nan))
             for k, panel in enumerate(panels):
@@ -66,7 +69,6 @@ def _over_time(result: TrialResult) -> Figure:
                 if variant == "compensated" and result.uncertainty is not None:
                     spread = np.where(counts, result.uncertainty[:, k], np.nan)
                     _draw_uncertainty(panel, time, inside, spread)
-        label_panels(panels, (float(time[0]), float(time[-1])), "time (s)")
         for k, panel in enumerate(panels):
             largest = [np.abs(reported(d.residual)[counts, k]) for d in result.variants.values()]
             if counts.any():
@@ -95,6 +97,8 @@ def panel_grid(
     """Give a figure of rows and columns of panels; the lowest ones show the axis of all."""
     figure = Figure(figsize=size_inch, layout=layout)
     panels = figure.subplots(rows, columns, sharex=True)
+    for panel in panels.flat:
+        panel.locator_params(nbins=MAX_TICKS)  # a tick takes as long to draw as a curve
     for panel in panels[:-1].flat:
         panel.xaxis.set_visible(False)
     if layout is None:
@@ -123,6 +127,7 @@ def _over_cycle(result: TrialResult) -> Figure:
     """Draw mean ± SD over the gait cycles of one side."""
     with mpl.rc_context(STYLE):
         figure, panels = six_panels()
+        label_panels(panels, label=f"{NOUNS[result.unit]} (%)")
         side = "right" if len(result.cycles.get("right", ())) else "left"
         for variant in result.variants:
             curves, spans = cycle_residuals(result, variant)[side], result.cycles[side]
@@ -134,7 +139,6 @@ def _over_cycle(result: TrialResult) -> Figure:
                     own = normalise(result.motion.time, result.uncertainty[:, [k]], spans)
                     spread = np.sqrt(np.nanmean(own[..., 0] ** 2, axis=0))
                     _draw_uncertainty(panel, percent, mean[:, k], spread)
-        label_panels(panels, label=f"{NOUNS[result.unit]} (%)")
         draw_part(panels, mean_part([result]))
         if len(result.variants) > 1:
             legend_below(figure, panels[0])
@@ -186,17 +190,20 @@ def draw_part(panels: Sequence[Axes], percent: tuple[float, float] | None) -> No
 
 def axis_label(k: int) -> str:
     """Give a residual's axis with its direction, such as "Mx (about forward)"."""
-    return f"{AXES[k]} ({'' if k < 3 else 'about '}{DIRECTIONS[k]})"
+    return f"{AXES[k]} ({DIRECTIONS[k]})"
 
 
 def label_panels(
     panels: Sequence[Axes], limits: tuple[float, float] = (0, 100), label: str = "gait cycle (%)"
 ) -> None:
-    """Label six panels of residuals, two rows of three, by default over the gait cycle."""
+    """Label six panels of residuals, two rows of three, by default over the gait cycle.
+
+    Before anything is drawn: each curve would find the limits anew from all panels.
+    """
+    panels[0].set_xlim(*limits)  # of all, which share it
     for k, panel in enumerate(panels):
         panel.set_title(axis_label(k), loc="left")
         panel.set_ylabel(UNITS[k])
         panel.axhline(0, color="black", lw=0.5)
-        panel.set_xlim(*limits)
     for panel in panels[3:]:
         panel.set_xlabel(label)

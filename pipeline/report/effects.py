@@ -33,12 +33,11 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> list[tuple[Text,
         was tested; a table of each test and of the estimates, pairs with the correction that the
         design names. One for all residuals where no test of any was computed for the same reason.
     """
-    found = []
-    for k, axis in enumerate(AXES):
-        of_axis = statistics[statistics["axis"] == axis]
-        if not of_axis.empty:
-            name = f"{axis} {'' if k < 3 else 'about '}{DIRECTIONS[k]}"
-            found.append((Text(name, tuple(_lines(of_axis))), [*_tables(of_axis, design)]))
+    found = [
+        (Text(f"{axis} {direction}", tuple(_lines(of_axis))), [*_tables(of_axis, design)])
+        for axis, direction in zip(AXES, DIRECTIONS, strict=True)
+        if not (of_axis := statistics[statistics["axis"] == axis]).empty
+    ]
     reasons = {text.lines for text, _ in found}
     if len(found) > 1 and len(reasons) == 1 and not any(tables for _, tables in found):
         return [(Text("All residuals", *reasons), [])]

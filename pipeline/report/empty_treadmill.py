@@ -84,7 +84,8 @@ class EmptyTreadmill:
     Attributes
     ----------
     recording
-        Its plates corrected.
+        Its plates corrected. Its axes are those that were stated: an empty treadmill does not show
+        which end is its front.
     rate_hz
         Of the plates [Hz].
     before, after
@@ -113,11 +114,6 @@ class EmptyTreadmill:
     base_hz: tuple[float, ...]
     places: Mapping[str, Place]
     motion: Mapping[str, str]
-
-    @property
-    def front_is_known(self) -> bool:
-        """Whether the axes were stated; an empty treadmill does not show which end is its front."""
-        return bool(self.recording.axes)
 
 
 def measure_empty(
@@ -187,21 +183,11 @@ def measure_empty(
     )
 
 
-def _density(signal: Array, rate_hz: float) -> tuple[Array, Array]:
-    length = min(round(SEGMENT_S * rate_hz), len(signal))
-    frequency, power = scipy.signal.welch(signal, rate_hz, nperseg=length, axis=0)
-    return frequency, power
-
-
 def _spectrum(before: Array, after: Array, rate_hz: float) -> Spectrum:
-    (frequency, first), (_, second) = (_density(each, rate_hz) for each in (before, after))
-    return Spectrum(frequency, np.sqrt(first), np.sqrt(second))
-
-
-def _background(power: Array, frequency: Array) -> Array:
-    """Give the median of the frequencies around each, (F, 6)."""
-    width = max(round(AROUND_HZ / (frequency[1] - frequency[0])), 3)
-    return np.asarray(scipy.ndimage.median_filter(power, size=(width, 1), mode="nearest"))
+    length = min(round(SEGMENT_S * rate_hz), len(before))
+    both = np.stack([before, after])
+    frequency, power = scipy.signal.welch(both, rate_hz, nperseg=length, axis=1)
+    return Spectrum(frequency, *np.sqrt(power))
 
 
 def _rollers(spectra: Sequence[Spectrum], belts_mps: float | None) -> float | None:
@@ -213,10 +199,11 @@ def _rollers(spectra: Sequence[Spectrum], belts_mps: float | None) -> float | No
     inside = (frequency >= slowest) & (frequency <= fastest)
     if not inside.any():
         return None
-    excess = np.max(
-        [s.after**2 / np.maximum(_background(s.after**2, frequency), 1e-12) for s in spectra],
-        axis=(0, 2),
-    )
+    # power over the median of the frequencies around each
+    width = max(round(AROUND_HZ / (frequency[1] - frequency[0])), 3)
+    power = np.stack([s.after**2 for s in spectra])
+    background = scipy.ndimage.median_filter(power, size=(1, width, 1), mode="nearest")
+    excess = np.max(power / np.maximum(background, 1e-12), axis=(0, 2))
     peak = int(np.argmax(np.where(inside, excess, 0.0)))
     return float(frequency[peak]) if excess[peak] > LINE_FACTOR else None
 

@@ -35,7 +35,7 @@ from pipeline.report.tables import numbers
 from pipeline.run.load import Curves, Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.curves import CurveDifference, parts_of
-from pipeline.statistics.design import CONFIDENCE, Design, Weigh
+from pipeline.statistics.design import TAIL, Design, Weigh
 from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
@@ -269,7 +269,7 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
     Gives the upper ends of the intervals, which fit on a logarithmic axis; lower ones may not.
     """
     n = rms.count()
-    quantile = -scipy.special.stdtrit((n - 1).clip(lower=1), (1 - CONFIDENCE) / 2)
+    quantile = -scipy.special.stdtrit((n - 1).clip(lower=1), TAIL)
     half = quantile * rms.std() / np.sqrt(n)
     x = np.arange(len(rms.columns)) + variant.offset
     lines = [np.column_stack([x, of_subject]) for of_subject in rms.to_numpy()]

@@ -183,9 +183,8 @@ def calibration_part(
     """
     tables = [component_table(calibration), frequency_table(empty)]
     tables.append(Table("Provenance", ("Item", "Finding"), provenance(notes), "folded"))
-    drawn = _of_recording(calibration, empty)
-    verdict, of = calibration_verdict(calibration, file), file_digest(file)
-    return Part("calibration", [verdict], tables, drawn, of, warnings_of(notes))
+    verdict, drawn = calibration_in_use(calibration, file), _of_recording(calibration, empty)
+    return replace(verdict, tables=tables, figures=drawn, warnings=warnings_of(notes))
 
 
 def calibration_in_use(calibration: Calibration, file: Path) -> Part:
@@ -317,7 +316,7 @@ def frequency_table(empty: EmptyTreadmill) -> Table:
     rows += [(f"Accelerometer {name}", str(place)) for name, place in empty.places.items()]
     legend = "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
     if empty.places:
-        axis = "to the front" if empty.front_is_known else "as the file's axis (front: --axes)"
+        axis = "to the front" if empty.recording.axes else "as the file's axis (front: --axes)"
         legend = (
             "Accelerometers: by their readings; sway and pitch do not show the distance across. "
             f"Along the belts: positive {axis}."

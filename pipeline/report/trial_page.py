@@ -1,13 +1,12 @@
 """The page of one trial: its residuals, warnings, joints, causes and provenance."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import matplotlib as mpl
 import numpy as np
-from joblib import delayed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -23,7 +22,6 @@ from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
 from pipeline.report.trial_tables import result_tables, scope, verdict_lines
 from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
-from pipeline.run.processes import Task
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
 from pipeline.trial.findings.finding import Finding
@@ -132,23 +130,12 @@ def write_trial_page(
     return write_page(path, name, scope(result), sections, study, key)
 
 
-def page_tasks(
-    folder: Path,
-    explained: Mapping[TrialName, "Explanation"],
-    study: Study | None,
-    names: Iterable[TrialName],
-) -> Iterator[Task]:
-    """Give what writes the page of each trial of a results folder where it has changed."""
-    for name in names:
-        path = folder / "trials" / name.stem
-        yield delayed(_write_page)(path, explained.get(name), study, name)
-
-
-def _write_page(
-    path: Path, explanation: "Explanation | None", study: Study | None, name: TrialName
+def write_changed_page(
+    folder: Path, explanation: "Explanation | None", study: Study | None, name: TrialName
 ) -> str:
     """Write a trial's page beside its result, unless it is of this result and program already."""
-    result, page = read_trial(Path(f"{path}.parquet")), Path(f"{path}.html")
+    page = folder / "trials" / f"{name.stem}.html"
+    result = read_trial(page.with_name(f"{name.stem}.parquet"))
     key = f"<!-- {result.key} {explanation.key if explanation else ''} {program_digest()} -->"
     if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
         return str(name)

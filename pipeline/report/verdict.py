@@ -61,11 +61,11 @@ def verdict_values(
     reach = max([2 * margin, *filter(isfinite, bounds)])
     reach = min(reach, max(MAX_AXIS_PERCENT, margin))
     rows = []
-    for k, axis in enumerate(AXES):
+    for axis, direction in zip(AXES, DIRECTIONS, strict=True):
         own = {v.condition: v for v in found if v.axis == axis}
         if own and shown:
             cells = [_cell(own[condition], reach, most, design) for condition in shown]
-            rows.append((axis, f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}", cells))
+            rows.append((axis, direction, cells))
     no_verdict = most < MIN_SUBJECTS
     return {
         "headline": [

@@ -33,7 +33,7 @@ from pipeline.report.tables import (
     residual_tables,
     windows_sentence,
 )
-from pipeline.report.trial_page import page_tasks
+from pipeline.report.trial_page import write_changed_page
 from pipeline.report.trials import (
     LIMITS,
     causes,
@@ -184,7 +184,10 @@ def write_report(
         delayed(_draw)(folder / "figures" / name, draw)
         for name, draw in {**of_joints, **of_study_figures}.items()
     ]
-    tasks += page_tasks(folder, explained, study, keys) if with_pages else ()
+    tasks += [
+        delayed(write_changed_page)(folder, explained.get(name), study, name)
+        for name in keys * with_pages
+    ]
     for count, done in enumerate(in_processes(tasks), 1):
         announce(f"drawing: {done}", count, len(tasks))
 

@@ -13,6 +13,8 @@ MIN_SUBJECTS: Final = 2
 """A single subject has no variance."""
 CONFIDENCE: Final = 0.95
 """Of all intervals."""
+TAIL: Final = (1 - CONFIDENCE) / 2
+"""Probability beyond either bound of an interval."""
 ALPHA: Final = 0.05
 """Level of significance."""
 Correction = Literal["bonferroni", "holm"]

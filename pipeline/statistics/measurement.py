@@ -8,7 +8,7 @@ import pandas as pd
 import scipy
 
 from hbm.spatial import Array
-from pipeline.statistics.design import CONFIDENCE
+from pipeline.statistics.design import TAIL
 
 CELL: Final = ("subject", "condition", "compensated")
 """What a value is of."""
@@ -56,4 +56,4 @@ def deviation(covariance: Array, weights: Sequence[float]) -> float:
 
 def half_interval(sd: float) -> float:
     """Give half of the 95 % interval of a normally distributed value."""
-    return -float(scipy.special.ndtri((1 - CONFIDENCE) / 2)) * sd
+    return -float(scipy.special.ndtri(TAIL)) * sd

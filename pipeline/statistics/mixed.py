@@ -164,9 +164,8 @@ class CellComparison:
     def bounds(self, weights: Weights, alpha: float) -> tuple[float, float]:
         """Give the confidence interval of a weighted sum, with alpha beyond either end."""
         value = float(self.means @ weights)
-        half = float(scipy.stats.t.isf(alpha, self.df(weights))) * deviation(
-            self.covariance, weights
-        )
+        quantile = float(scipy.stats.t.isf(alpha, self.df(weights)))
+        half = quantile * deviation(self.covariance, weights)
         return value - half, value + half
 
     def interval(self, alpha: float = 1 - CONFIDENCE) -> tuple[float, float]:

@@ -7,13 +7,12 @@ import numpy as np
 import scipy
 
 from hbm.spatial import Array
+from pipeline.statistics.design import TAIL
 
 DIFFERENCE_DIGITS = 12
 """Differences that agree to this many digits of the largest are ties; the rest is rounding."""
 MAX_ABS_T = 1e4
 """Beyond it SciPy's noncentral t distribution returns NaN."""
-TAIL_PROBABILITY = 0.025
-"""Probability outside a 95 % confidence interval, on either side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +85,7 @@ def compare_paired(differences: Array) -> PairedComparison:
     if np.ptp(rounded) > 0:
         t = mean / sd * sqrt(n)
         p_t = float(2 * scipy.stats.t.sf(abs(t), n - 1))
-    half = float(scipy.stats.t.isf(TAIL_PROBABILITY, n - 1)) * sd / sqrt(n)
+    half = float(scipy.stats.t.isf(TAIL, n - 1)) * sd / sqrt(n)
     dz = _cohens_dz(t, n)
     bias = exp(lgamma((n - 1) / 2) - lgamma((n - 2) / 2)) / sqrt((n - 1) / 2) if n > 2 else nan
     return PairedComparison(
@@ -117,7 +116,7 @@ def _cohens_dz(t: float, n: int) -> IntervalEstimate:
         noncentrality = scipy.optimize.brentq(beyond, lowest, highest)
         return float(np.copysign(1, t) * noncentrality / sqrt(n))
 
-    return IntervalEstimate(dz, *sorted((bound(TAIL_PROBABILITY), bound(1 - TAIL_PROBABILITY))))
+    return IntervalEstimate(dz, *sorted((bound(TAIL), bound(1 - TAIL))))
 
 
 def _signed_ranks(differences: Array) -> dict[str, float]:

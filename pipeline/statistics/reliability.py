@@ -9,13 +9,11 @@ import pandas as pd
 import scipy
 
 from hbm.spatial import Array
-from pipeline.statistics.design import CONFIDENCE, MIN_SUBJECTS
+from pipeline.statistics.design import MIN_SUBJECTS, TAIL
 
 KEYS: Final = ["condition", "compensated", "name", "unit"]
 MIN_VALUES: Final = 5
 """Of an intraclass correlation."""
-TAIL: Final = (1 - CONFIDENCE) / 2
-"""Probability beyond either bound."""
 COLUMNS: Final = (
     *KEYS,
     *("repeated", "n_subjects", "n_repeats", "mean", "sd_within", "icc", "icc_low", "icc_high"),

@@ -203,13 +203,8 @@ def _mauchly(error: Array, df: int) -> tuple[float, float]:
     if w <= ROUNDING:  # a contrast does not vary at all
         return 0.0, 0.0
     rho = 1 - (2 * d**2 + d + 2) / (6 * d * df)
-    second = (
-        (d + 2)
-        * (d - 1)
-        * (d - 2)
-        * (2 * d**3 + 6 * d**2 + 3 * d + 2)
-        / (288 * (d * df * rho) ** 2)
-    )
+    cubic = (d + 2) * (d - 1) * (d - 2) * (2 * d**3 + 6 * d**2 + 3 * d + 2)
+    second = cubic / (288 * (d * df * rho) ** 2)
     chi2, df_chi2 = -df * rho * np.log(w), d * (d + 1) / 2 - 1
     first, next_term = scipy.stats.chi2.sf(chi2, df_chi2), scipy.stats.chi2.sf(chi2, df_chi2 + 4)
     return w, float(first + second * (next_term - first))
@@ -225,9 +220,8 @@ def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> flo
     and adds no information (Hoenig & Heisey 2001); it is given because published tables print it.
     """
     critical = scipy.stats.f.isf(alpha, df1, df2)
-    below = float(
-        scipy.stats.ncf.cdf(critical, df1, df2, f * df1)
-    )  # SciPy 1.17's sf fails at f = 0
+    # SciPy 1.17's sf fails at f = 0
+    below = float(scipy.stats.ncf.cdf(critical, df1, df2, f * df1))
     far = isfinite(f) and f > FAR * critical  # where SciPy 1.17 gives NaN for some F
     return 1.0 if isnan(below) and far else 1 - below
 

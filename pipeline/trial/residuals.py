@@ -25,7 +25,7 @@ HEALTHY: Final = "healthy adults on a treadmill at rest (van de Loosdrecht 2018,
 """RMS residuals [N, N·m], and of whom; they are lower in lighter people."""
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
-DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")
+DIRECTIONS: Final = ("forward", "right", "up", "about forward", "about right", "about up")
 REPORTED_SIGN: Final = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """From lab axes, with Y to the left, to the reported ones, with y to the right."""
 MAX_FORCE_SHARE: Final = 0.05
@@ -144,7 +144,7 @@ def counted(result: TrialResult) -> Mask:
 
 
 def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
-    """Lay out the residuals of every gait cycle that counts, as `cycles.csv` holds them.
+    """Give the residuals of every gait cycle that counts, as `cycles.csv` holds them.
 
     Parameters
     ----------
@@ -156,10 +156,11 @@ def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
     Returns
     -------
     list of tuple
-        By `CYCLE_COLUMNS`: subject, condition, recording, session, compensated, window and headline
-        (as in `residual_table`), side, cycle (from 1 for each side), start_s, stop_s, axis, unit,
-        rms and peak (largest magnitude) over the frames of the window in the cycle that count,
-        their number and share; NaN where none counts. Empty where a span of the recording counts.
+        Rows of `CYCLE_COLUMNS`: subject, condition, recording, session, compensated, window and
+        headline (as in `residual_table`), side, cycle (from 1 for each side), start_s, stop_s,
+        axis, unit, rms and peak (largest magnitude) over the frames of the window in the cycle that
+        count, their number and share; NaN where none counts. Empty where a span of the recording
+        counts.
     """
     rows = []
     for name in result.variants:

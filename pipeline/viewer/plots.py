@@ -18,7 +18,7 @@ OTHER_COLOUR: Final = "#4A4F57"
 
 def panel_name(k: int) -> str:
     """Name the panel of a residual: axis, direction and unit."""
-    return f"{AXES[k]} {'about ' if k > 2 else ''}{DIRECTIONS[k]} ({UNITS[k]})"
+    return f"{AXES[k]} {DIRECTIONS[k]} ({UNITS[k]})"
 
 
 def draw_curves(

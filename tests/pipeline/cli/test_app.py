@@ -144,9 +144,11 @@ def test_the_table_of_a_trial_is_shown_before_what_draws_it_is_loaded(walker, tm
         "            sys.meta_path.remove(self)\n"
         f"            print('loaded:', *(name for name in {absent!r} if name in sys.modules))\n"
         "sys.meta_path.insert(0, Drawing())\n"
-        f"sys.exit(main({command!r}))"
+        f"assert main({command!r}) == 0\n"
+        "print('for many trials:', 'joblib' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("for many trials: False\n")
     table, after = done.stdout.split("loaded:")
     assert "Pelvis residuals" in table
     assert "Peak moment" in table

@@ -315,7 +315,7 @@ def test_accelerometers_are_where_they_are_and_the_front_is_known_by_stated_axes
         place = found.places[sensor.name]
         assert place.along == pytest.approx(sign * sensor.place[0], abs=0.05)
         assert place.up == pytest.approx(sensor.place[2], abs=0.05)
-    assert found.front_is_known == bool(axes)
+    assert bool(found.recording.axes) == bool(axes)
     assert ("positive to the front" in frequency_table(found).legend) == bool(axes)
 
 

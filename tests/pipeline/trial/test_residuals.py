@@ -151,7 +151,7 @@ def test_marker_errors_leave_gaps_out_and_count_them(processed):
     error[: len(error) // 2, 0] = np.nan
     error[:, 1] = np.nan
     rows = marker_rows(replace(processed, motion=replace(motion, marker_error=error)))
-    first, second, third, every = (rows[k] for k in (0, 1, 2, -1))
+    first, second, third, every = *rows[:3], rows[-1]
     assert (first.rms_mm, first.missing_percent) == pytest.approx((4.0, 50.0))
     assert np.isnan(second.rms_mm)
     assert second.missing_percent == 100.0
