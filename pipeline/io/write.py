@@ -53,7 +53,13 @@ def write_csv(table: "pd.DataFrame", path: Path) -> None:
         column.dtype.kind not in "biuf" and any(isinstance(value, str) for value in column)
         for _, column in table.items()
     ]
-    _write([*table], texts, table.itertuples(index=False, name=None), path)
+    # what is missing in other columns than NumPy's may equal nothing, not even itself
+    filled = {
+        str(name): column.astype(object).mask(column.isna(), None)
+        for name, column in table.items()
+        if column.dtype != float and column.hasnans
+    }
+    _write([*table], texts, table.assign(**filled).itertuples(index=False, name=None), path)
 
 
 def write_rows(names: Sequence[str], rows: Sequence[Sequence[object]], path: Path) -> None:
