@@ -39,7 +39,9 @@ def differing_curves(over_cycles: pd.DataFrame, joints: JointMeans, design: Desi
     best, rows = design.compensated, list[tuple[object, ...]]()
     judged: list[Cell] = [(name, best) for name in judged_conditions(design)]
     for axis, unit in zip(AXES, UNITS, strict=True):
-        of_axis = over_cycles[over_cycles["axis"] == axis].groupby(["condition", "compensated"])
+        of_axis = over_cycles[over_cycles["axis"] == axis].groupby(
+            ["condition", "compensated"], observed=True
+        )
         of_cells = {key: own.set_index(["subject", "percent"])["value"] for key, own in of_axis}
         for cell in judged:
             rows += _rows(axis, unit, of_cells, (cell, reference), design)

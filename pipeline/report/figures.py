@@ -169,7 +169,8 @@ def gait_cycle_figure(
         any, and line styles conditions.
     """
     shown = curves[curves["condition"].isin((design.reference, condition))]
-    of_subjects = shown.groupby(["condition", "compensated", "axis", "percent"])["value"]
+    keys = ["condition", "compensated", "axis", "percent"]
+    of_subjects = shown.groupby(keys, observed=True)["value"]
     mean, sd = of_subjects.mean().unstack("percent"), of_subjects.std().unstack("percent")
     order = design.in_order(curves["condition"].cat.categories)
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
@@ -200,7 +201,7 @@ def gait_cycle_figure(
             panel.set_ylabel(f"RMS ({panel.get_ylabel()})")
             draw_differences(panel, differing.get(axis, ()))
         legend_below(figure, panels[0])
-        counts = shown.groupby("condition")["subject"].nunique()
+        counts = shown.groupby("condition", observed=True)["subject"].nunique()
         over = f", mean ± SD over {numbers(counts, 'subject')}"
         over = over if counts.max() > 1 else " of one subject"
         pair = f"{design.judged(condition)} differs from {design.reference_cell}"

@@ -109,7 +109,7 @@ class JointMeans:
         self.cells: list[Cell] = sorted(
             {*zip(every["condition"], every["compensated"], strict=True)}
         )
-        self.subjects = every.groupby("condition", sort=False)["subject"].nunique()
+        self.subjects = every.groupby("condition", sort=False, observed=True)["subject"].nunique()
 
     def of_subjects(self, cell: Cell, names: Sequence[str]) -> pd.DataFrame:
         """Average curves over gait cycles and sides: subject and percent -> value."""

@@ -122,8 +122,8 @@ def _mean_curves(results: Path) -> Iterator[tuple[str, pd.DataFrame]]:
     for name, others in CURVES.items():
         cycles = read_parquet(results / f"{name}.parquet")
         keys = [*TRIAL, *others, "percent"]
-        mean = cycles.drop(columns="cycle").groupby(keys, sort=False, dropna=False).mean()
-        yield f"{name}_mean.csv", mean.reset_index()
+        of_trials = cycles.groupby(keys, sort=False, dropna=False, observed=True)
+        yield f"{name}_mean.csv", of_trials.mean().drop(columns="cycle").reset_index()
 
 
 def write_columns(folder: Path) -> None:

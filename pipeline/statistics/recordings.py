@@ -77,9 +77,9 @@ def subject_means(
     """
     keys = ["condition", "compensated", "subject", *within, "percent"]
     levels = ["side"] * of_sides + ["recording"] * (weigh == "recording")
-    means = cycles.groupby([*keys, *levels], sort=False)[[*columns]].mean()
+    means = cycles.groupby([*keys, *levels], sort=False, observed=True)[[*columns]].mean()
     for count in reversed(range(len(levels))):
-        means = means.groupby([*keys, *levels[:count]], sort=False).mean()
+        means = means.groupby([*keys, *levels[:count]], sort=False, observed=True).mean()
     return means
 
 
