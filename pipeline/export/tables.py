@@ -20,8 +20,7 @@ from hbm.motion import AnkleZero, Motion, clinical_angles
 from hbm.spatial import Array
 from pipeline.export.models import write_template
 from pipeline.io.write import whole_file, write_csv, write_text
-from pipeline.run.store import event_labels
-from pipeline.trial.residuals import AXES, reported
+from pipeline.run.store import by_column, event_labels, following_blocks, stored_blocks
 from pipeline.trial.result import TrialResult
 
 MAX_JITTER: Final = 0.1
@@ -81,27 +80,14 @@ def frame_table(result: TrialResult) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        ``time_s``; ``event``, such as "left foot_strike", on the frame nearest to it;
-        ``converged``; ``quality``, the sum of the flags of `pipeline.trial.quality.Quality`;
-        ``q.NAME``, ``v.NAME``, ``a.NAME`` [rad or m, per s, per s²]; ``solved.NAME``, ``q`` before
-        the filter; ``marker_error.NAME`` [m]; per variant ``tau.measured.NAME`` [N·m or N],
-        ``residual.measured.Fx`` … ``Mz`` [N, N·m] as reported (x forward, y right, z up, about the
-        pelvis origin), and in lab axes (X forward, Y left, Z up) about the lab origin
-        ``ground.measured.left_foot.Fx`` … ``Mz`` [N, N·m].
+        What `pipeline.run.store.write_trial` stores of each frame, not rounded, and what follows
+        from it: ``q.NAME``, ``v.NAME``, ``a.NAME`` [rad or m, per s, per s²]; ``marker_error.NAME``
+        [m]; per variant ``tau.measured.NAME`` [N·m or N].
     """
     motion = result.motion
-    blocks = {symbol: (COORDINATES, getattr(motion, symbol)) for symbol in "qva"}
-    blocks |= {"solved": (COORDINATES, result.solved)}
-    blocks |= {"marker_error": (motion.markers, motion.marker_error)}
-    for variant, dynamics in result.variants.items():
-        blocks[f"tau.{variant}"] = COORDINATES, dynamics.tau
-        blocks[f"residual.{variant}"] = AXES, reported(dynamics.residual)
-        for foot, wrench in result.ground[variant].items():
-            blocks[f"ground.{variant}.{foot}"] = AXES, wrench
     columns = {"time_s": motion.time, "event": event_labels(motion.time, result.events)}
     columns |= {"converged": motion.converged, "quality": result.quality}
-    for block, (names, values) in blocks.items():
-        columns |= {f"{block}.{n}": column for n, column in zip(names, values.T, strict=True)}
+    columns |= by_column(stored_blocks(result) | following_blocks(motion, result.variants))
     return pd.DataFrame(columns)
 
 

@@ -118,7 +118,7 @@ def _table(result: TrialResult) -> pa.Table:
     motion, variants = result.motion, result.variants
     stored = {
         name: (names, _rounded(rows, STEPS.get(name.split(".")[0], LOST)))
-        for name, (names, rows) in _channels(result).items()
+        for name, (names, rows) in stored_blocks(result).items()
     }
     # computed again as on reading; what differs is stored
     rows_of = {name: frozen(rows) for name, (_, rows) in stored.items()}
@@ -129,8 +129,8 @@ def _table(result: TrialResult) -> pa.Table:
     solved = replace(motion, q=rows_of["solved"].T)
     markers = _markers(motion.time, result.markers.names, rows_of)
     of_trial = result.quality, result.body, result.settings
-    computed = _following(*_computed(solved, markers, ground, *of_trial))
-    for name, (names, expected) in _following(motion, variants).items():
+    computed = following_blocks(*_computed(solved, markers, ground, *of_trial))
+    for name, (names, expected) in following_blocks(motion, variants).items():
         if not _same(computed[name][1], expected):
             stored[name] = names, _rounded(expected, LOST)
     rest = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in OF_FRAMES}
@@ -145,8 +145,7 @@ def _table(result: TrialResult) -> pa.Table:
     }
     columns: dict[str, Any] = {"time_s": motion.time, "converged": motion.converged}
     columns |= {"quality": result.quality, "observed": motion.observed @ BITS}
-    for name, (names, rows) in stored.items():
-        columns |= {f"{name}.{last}": row for last, row in zip(names, rows, strict=True)}
+    columns |= by_column(stored)
     as_json = to_json(rest, fallback=_plain).decode()
     texts = {
         "event": event_labels(motion.time, result.events),
@@ -171,7 +170,8 @@ def _texts(column: Sequence[str]) -> pa.Array:
     return builder.finish()
 
 
-def _channels(result: TrialResult) -> Blocks:
+@np.errstate(over="ignore", invalid="ignore")
+def stored_blocks(result: TrialResult) -> Blocks:
     """Give the columns from which the others follow."""
     blocks: Blocks = {
         f"residual.{variant}": (AXES, reported(dynamics.residual).T)
@@ -193,11 +193,20 @@ def _channels(result: TrialResult) -> Blocks:
     return blocks
 
 
-def _following(motion: Motion, variants: Mapping[str, Dynamics]) -> Blocks:
+def following_blocks(motion: Motion, variants: Mapping[str, Dynamics]) -> Blocks:
     """Give the columns that usually follow from others."""
     blocks: Blocks = {name: (COORDINATES, getattr(motion, name).T) for name in "qva"}
     blocks["marker_error"] = motion.markers, motion.marker_error.T
     return blocks | {f"tau.{name}": (COORDINATES, of.tau.T) for name, of in variants.items()}
+
+
+def by_column(blocks: Blocks) -> dict[str, Any]:
+    """Give blocks as columns of a table, (T,) each."""
+    return {
+        f"{block}.{name}": row
+        for block, (names, rows) in blocks.items()
+        for name, row in zip(names, rows, strict=True)
+    }
 
 
 def _rounded(rows: Any, share: float) -> Any:
