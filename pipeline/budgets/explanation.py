@@ -360,6 +360,12 @@ def bands_of(result: Path, trial: TrialResult) -> Bands | None:
     return None
 
 
+def explanation_of(folder: Path, trial: TrialResult) -> Explanation | None:
+    """Give the explanation of a result of a folder by this program; None where there is none."""
+    path = folder / FOLDER / f"{trial.name.stem}.json"
+    return up_to_date(path, explanation_key(trial.key), Explanation)
+
+
 def explanations(
     folder: Path, trials: Mapping[TrialName, TrialResult]
 ) -> tuple[dict[TrialName, Explanation], dict[str, str], tuple[str, ...], str]:
@@ -381,11 +387,10 @@ def explanations(
     for _, failures in recorded_failures(folder / FOLDER):
         reasons |= failures
     for name, trial in trials.items():
-        path = folder / FOLDER / f"{name.stem}.json"
-        found = up_to_date(path, explanation_key(trial.key), Explanation)
+        found = explanation_of(folder, trial)
         if found is not None:
             explained[name] = found
-        elif path.is_file() and str(name) not in reasons:
+        elif (folder / FOLDER / f"{name.stem}.json").is_file() and str(name) not in reasons:
             others.append(str(name))
     stale = (
         f"Not shown are the explanations of {listed(others)}: they are of other results or made by "

@@ -49,13 +49,12 @@ def differing_curves(over_cycles: pd.DataFrame, joints: JointMeans, design: Desi
     pairs += [((name, best), (design.reference, best)) for name in design.others]
     compared = [cell for cell in joints.cells if any(cell in pair for pair in pairs)]
     for motion in LEG:
-        names = {curve: f"{motion.name}_{curve}" for curve in CURVES}
-        means = {cell: joints.of_subjects(cell, [*names.values()]) for cell in compared}
         for curve, unit in CURVES.items():
-            of_cells = {cell: table[names[curve]] for cell, table in means.items()}
+            name = f"{motion.name}_{curve}"
+            of_cells = {cell: joints.of_subjects[cell][name] for cell in compared}
             for pair in pairs:
                 if curve != "angle" or pair[0][0] != pair[1][0]:
-                    rows += _rows(names[curve], unit, of_cells, pair, design)
+                    rows += _rows(name, unit, of_cells, pair, design)
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -21,7 +21,7 @@ from pipeline.statistics.design import MIN_SUBJECTS, Design, Weigh
 from pipeline.statistics.paired import compare_paired
 from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.table_3 import number
-from pipeline.trial.joints import CURVES, JOINT_MOTIONS
+from pipeline.trial.joints import CURVE_COLUMNS, CURVES, JOINT_MOTIONS
 
 PEAKS: Final = ("largest moment", "smallest moment")
 MIN_PEAK: Final = 0.1
@@ -29,6 +29,8 @@ MIN_PEAK: Final = 0.1
 
 Cell = tuple[str, bool]
 """A condition, and whether its plates are compensated."""
+MAX_VALUES: Final = 10**8
+"""Of the cycles of a cell in memory: 400 MB."""
 MIN_KNOWN_CYCLES: Final = 0.5
 """Share of the gait cycles of which an instant has to be known to be drawn."""
 
@@ -93,7 +95,7 @@ def _change(pair: Array) -> tuple[str, str, str, str]:
 
 
 class JointMeans:
-    """Means over the gait cycles of joint curves, a cell or a few columns of it in memory.
+    """Means over the gait cycles of joint curves.
 
     Attributes
     ----------
@@ -101,45 +103,40 @@ class JointMeans:
         Conditions, each with whether its plates are compensated.
     subjects
         Condition -> number of subjects.
+    of_subjects
+        Cell -> means over gait cycles and sides: subject and percent -> each of `CURVE_COLUMNS`.
+    mean_and_spread
+        Cell -> mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each. NaN
+        where most cycles are unknown: means of the few others are of other steps.
     """
 
     def __init__(self, cycles: Curves, weigh: Weigh) -> None:
-        self._cycles, self._weigh = cycles, weigh
-        every = cycles.read(["subject", "condition", "compensated"]).drop_duplicates()
-        self.cells: list[Cell] = sorted(
-            {*zip(every["condition"], every["compensated"], strict=True)}
-        )
+        every = cycles.read(["subject", "condition", "compensated"])
+        rows = every.groupby(["condition", "compensated"], observed=True).size()
+        self.cells: list[Cell] = [*rows.index]
         self.subjects = every.groupby("condition", sort=False, observed=True)["subject"].nunique()
+        self.of_subjects: dict[Cell, pd.DataFrame] = {}
+        self.mean_and_spread: dict[Cell, list[Array]] = {}
+        for cell, count in zip(self.cells, rows, strict=True):
+            parts = np.array_split(CURVE_COLUMNS, -(-count * len(CURVE_COLUMNS) // MAX_VALUES))
+            found = [_averaged(cycles, cell, [*names], weigh) for names in parts]
+            means, *curves = (pd.concat(tables, axis=1) for tables in zip(*found, strict=True))
+            self.of_subjects[cell] = means.droplevel(["condition", "compensated"])
+            shape = -1, len(JOINT_MOTIONS), len(CURVES)
+            self.mean_and_spread[cell] = [table.to_numpy(float).reshape(shape) for table in curves]
 
-    def of_subjects(self, cell: Cell, names: Sequence[str]) -> pd.DataFrame:
-        """Average curves over gait cycles and sides: subject and percent -> value."""
-        means = subject_means(self._read(cell, names), names, self._weigh, of_sides=True)
-        return means.droplevel(["condition", "compensated"])
 
-    def mean_and_spread(self, cell: Cell) -> tuple[Array, Array]:
-        """Give mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each.
-
-        NaN where most cycles are unknown: means of the few others are of other steps.
-        """
-        found: list[list[Array]] = []
-        for motion in JOINT_MOTIONS:
-            names = [f"{motion.name}_{curve}" for curve in CURVES]
-            cycles = self._read(cell, names)
-            single = cycles["subject"].nunique() == 1
-            means = cycles
-            if not single:
-                means = subject_means(cycles, names, self._weigh, of_sides=True)
-            of_percent = means.groupby("percent", sort=True)[names]
-            known = cycles[names].notna().groupby(cycles["percent"]).mean() >= MIN_KNOWN_CYCLES
-            tables = of_percent.mean(), of_percent.std()
-            found.append([table.where(known).to_numpy(float) for table in tables])
-        mean, spread = np.stack(found, axis=2)
-        return mean, spread
-
-    def _read(self, cell: Cell, names: Sequence[str]) -> pd.DataFrame:
-        keys = ["subject", "condition", "recording", "compensated", "side", "percent"]
-        condition, compensated = cell
-        return self._cycles.read([*keys, *names], condition=condition, compensated=compensated)
+def _averaged(
+    cycles: Curves, cell: Cell, names: Sequence[str], weigh: Weigh
+) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Give the means of subjects in some columns, and mean and SD over subjects."""
+    keys = ["subject", "condition", "recording", "compensated", "side", "percent"]
+    shown = cycles.read([*keys, *names], condition=cell[0], compensated=cell[1])
+    means = subject_means(shown, names, weigh, of_sides=True)
+    of_one = shown["subject"].nunique() == 1
+    of_percent = (shown if of_one else means).groupby("percent", sort=True)[[*names]]
+    known = shown[[*names]].notna().groupby(shown["percent"]).mean() >= MIN_KNOWN_CYCLES
+    return means, of_percent.mean().where(known), of_percent.std().where(known)
 
 
 def joint_figures(
@@ -162,7 +159,7 @@ def joint_figures(
     def over(counts: pd.Series) -> str:
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
-    curves = {cell: means.mean_and_spread(cell) for cell in means.cells}
+    curves = means.mean_and_spread
     best = any(compensated for _, compensated in means.cells)
     for condition in conditions if best else ():
         drawn: list[Curve] = []

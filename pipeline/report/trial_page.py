@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from hbm.notes import provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import join_names
-from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.figures.joints import Curve, joint_figure
 from pipeline.figures.residuals import component_figure, legend_below, residual_figure
@@ -23,7 +22,6 @@ from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_p
 from pipeline.report.trial_tables import result_tables, scope, verdict_lines
 from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
 from pipeline.run.program import program_digest
-from pipeline.run.store import read_trial
 from pipeline.trial.findings.finding import Finding
 from pipeline.trial.findings.judge import LIMIT
 from pipeline.trial.findings.words import note_of, row_of
@@ -131,14 +129,13 @@ def write_trial_page(
 
 
 def write_changed_page(
-    folder: Path, explanation: "Explanation | None", study: Study | None, name: TrialName
-) -> str:
+    result: TrialResult, folder: Path, explanation: "Explanation | None", study: Study | None
+) -> None:
     """Write a trial's page beside its result, unless it is of this result and program already."""
-    page = folder / "trials" / f"{name.stem}.html"
-    result = read_trial(page.with_name(f"{name.stem}.parquet"))
+    name, page = result.name, folder / "trials" / f"{result.name.stem}.html"
     key = f"<!-- {result.key} {explanation.key if explanation else ''} {program_digest()} -->"
     if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
-        return str(name)
+        return
     plates: Iterable[Plate] = ()
     if study is not None and name in study.trials and doubted_plates(result):
         trial = study.trial(name)
@@ -148,7 +145,6 @@ def write_changed_page(
     write_trial_page(
         result, page, plates=plates, explanation=explanation, study="../report.html", key=key
     )
-    return str(name)
 
 
 def _joints(result: TrialResult) -> Iterator[Drawn]:

@@ -1,6 +1,6 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,14 +10,14 @@ import pandas as pd
 from joblib import delayed
 from matplotlib.figure import Figure
 
-from pipeline.budgets.explanation import explanations
+from pipeline.budgets.explanation import explanation_of, explanations
 from pipeline.budgets.measurement import study_covariances
 from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import MAIN, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import picture, save_figure
 from pipeline.io.write import write_csv, write_text
-from pipeline.report.blocks import Section, markup, write_page
+from pipeline.report.blocks import Check, Section, markup, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import residual_tests
 from pipeline.report.figures import rms_over_cycles, study_figures
@@ -47,7 +47,7 @@ from pipeline.report.verdict import question, verdict_values
 from pipeline.report.workbook import write_columns, write_wide_tables
 from pipeline.run.job import read_failures
 from pipeline.run.load import Curves, Results, collect, select_trials
-from pipeline.run.processes import in_processes
+from pipeline.run.processes import MIN_TASKS, in_processes
 from pipeline.run.provenance import left_out, provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
@@ -55,6 +55,7 @@ from pipeline.statistics.recordings import pool_recordings
 from pipeline.statistics.reliability import reliability
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
+from pipeline.trial.result import TrialResult
 
 SECTIONS: Final = (
     *("verdict", "residuals", "joints", "choices", "tests", "figures", "trials", "causes"),
@@ -65,6 +66,8 @@ SECTIONS: Final = (
 
 MAX_PAGES: Final = 60
 """Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
+PAGES_AT_LEAST: Final = 2
+"""For each process."""
 NO_PAGES: Final = "No pages of single trials were written: hbm report RESULTS --pages writes them."
 Announce = Callable[..., None]
 
@@ -121,12 +124,14 @@ def write_report(
     folder = Path(folder)
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
-    failures = read_failures(folder)
+    failures, with_pages = read_failures(folder), writes_pages(folder, pages)
+    least = PAGES_AT_LEAST if with_pages else MIN_TASKS
     results = collect(
         folder,
-        trial_quality,
+        partial(_with_page, folder, study, failures) if with_pages else trial_quality,
         lambda trial: not left_out(trial.name, trial, failures, study),
         partial(announce, "collecting the trials"),
+        least=least,
     )
     states = trial_states(results, failures, study)
     results = select_trials(results, {state.name for state in states if state.in_tables})
@@ -177,18 +182,15 @@ def write_report(
 
     order = design.in_order(name.condition for name in results.trials)
     keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
-    with_pages = writes_pages(folder, pages)
     of_joints = dict(joint_figures(joints, design, curves))
     of_study_figures = dict(study_figures(results, over_cycles, tests, design, curves))
     tasks = [
         delayed(_draw)(folder / "figures" / name, draw)
         for name, draw in {**of_joints, **of_study_figures}.items()
     ]
-    tasks += [
-        delayed(write_changed_page)(folder, explained.get(name), study, name)
-        for name in keys * with_pages
-    ]
-    for count, done in enumerate(in_processes(tasks), 1):
+    started = len(results.ratings) >= 2 * least  # processes, in which trials were collected
+    drawn = in_processes(tasks, least=1 if started else MIN_TASKS)
+    for count, done in enumerate(drawn, 1):
         announce(f"drawing: {done}", count, len(tasks))
 
     def pictures(names: Iterable[str]) -> dict[str, str]:
@@ -249,6 +251,15 @@ def writes_pages(folder: Path, wanted: bool | None) -> bool:
     """Whether a page is written for each trial of a results folder, where that may be open."""
     count = sum(1 for _ in (folder / "trials").glob("*.parquet"))
     return count <= MAX_PAGES if wanted is None else wanted
+
+
+def _with_page(
+    folder: Path, study: Study | None, failures: Mapping[str, str], trial: TrialResult
+) -> dict[str, tuple[Check, ...]]:
+    """Rate a trial; write its page while its frames are there, if it is in the tables."""
+    if not left_out(trial.name, trial, failures, study):
+        write_changed_page(trial, folder, explanation_of(folder, trial), study)
+    return trial_quality(trial)
 
 
 def _draw(path: Path, draw: Callable[[], Figure]) -> str:

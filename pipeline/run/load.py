@@ -15,7 +15,7 @@ from joblib import delayed
 from hbm.spatial import Array
 from pipeline.config.schema import TrialName
 from pipeline.io.write import whole_file
-from pipeline.run.processes import in_processes
+from pipeline.run.processes import MIN_TASKS, in_processes
 from pipeline.run.store import OF_FRAMES, parquet_writer, read_trial
 from pipeline.trial.joints import CURVE_COLUMNS, JOINT_COLUMNS, joint_curves, joint_rows
 from pipeline.trial.residuals import (
@@ -50,7 +50,7 @@ TABLES: Final = {
 }
 """Of `Results`, with their columns."""
 AT_ONCE: Final = 10
-"""Trials that a process reads together, and whose curves are one group of rows."""
+"""Trials that a process reads together at most, and whose curves are one group of rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +120,8 @@ def collect(
     rate: Callable[[TrialResult], Any] = lambda trial: None,
     in_curves: Callable[[TrialResult], bool] | None = None,
     follow: Callable[[int, int], None] = lambda done, trials: None,
+    *,
+    least: int = MIN_TASKS,
 ) -> Results:
     """Gather the trials in a results folder, in as many processes as pays.
 
@@ -133,6 +135,8 @@ def collect(
         Of which trials `Curves` are written into the folder; without it, none are.
     follow
         Called with the number of trials that are read, and of all.
+    least
+        Trials for each process.
 
     Returns
     -------
@@ -147,7 +151,8 @@ def collect(
     paths = sorted((folder / "trials").glob("*.parquet"))
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
-    batches = [paths[k : k + AT_ONCE] for k in range(0, len(paths), AT_ONCE)]
+    size = min(AT_ONCE, 1 + len(paths) // AT_ONCE)
+    batches = [paths[k : k + size] for k in range(0, len(paths), size)]
     tasks = (delayed(_gathered)(batch, rate, in_curves is not None) for batch in batches)
     trials: dict[TrialName, TrialResult] = {}
     ratings: list[Any] = []
@@ -158,7 +163,7 @@ def collect(
             for name, schema in CURVES.items()
             if in_curves is not None
         }
-        gathered = in_processes(tasks, ordered=True, least=1)
+        gathered = in_processes(tasks, ordered=True, least=-(-least // size))
         for read, rated, tables, curves in gathered:
             for name, part in tables.items():
                 parts[name].append(part)
