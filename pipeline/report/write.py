@@ -66,8 +66,6 @@ SECTIONS: Final = (
 
 MAX_PAGES: Final = 60
 """Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
-PAGES_AT_LEAST: Final = 2
-"""For each process."""
 NO_PAGES: Final = "No pages of single trials were written: hbm report RESULTS --pages writes them."
 Announce = Callable[..., None]
 
@@ -125,13 +123,11 @@ def write_report(
     study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
     failures, with_pages = read_failures(folder), writes_pages(folder, pages)
-    least = PAGES_AT_LEAST if with_pages else MIN_TASKS
     results = collect(
         folder,
         partial(_with_page, folder, study, failures) if with_pages else trial_quality,
         lambda trial: not left_out(trial.name, trial, failures, study),
         partial(announce, "collecting the trials"),
-        least=least,
     )
     states = trial_states(results, failures, study)
     results = select_trials(results, {state.name for state in states if state.in_tables})
@@ -188,9 +184,8 @@ def write_report(
         delayed(_draw)(folder / "figures" / name, draw)
         for name, draw in {**of_joints, **of_study_figures}.items()
     ]
-    started = len(results.ratings) >= 2 * least  # processes, in which trials were collected
-    drawn = in_processes(tasks, least=1 if started else MIN_TASKS)
-    for count, done in enumerate(drawn, 1):
+    least = 1 if len(results.ratings) >= 2 * MIN_TASKS else MIN_TASKS  # processes have started
+    for count, done in enumerate(in_processes(tasks, least=least), 1):
         announce(f"drawing: {done}", count, len(tasks))
 
     def pictures(names: Iterable[str]) -> dict[str, str]:

@@ -120,8 +120,6 @@ def collect(
     rate: Callable[[TrialResult], Any] = lambda trial: None,
     in_curves: Callable[[TrialResult], bool] | None = None,
     follow: Callable[[int, int], None] = lambda done, trials: None,
-    *,
-    least: int = MIN_TASKS,
 ) -> Results:
     """Gather the trials in a results folder, in as many processes as pays.
 
@@ -135,8 +133,6 @@ def collect(
         Of which trials `Curves` are written into the folder; without it, none are.
     follow
         Called with the number of trials that are read, and of all.
-    least
-        Trials for each process.
 
     Returns
     -------
@@ -163,7 +159,7 @@ def collect(
             for name, schema in CURVES.items()
             if in_curves is not None
         }
-        gathered = in_processes(tasks, ordered=True, least=-(-least // size))
+        gathered = in_processes(tasks, ordered=True, least=-(-MIN_TASKS // size))
         for read, rated, tables, curves in gathered:
             for name, part in tables.items():
                 parts[name].append(part)
@@ -307,13 +303,14 @@ def _residual_cycles(trial: TrialResult) -> pa.Table:
 def _joint_cycles(trial: TrialResult, curves: Mapping[str, Mapping[str, Array]]) -> pa.Table:
     """Give one trial's joint curves over 0–100 % of each gait cycle."""
     parts = [CURVES["joint_cycles"].empty_table()]
-    for variant, of_sides in curves.items():
-        for side, values in of_sides.items():
-            cycle, percent = map(np.ravel, np.indices(values.shape[:2]))
-            compensated = np.full(cycle.shape, variant == "compensated")
-            of_joints = values.reshape(len(cycle), -1).T.astype(np.float32, order="C")
-            columns = compensated, cycle, percent, *of_joints
-            parts.append(_curve_table(trial, "joint_cycles", side, *columns))
+    for side in next(iter(curves.values()), ()):
+        # variants beside each other: where no plate matters, they are equal, and so compressed
+        values = np.stack([of_sides[side] for of_sides in curves.values()], axis=1)
+        cycle, variant, percent = map(np.ravel, np.indices(values.shape[:3]))
+        compensated = np.array([*curves])[variant] == "compensated"
+        of_joints = values.reshape(len(cycle), -1).T.astype(np.float32, order="C")
+        columns = compensated, cycle, percent, *of_joints
+        parts.append(_curve_table(trial, "joint_cycles", side, *columns))
     return pa.concat_tables(parts)
 
 
