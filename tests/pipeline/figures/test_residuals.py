@@ -30,6 +30,16 @@ def test_lines_are_means_over_the_right_foots_cycles(trial):
     assert "4 right gait cycles" in figure.get_suptitle()
 
 
+def test_what_is_drawn_in_one_figure_is_in_no_other_of_the_same_panels(trial):
+    """Both are copies of one empty grid."""
+    first, second = residual_figure(trial), residual_figure(replace(trial, span=(0.0, 0.5)))
+    third = residual_figure(trial)
+    for panel, other, again in zip(first.axes, second.axes, third.axes, strict=True):
+        assert len(panel.lines) == len(again.lines)
+        assert panel.get_xlim() == again.get_xlim() == (0.0, 100.0)
+        assert other.get_xlim() == (trial.motion.time[0], trial.motion.time[-1])
+
+
 @pytest.mark.parametrize("span", [None, (0.0, 1.0)])
 def test_the_uncertainty_of_the_compensation_is_a_band_with_its_name(trial, span):
     """Over gait cycles and over time; it holds no model error, and says so."""

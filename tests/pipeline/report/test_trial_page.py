@@ -13,7 +13,8 @@ from pipeline.report import write
 from pipeline.report.trial_page import plate_figure, write_trial_page
 from pipeline.report.trial_tables import verdict_lines
 from pipeline.report.write import write_report
-from pipeline.run.store import write_trial
+from pipeline.run import load
+from pipeline.run.store import read_trial, write_trial
 from pipeline.trial.findings.finding import Correction, Finding
 from pipeline.trial.findings.raw import RawFault
 from pipeline.trial.findings.words import note_of
@@ -179,7 +180,15 @@ def test_every_trial_of_a_report_has_a_page_and_an_unchanged_one_is_kept(tmp_pat
     before = [each.stat().st_mtime_ns for each in pages]
     changed = replace(fake_trial(1, "sway", 2), condition="sway", key="another")
     write_trial(changed, folder / "trials" / "sub01_sway.parquet")
+    frames_read = []
+
+    def read(path):
+        frames_read.append(path.stem)
+        return read_trial(path)
+
+    monkeypatch.setattr(load, "read_trial", read)
     write_report(folder, pages=True)
+    assert sorted(frames_read) == ["sub01_baseline", "sub01_sway"]  # once each
     rewritten = [
         each.name for each, old in zip(pages, before, strict=True) if each.stat().st_mtime_ns != old
     ]
