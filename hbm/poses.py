@@ -49,7 +49,8 @@ def joint_positions(body: Body, q: Array, segments: Sequence[str]) -> Array:
     Array
         Positions in the lab, (T, S, 3) [m].
     """
-    return segment_frames(body, q)[1][:, [MOVING.index(segment) for segment in segments]]
+    own = [MOVING.index(segment) for segment in segments]
+    return segment_frames(body, q)[1].take(own, axis=1)
 
 
 def marker_positions(body: Body, q: Array) -> Array:
@@ -69,7 +70,9 @@ def marker_positions(body: Body, q: Array) -> Array:
     """
     rotation, origin = segment_frames(body, q)
     segments = [MOVING.index(segment) for segment in body.marker_segment]
-    return origin[:, segments] + in_lab_axes(rotation[:, segments], body.marker_position)
+    # an index takes up to thirty times as long as `take`
+    from_origin = in_lab_axes(rotation.take(segments, axis=1), body.marker_position)
+    return origin.take(segments, axis=1) + from_origin
 
 
 def center_of_mass(body: Body, q: Array) -> Array:

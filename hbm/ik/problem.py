@@ -117,18 +117,24 @@ FRAMES_AT_ONCE: Final = 4000
 """Bounds the memory of the rigid fits."""
 
 
+def known_markers(body: Body, markers: Markers) -> list[int]:
+    """Give the numbers of the body's markers that are in the trial; a ValueError where none is."""
+    known = [k for k, name in enumerate(body.markers) if name in markers.names]
+    if not known:
+        raise ValueError(
+            f"none of the body's markers is in the trial; the body has "
+            f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
+        )
+    return known
+
+
 class Problem:
     """One trial's markers against one body; arguments as of `hbm.ik.tracking.solve_ik`."""
 
     def __init__(
         self, body: Body, markers: Markers, tolerance: float = 1e-6, jobs: int = 1
     ) -> None:
-        known = [k for k, name in enumerate(body.markers) if name in markers.names]
-        if not known:
-            raise ValueError(
-                f"none of the body's markers is in the trial; the body has "
-                f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
-            )
+        known = known_markers(body, markers)
         self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
         self.names = tuple(body.markers[k] for k in known)
         self.segment = tuple(body.marker_segment[k] for k in known)

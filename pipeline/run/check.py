@@ -19,7 +19,7 @@ from compensation import PlatformPose
 from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES
-from hbm.ik.problem import Problem, undetermined
+from hbm.ik.problem import known_markers, undetermined
 from hbm.notes import Note, warnings_of
 from hbm.plausibility.motion import implausible
 from hbm.signals.filtering import low_pass
@@ -163,7 +163,9 @@ class Way:
 
         def corrected(file: str) -> Recording:
             recording = read_study_file(self.study, file, trial, static)
-            digest = sha256(recording.markers.position.tobytes()).hexdigest()
+            # as in memory: every coordinate in one piece
+            position = np.ascontiguousarray(np.moveaxis(recording.markers.position, 0, -1))
+            digest = sha256(position).hexdigest()
             self.findings.read[file] = digest, recording.labels_absent
             return with_corrected_plates(recording, self.laboratory.plates)
 
@@ -329,7 +331,7 @@ class _TrialCheck:
     def check_markers(self, body: Body) -> None:
         """Say which markers are there, what they leave unknown, and which are often missing."""
         names, marker_set = self.markers.names, body.marker_set
-        self.attempt(lambda: Problem(body, self.markers))
+        self.attempt(lambda: known_markers(body, self.markers))
         present = list(marker_set.present(names).segment)
         needed = [marker for marker in marker_set.markers if not marker.optional]
         absent = [m.labels[0] for m in needed if not set(m.labels) & set(present)]

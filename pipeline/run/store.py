@@ -102,8 +102,10 @@ def sealed(table: pa.Table, version: bytes = str(FORMAT_VERSION).encode()) -> by
 def parquet_writer(sink: Any, schema: pa.Schema, **options: Any) -> pq.ParquetWriter:
     """Compress what is not a number with decimals by a dictionary; texts are read as texts."""
     numbers = [column.name for column in schema if pa.types.is_floating(column.type)]
-    options["use_dictionary"] = [name for name in schema.names if name not in numbers]
-    options |= {"use_byte_stream_split": numbers, "compression": "zstd", "store_schema": False}
+    options["use_dictionary"] = others = [name for name in schema.names if name not in numbers]
+    # numbers hardly shrink: zstd is 2 % shorter than LZ4 and takes four times as long
+    options["compression"] = dict.fromkeys(numbers, "lz4") | dict.fromkeys(others, "zstd")
+    options |= {"use_byte_stream_split": numbers, "store_schema": False}
     return pq.ParquetWriter(sink, schema, **options)
 
 
