@@ -327,11 +327,10 @@ class LiveChain:
         self.solved += quality.counts
         self.marked += not quality.counts
 
-        every, of_markers = (tau, reported(residual), loads), (pose.position, platform)
-        of_variant = (dict(zip(self.ground.variants, each, strict=True)) for each in every)
-        taus, residuals, by_feet = of_variant
+        numbers = tau, reported(residual), loads
+        of_variants = (dict(zip(self.ground.variants, each, strict=True)) for each in numbers)
         known = contact, pose.marker_error, quality, perf_counter() - started
-        return LiveFrame(time, pose.q, taus, residuals, by_feet, *known, *of_markers)
+        return LiveFrame(time, pose.q, *of_variants, *known, pose.position, platform)
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.

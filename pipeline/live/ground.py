@@ -338,8 +338,7 @@ class LiveGround:
         sensors = self.accelerometers
 
         def read(at: Array) -> Array:
-            how = sensors.resampling
-            return np.array([_resampled(self.readings, how, instant) for instant in at.tolist()])
+            return np.array([_resampled(self.readings, sensors.resampling, t) for t in at.tolist()])
 
         felt = sensors.felt(read, time + self.earlier_s)[self.of_plate, None]
         return np.asarray(felt @ self.gains[:, :-1] + self.gains[:, -1:])

@@ -33,13 +33,7 @@ MAX_LEVEL_M: Final = 0.08
 HEEL, TIP, HALF_WIDTH = -0.23, 0.77, 0.19
 """Of a foot by its length: places of heel and tip from the ankle, half its width at the ball."""
 OUTLINE: Final = np.array(
-    [
-        [1, 0, 0, HEEL, 0],
-        [0, 0, 1, 0, 0],
-        [0, 1, 0, 0, HALF_WIDTH],
-        [0, 1, 0, 0, -HALF_WIDTH],
-        [0.5, 0.5, 0, 0, 0],
-    ]
+    [[1, 0, 0, HEEL, 0], [0, 0, 1, 0, 0], [0, 1, 0, 0, 1], [0, 1, 0, 0, -1], [0.5, 0.5, 0, 0, 0]]
 )
 """Heel, tip, both sides of the ball and middle, from ankle, ball, tip, along and across."""
 HEIGHTS: Final = np.array([0.3, BALL_ABOVE_SOLE, 0.0])
@@ -52,7 +46,7 @@ MIN_MEASURED: Final = 0.25
 """Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
 LASTING_S: Final = 0.1
 """For which that may last, as errors of timing do, and for which a tip that leaves may touch."""
-TO_THE_LEFT, LEVEL = np.array([-1.0, 1.0]), np.array([1.0, 1.0, 0.0])
+ACROSS, LEVEL = HALF_WIDTH * np.array([-1.0, 1.0]), np.array([1.0, 1.0, 0.0])
 LEFT_AND_RIGHT: Final = np.arange(2)
 """Numbers of the feet."""
 ROUNDING_S: Final = 1e-6
@@ -183,7 +177,7 @@ class Support:
         self.time, self.points = time[-1:], points[-1:]
         heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
         sole = (heights - self.heights).min(axis=2)
-        of_foot = ankle[..., :2], ball[..., :2], tip[..., :2], flat, flat[..., ::-1] * TO_THE_LEFT
+        of_foot = ankle[..., :2], ball[..., :2], tip[..., :2], flat, flat[..., ::-1] * ACROSS
         outline = OUTLINE @ np.array(of_foot).transpose(1, 2, 0, 3)
         return Feet(time, velocity, sole, self._depth(outline))
 
