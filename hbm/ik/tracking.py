@@ -513,9 +513,8 @@ class FrameTracker:
     def keep(self, solution: FrameSolution, time: float) -> FrameSolution:
         """Take a solution as the one that the next frame follows; give it with its whole trunk."""
         self.begun = self.begun or bool(np.isfinite(self.position[0, self.columns, 0]).any())
-        self.tracked = solution.observed
+        self.tracked = solution.observed | (solution.looked & ~self.problem.carriers)
         if solution.looked:
-            self.tracked = self.tracked | ~self.problem.carriers
             self.tries_left = (self.tries_left or TRIES) - 1
         if not solution.converged:
             return solution

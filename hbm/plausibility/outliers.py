@@ -222,9 +222,7 @@ class MarkerTracker:
         solution = self._without_outliers(position)
         solution = self.tracker.keep(solution, time)
         largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
-        change_m = np.minimum(
-            np.maximum(solution.marker_error - self.usual_m, -largest_m), largest_m
-        )
+        change_m = (solution.marker_error - self.usual_m).clip(-largest_m, largest_m)
         np.add(self.usual_m, change_m, out=self.usual_m, where=~np.isnan(change_m))
         return solution
 

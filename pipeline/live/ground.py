@@ -327,9 +327,8 @@ class LiveGround:
         wrenches = np.array(variants)[:, :, 0]
         pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
         if pose is not None:  # as `transform_wrench`, in a third of its time for one pose
-            rotation, position = pose
-            turned = wrenches.reshape(-1, 2, 3) @ rotation.T
-            turned[:, 1] -= turned[:, 0] @ skew(position)
+            turned = wrenches.reshape(-1, 2, 3) @ pose[0].T
+            turned[:, 1] -= turned[:, 0] @ skew(pose[1])
             wrenches = turned.reshape(wrenches.shape)
         return wrenches, pose
 
