@@ -141,6 +141,10 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     return rotation
 
 
+CROSS: Final = np.array([[0, 6, 2], [3, 0, 4], [5, 1, 0]])
+"""Entries of the matrix of a cross product among 0, x y z and -x -y -z."""
+
+
 def skew(vector: ArrayLike) -> Array:
     """Give the matrix of the cross product, ``skew(a) @ b == np.cross(a, b)``.
 
@@ -155,10 +159,8 @@ def skew(vector: ArrayLike) -> Array:
         Skew-symmetric matrices, (..., 3, 3).
     """
     vector = np.asarray(vector, float)
-    matrix = np.zeros((*vector.shape, 3))
-    for i, j, k in ((2, 1, 0), (0, 2, 1), (1, 0, 2)):
-        matrix[..., i, j], matrix[..., j, i] = vector[..., k], -vector[..., k]
-    return matrix
+    signed = np.concatenate([np.zeros((*vector.shape[:-1], 1)), vector, -vector], axis=-1)
+    return np.asarray(signed[..., CROSS])
 
 
 def fit_rotation(covariance: ArrayLike) -> Array:

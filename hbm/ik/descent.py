@@ -16,7 +16,7 @@ import numpy as np
 
 from hbm.coordinates import MOVING, N_Q
 from hbm.kernels.kernel import N_SUMS, Kernels, OneFrameKernel, in_threads
-from hbm.kernels.native import kernels
+from hbm.kernels.native import ONE_FRAME, kernels
 from hbm.spatial import Array, Indices, Mask
 
 ROW: Final = np.zeros(1, np.int64)
@@ -340,7 +340,7 @@ class OneFrame:
         self.start = np.empty((1, N_Q))
         self.terms = self.start, prior[None], reference[None]
         self.solved = Solved.empty(ROW, len(attachment.segment))
-        self.native = kernels().solve_frames
+        self.native = kernels(lanes=ONE_FRAME).solve_frames
         self.structure = _structure(attachment, self.solved, self.terms, tolerance, range(1))
         self.address = ctypes.byref(self.structure)
 

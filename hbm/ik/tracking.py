@@ -494,8 +494,9 @@ class FrameTracker:
         if not found.converged[0]:
             left_out = leave_limbs_out(self.problem, found)
             observed = self._observed(found) & ~left_out[0]
-        solved = bool(observed[self.problem.carriers].all())
-        if solved and not observed[~self.problem.locked].all():
+        every = bool((observed | self.problem.locked).all())
+        solved = every or bool(observed[self.problem.carriers].all())
+        if solved and not every:
             self._hold(found, ~observed & ~self.problem.locked, left_out)
         solved = solved and bool(found.converged[0])
         q, error = found.q[0].copy(), found.error[0].copy()
@@ -511,7 +512,7 @@ class FrameTracker:
 
     def keep(self, solution: FrameSolution, time: float) -> FrameSolution:
         """Take a solution as the one that the next frame follows; give it with its whole trunk."""
-        self.begun |= bool(np.isfinite(self.position[0, self.columns, 0]).any())
+        self.begun = self.begun or bool(np.isfinite(self.position[0, self.columns, 0]).any())
         self.tracked = solution.observed | (solution.looked & ~self.problem.carriers)
         if solution.looked:
             self.tries_left = (self.tries_left or TRIES) - 1
@@ -560,7 +561,7 @@ class FrameTracker:
     def _start_is_no_good(self, found: Solved, q: Array) -> bool:
         if not found.converged[0] or np.abs(found.q[0] - q).max() > MAX_DISTANCE_FROM_START:
             return True
-        if self.tracked[~self.problem.locked].all():
+        if (self.tracked | self.problem.locked).all():
             return False
         returned = self._observed(found) & ~self.tracked
         return bool(returned.any() and doubtful(self.problem, found)[0])

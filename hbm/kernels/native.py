@@ -35,7 +35,10 @@ SOURCES: Final = (
 )
 """What the libraries are made from."""
 
-_READY: dict[str, Kernels] = {}
+ONE_FRAME: Final = 4
+"""Numbers per vector for a single frame, whose other places are computed in vain: measured."""
+
+_READY: dict[int, Kernels] = {}
 _LOCK = Lock()
 
 
@@ -43,13 +46,15 @@ class LibraryError(Exception):
     """A compiled library is missing, cannot be loaded, or was made from other sources."""
 
 
-def kernels(announce: Callable[[str], None] | None = None) -> Kernels:
+def kernels(announce: Callable[[str], None] | None = None, lanes: int = WIDTHS[0]) -> Kernels:
     """Make the kernels ready.
 
     Parameters
     ----------
     announce
         Called with a sentence where the slower virtual machine has to be used.
+    lanes
+        Numbers per vector at most; the results do not depend on it.
 
     Returns
     -------
@@ -57,17 +62,17 @@ def kernels(announce: Callable[[str], None] | None = None) -> Kernels:
         The same numbers to 1e-9 whatever the backend.
     """
     with _LOCK:
-        if not _READY:
-            _READY["kernels"] = load(announce or (lambda _: None))
-        return _READY["kernels"]
+        if lanes not in _READY:
+            _READY[lanes] = load(announce or (lambda _: None), lanes=lanes)
+        return _READY[lanes]
 
 
-def load(announce: Callable[[str], None], folder: Path = FOLDER) -> Kernels:
+def load(announce: Callable[[str], None], folder: Path = FOLDER, lanes: int = WIDTHS[0]) -> Kernels:
     """Load the widest library that the processor can run, else use the virtual machine."""
     if os.environ.get("HBM_KERNELS", "") == "virtual-machine":
         return interpreted_kernels("virtual machine (HBM_KERNELS)")
     try:
-        widest = lanes_of_processor(library_path(min(WIDTHS), folder))
+        widest = min(lanes_of_processor(library_path(min(WIDTHS), folder)), lanes)
         there = [w for w in WIDTHS if w <= widest and library_path(w, folder).is_file()]
         return compiled_kernels(library_path(there[0], folder))
     except LibraryError as error:

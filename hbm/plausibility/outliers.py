@@ -208,12 +208,12 @@ class MarkerTracker:
             lost: it is unsolved, and what follows is as if it had never come.
         """
         own = position[self.columns]
-        if not np.isfinite(own).any():
+        seen = np.isfinite(own[:, 0])
+        if not seen.any():
             self.frozen, self.left_out = False, np.zeros(len(self.markers), bool)
             return self.tracker.solve(position)
         since_s, self.time = time - self.time, time
-        seen = np.isfinite(own[:, 0])
-        if ((own != self.before) & seen[:, None]).any() or not seen.any():
+        if (own != self.before)[seen].any():
             self.moved_s = time
         self.before = own
         self.frozen = time - self.moved_s > MIN_FROZEN_S - ROUNDING_S
@@ -221,11 +221,9 @@ class MarkerTracker:
             position = np.full(position.shape, np.nan)
         solution = self._without_outliers(position)
         solution = self.tracker.keep(solution, time)
-        error = solution.marker_error
         largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
-        change_m = np.minimum(np.maximum(error - self.usual_m, -largest_m), largest_m)
-        change_m[np.isnan(change_m)] = 0.0
-        self.usual_m += change_m
+        change_m = (solution.marker_error - self.usual_m).clip(-largest_m, largest_m)
+        np.add(self.usual_m, change_m, out=self.usual_m, where=~np.isnan(change_m))
         return solution
 
     def _without_outliers(self, position: Array) -> FrameSolution:
@@ -251,7 +249,7 @@ class MarkerTracker:
                     self.left_out[own] = True
             position = self._without_left_out(position)
             solution = self.tracker.solve(position)
-        self.unfit = bool(self.left_out.mean() > MAX_SHARE_LEFT_OUT)
+        self.unfit = np.count_nonzero(self.left_out) > MAX_SHARE_LEFT_OUT * len(self.left_out)
         return solution
 
     def _without_left_out(self, position: Array) -> Array:

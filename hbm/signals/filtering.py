@@ -324,7 +324,7 @@ class RealtimeFilter:
 
     def __init__(self, cutoff_hz: float, columns: int, step_s: float) -> None:
         omega = 2 * np.pi * cutoff_hz
-        self.a, self.b = omega**2, np.sqrt(2) * omega
+        self.a, self.b = omega**2, 2**0.5 * omega
         self.longest_s, self.step_s = longest_gap_s(cutoff_hz), step_s
         self.value, self.velocity, self.acceleration = np.full((3, columns), np.nan)
         self._known_s = np.full(columns, -np.inf)
@@ -353,20 +353,20 @@ class RealtimeFilter:
         self._known_s[known] = time
         self.value, self.velocity, self.acceleration = state
 
-    def _goes_on(self, since_s: float, these: Mask | slice, signal: Array) -> tuple[Array, ...]:
+    def _goes_on(self, since_s: float, these: Mask | slice, signal: Array) -> Array:
         """Give the state of some signals that were known so long ago, (3, n)."""
         if since_s > self.longest_s:
-            return signal, 0 * signal, 0 * signal
+            return np.array([signal, 0 * signal, 0 * signal])
         (y, v, acceleration), before = self._state[:, these], self._before[these]
         steps = max(round(since_s / self.step_s), 1)
-        change, h, a, b = (signal - before) / steps, since_s / steps, self.a, self.b
-        divisor = 4 + 2 * h * b + h * h * a
+        change, h = (signal - before) / steps, since_s / steps
+        # ÿ = a (x - y) - b ẏ by the trapezoidal rule, x the mean of the signal over the step
+        divisor = 4 + 2 * h * self.b + h * h * self.a
+        stiffness, damping = 4 * self.a / divisor, (4 * self.b + 2 * h * self.a) / divisor
         for k in range(steps):
-            x, y_before, v_before = before + (k + 0.5) * change, y, v  # x: the mean over the step
-            y = ((4 + 2 * h * b - h * h * a) * y + 4 * h * v + 2 * h * h * a * x) / divisor
-            v = (-4 * h * a * y_before + (4 - 2 * h * b - h * h * a) * v + 4 * h * a * x) / divisor
-            acceleration = (v - v_before) / h
-        return y, v, acceleration
+            acceleration = stiffness * (before + (k + 0.5) * change - y) - damping * v
+            y, v = y + h * v + h * h / 2 * acceleration, v + h * acceleration
+        return np.array([y, v, acceleration])
 
 
 def acceleration_lag_s(time: Array) -> float:

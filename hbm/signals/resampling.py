@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
@@ -310,27 +310,39 @@ class Convolution:
         reach_s = self.reach_s
         start = int(time.searchsorted(at - reach_s, side="right"))
         stop = int(time.searchsorted(at + reach_s, side="left"))
-        later = time[start:stop] - at
-        if not self._is_known(later):
+        weights = _weights(self, (time[start:stop] - at).tobytes())
+        if weights is None:
             return np.full(values.shape[1], np.nan)
-        u = np.abs(later) / self.scale_s
-        weights = _cubic(u)
-        weights /= weights.sum()
-        near = 1 - u * u / REACH_STEPS**2
-        near *= near
-        tilt = near * (later - near.dot(later) / near.sum())
-        arm = float(tilt.dot(later))
-        if arm > SMALLEST_ARM * self.scale_s**2:
-            weights -= tilt * (weights.dot(later) / arm)
         return np.asarray(weights @ values[start:stop])
 
-    def _is_known(self, later: Array) -> bool:
+    def is_known(self, later: Array) -> bool:
+        """Whether samples so much later than an instant, (n,) [s], leave no gap within reach."""
         if not len(later):
             return False
         reach_s, longest_s = self.reach_s, self.longest_s
         if later[0] + reach_s > longest_s or reach_s - later[-1] > longest_s:
             return False
         return len(later) == 1 or bool((later[1:] - later[:-1]).max() <= longest_s)
+
+
+@lru_cache(maxsize=4)
+def _weights(how: Convolution, later_s: bytes) -> Array | None:
+    """Give those of samples so much later than an instant; None where they leave a gap.
+
+    Streams of one clock share them: in a live frame this takes longer than all else of resampling.
+    """
+    later = np.frombuffer(later_s)
+    if not how.is_known(later):
+        return None
+    u = np.abs(later) / how.scale_s
+    weights = _cubic(u)
+    weights /= weights.sum()
+    near = (1 - u * u / REACH_STEPS**2) ** 2
+    tilt = near * (later - near.dot(later) / near.sum())
+    arm = float(tilt.dot(later))
+    if arm > SMALLEST_ARM * how.scale_s**2:
+        weights -= tilt * (weights.dot(later) / arm)
+    return weights
 
 
 def _cubic(u: Array) -> Array:

@@ -3,7 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from glob import escape
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +15,7 @@ from hbm.spelling import listed, printable, short
 from pipeline.io.c3d.force_plates import plate_axes, unit_of_corners
 from pipeline.io.c3d.read import kind_and_side
 from pipeline.io.columns import PlateColumns, file_markers, recording_of, vectors
-from pipeline.io.input_file import naming
+from pipeline.io.input_file import last_written, naming
 from pipeline.io.recording import Event, Fact, Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import GAPS, NUMBER, TextTable, read_number, read_rate, read_table
@@ -61,16 +61,26 @@ def _rate_hz(header: Header, timed: bool) -> float:
 def plate_files(path: Path) -> list[Path]:
     """Give the files of forces of an export, from that of its trajectories or of one plate.
 
-    A C3D file has none; its folder, which may hold thousands, is not searched.
+    A C3D file has none.
     """
-    if path.suffix.lower() == ".c3d":
+    folder, match = path.parent, PLATE_FILE.fullmatch(path.stem)
+    if path.suffix.lower() == ".c3d" or not folder.is_dir():
         return []
-    match = PLATE_FILE.fullmatch(path.stem)
-    trial = match["trial"] if match else path.stem
-    named = path.parent.glob(f"{escape(trial)}*{path.suffix}")
-    files = {file: PLATE_FILE.fullmatch(file.stem) for file in named}
-    of_trial = [file for file, of in files.items() if of and of["trial"] == trial]
-    return sorted(of_trial, key=lambda file: (len(file.stem), file.stem))
+    files = _force_files(folder, last_written(folder))
+    return files.get((match["trial"] if match else path.stem, path.suffix), [])
+
+
+@lru_cache(maxsize=8)
+def _force_files(folder: Path, version: tuple[int, int]) -> dict[tuple[str, str], list[Path]]:
+    """Give the files of forces of each trial and suffix; the version changes with the folder.
+
+    A folder of thousands is searched once, not for each of them.
+    """
+    files = defaultdict[tuple[str, str], list[Path]](list)
+    for file in sorted(folder.iterdir(), key=lambda file: (len(file.stem), file.stem)):
+        if match := PLATE_FILE.fullmatch(file.stem):
+            files[match["trial"], file.suffix].append(file)
+    return files
 
 
 def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Recording:

@@ -11,7 +11,7 @@ import numpy as np
 from hbm.coordinates import LAST_Q, MOVING, N_Q, TREE, support
 from hbm.ik.tracking import FrameSolution
 from hbm.kernels.kernel import OneFrameKernel
-from hbm.kernels.native import kernels
+from hbm.kernels.native import ONE_FRAME, kernels
 from hbm.model import Body
 from hbm.plausibility.outliers import MarkerTracker
 from hbm.signals.filtering import RealtimeFilter
@@ -79,8 +79,8 @@ class LiveFrame:
 CHAINS: Final = [np.array(support(LAST_Q[foot])) for foot in FEET]
 """Coordinates that move each foot."""
 LEGS: Final = np.union1d(*CHAINS)
-MOVES: Final = np.array([np.isin(LEGS, chain) for chain in CHAINS])[:, None]
-"""Coordinates that move a foot, (n,), and whether they move each of them, (2, 1, n)."""
+MOVES: Final = np.array([np.isin(LEGS, chain) for chain in CHAINS]).T[:, :, None]
+"""Coordinates that move a foot, (n,), and whether they move each of them, (n, 2, 1)."""
 OF_PLACES: Final = np.array(
     [[12 * MOVING.index(segment) + 9 + axis for axis in range(3)] for segment in PLACES]
 )
@@ -195,7 +195,7 @@ class LiveChain:
         in_real_time = settings.model_copy(update={"filter": "realtime"})
         self.support = Support(body, [plate.corners for plate in plates], in_real_time)
         self.settling_s, _ = settling_s(laboratory.filters(in_real_time))
-        ready = kernels()
+        ready = kernels(lanes=ONE_FRAME)
         self.segment_poses = OneFrameKernel(ready.segment_poses, body.geometry)
         self.newton_euler = OneFrameKernel(ready.newton_euler, body.geometry, body.inertia_vector)
         self.pelvis = np.array([body.segment_of[m] == "pelvis" for m in self.tracker.markers])
@@ -233,7 +233,8 @@ class LiveChain:
 
     def _take_frames(self, samples: Samples) -> None:
         every = samples.values.reshape(len(samples.time), len(self.stream.labels), 3)
-        every = np.where(np.isnan(every).any(axis=2, keepdims=True), np.nan, every)
+        if (gaps := np.isnan(every).any(axis=2)).any():
+            every = np.where(gaps[..., None], np.nan, every)
         for time, position in zip(samples.time.tolist(), every, strict=True):
             self.newest_s = time
             self.waiting.append(self._pose(time, position))
@@ -261,8 +262,8 @@ class LiveChain:
             above = self.support.feet(np.array([time]), places[None], _one(platform))
         shown = (feet[:2] + feet[2:]) / 2, places, above
         # what a wrench under each foot does to the coordinates of the legs
-        on_legs = (motion.reshape(N_Q, 6).T[:, LEGS] * MOVES).reshape(12, -1)
-        needed = tau.copy(), wrench.copy(), on_legs, skew(q[:3])
+        on_legs = (motion.reshape(N_Q, 1, 6)[LEGS] * MOVES).reshape(len(LEGS), 12)
+        needed = tau.copy(), wrench.copy(), on_legs.T, skew(q[:3])
         quality = self._quality_of_pose(time, solution)
         return _Pose(time, position, platform, q, *shown, needed, solution.marker_error, quality)
 
@@ -326,11 +327,10 @@ class LiveChain:
         self.solved += quality.counts
         self.marked += not quality.counts
 
-        every, of_markers = (tau, reported(residual), loads), (pose.position, platform)
-        of_variant = (dict(zip(self.ground.variants, each, strict=True)) for each in every)
-        taus, residuals, by_feet = of_variant
+        numbers = tau, reported(residual), loads
+        of_variants = (dict(zip(self.ground.variants, each, strict=True)) for each in numbers)
         known = contact, pose.marker_error, quality, perf_counter() - started
-        return LiveFrame(time, pose.q, taus, residuals, by_feet, *known, *of_markers)
+        return LiveFrame(time, pose.q, *of_variants, *known, pose.position, platform)
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.

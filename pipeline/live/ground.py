@@ -170,7 +170,8 @@ class MarkedPlatform:
         """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
         seen = position[self.columns]
         if not len(self.neutral):
-            self.first.append(seen)
+            if np.isfinite(position).any():
+                self.first.append(seen)
             if len(self.first) == NEUTRAL_FRAMES:
                 self._find_neutral()
             return UNKNOWN
@@ -262,27 +263,28 @@ class LiveGround:
             how = Convolution.between(sent.rate_hz, frames_hz)
             self.resampled.append((sent, how, delay_s))
         self.delays_s = np.array(delays_s)
-        corrections = [_correction(plate, laboratory) for plate in plates]
-        self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
-        self.to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
+        # as sent -> corrected, in the lab with the platform in neutral
+        to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
+        corrections = zip(*(_correction(plate, laboratory) for plate in plates), strict=True)
+        self.to_lab, self.offsets = (np.array(of_plates) @ to_lab for of_plates in corrections)
         ahead_s = [0.0, *(delay_s + how.reach_s for _, how, delay_s in self.resampled)]
 
-        self.gains = list[tuple[Array, Array]]()
         self.sensors: InertiaModel | None = None
         if (calibration := laboratory.calibration) is not None:
             sensors, rate_hz = treadmill.accelerometers, round(each[0].rate_hz, 6)
             setup = Setup(tuple(sensors), rate_hz, treadmill.cutoff_hz, filter_method=FILTER)
             models = models_of_plates(calibration, [p.number for p in plates], setup, LIVE)
             self.sensors, lags_s = models[0], models[0].lags_s
-            self.gains = [(model.gain[:-1], model.gain[-1]) for model in models]
+            self.gains = np.array([model.gain for model in models]) @ to_lab
             names = [name for axes in sensors.values() for name in axes]
             in_si = [units.acceleration_in_mps2] * len(names)
             self.readings = analog.find(names, in_si, treadmill.accelerometer_unit)
             late_s, rate_hz = sensor_delays_s(treadmill, calibration.sensors), self.readings.rate_hz
             self.accelerometers = RealtimeAccelerometers.of(late_s, lags_s, rate_hz, frames_hz)
             late = relative_delays_s(plates, laboratory.plates)
-            self.earlier_s = [d - late_s for d, late_s in zip(delays_s, late, strict=True)]
-            ahead_s.append(max(self.earlier_s) + self.accelerometers.ahead_s)
+            earlier_s = self.delays_s - late
+            self.earlier_s, self.of_plate = np.unique(earlier_s, return_inverse=True)
+            ahead_s.append(float(max(earlier_s)) + self.accelerometers.ahead_s)
 
         self.belts: RealtimeBelts | None = None
         if (belts := laboratory.belts) and (belt := treadmill.belt) is not None:
@@ -292,7 +294,8 @@ class LiveGround:
             speeds = [name for name, _ in zip(cycle(belt.speed_channels), plates, strict=False)]
             self.speeds = analog.find(speeds, [units.speed_in_mps] * count)
             self.belts = RealtimeBelts(belts, self.speeds.rate_hz)
-            self.sides = np.array([np.r_[np.zeros(3), belt_side(plate)] for plate in plates])
+            sides = np.array([[np.r_[np.zeros(3), belt_side(plate)]] for plate in plates])
+            self.sides = sides @ to_lab
             ahead_s.append(max(delays_s) + self.belts.ahead_s)
 
         self.platform: MarkedPlatform | CommandedPlatform | None = None
@@ -301,14 +304,12 @@ class LiveGround:
             self.platform = commanded or MarkedPlatform(stated, markers.labels)
             ahead_s.append(self.platform.ahead_s)
         self.ahead_s = max(ahead_s)
-        compensated = self.gains or self.belts is not None
+        compensated = self.sensors is not None or self.belts is not None
         self.variants = ("measured", "compensated") if compensated else ("measured",)
 
     def seen(self, position: Array) -> Pose | None:
         """Give the platform's pose as its markers show it among a frame's, (M, 3) [m], if any."""
-        if not isinstance(self.platform, MarkedPlatform):
-            return None
-        return self.platform.pose(position) if np.isfinite(position).any() else UNKNOWN
+        return self.platform.pose(position) if isinstance(self.platform, MarkedPlatform) else None
 
     def at(self, time: float, seen: Pose | None) -> tuple[Array, Pose | None]:
         """Give the plates at a frame's time [s], whose markers show the platform so, or not.
@@ -317,39 +318,35 @@ class LiveGround:
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
         each = [_resampled(sent, how, time + delay_s) for sent, how, delay_s in self.resampled]
-        plates = np.concatenate(each).reshape(-1, 1, 6)
-        measured = (plates @ self.corrections)[:, 0] + self.offsets
-        added = [self._inertia(time)] if self.gains else []
+        measured = np.concatenate(each).reshape(-1, 1, 6) @ self.to_lab + self.offsets
+        added = [self._inertia(time)] if self.sensors is not None else []
         if self.belts is not None:
             at, samples = [np.array([t]) for t in time + self.delays_s], self.speeds.samples()
-            added.append(np.array(self.belts.moments(*samples, at, time)) * self.sides)
+            added.append(np.array(self.belts.moments(*samples, at, time))[..., None] * self.sides)
         variants = [measured, measured - sum(added)] if added else [measured]
-        wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
+        wrenches = np.array(variants)[:, :, 0]
         pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
         if pose is not None:  # as `transform_wrench`, in a third of its time for one pose
-            rotation, position = pose
-            turned = wrenches.reshape(-1, 2, 3) @ rotation.T
-            turned[:, 1] -= turned[:, 0] @ skew(position)
+            turned = wrenches.reshape(-1, 2, 3) @ pose[0].T
+            turned[:, 1] -= turned[:, 0] @ skew(pose[1])
             wrenches = turned.reshape(wrenches.shape)
         return wrenches, pose
 
     def _inertia(self, time: float) -> Array:
-        """Give what the platform's motion adds to each plate, (P, 6)."""
-        sensors, at_s = self.accelerometers, {time + earlier_s for earlier_s in self.earlier_s}
-        sensed = {
-            at: sensors.felt(
-                *self.readings.samples(at - sensors.behind_s, at + sensors.ahead_s), np.array([at])
-            )[0]
-            for at in at_s
-        }
-        each = zip(self.earlier_s, self.gains, strict=True)
-        return np.array([sensed[time + late_s] @ gain + zero for late_s, (gain, zero) in each])
+        """Give what the platform's motion adds to each plate in the lab, (P, 1, 6)."""
+        sensors = self.accelerometers
+
+        def read(at: Array) -> Array:
+            return np.array([_resampled(self.readings, sensors.resampling, t) for t in at.tolist()])
+
+        felt = sensors.felt(read, time + self.earlier_s)[self.of_plate, None]
+        return np.asarray(felt @ self.gains[:, :-1] + self.gains[:, -1:])
 
 
 def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
-    """Give matrix and offset of a plate's correction, which is linear: (6, 6) and (6,)."""
+    """Give matrix and offset of a plate's correction, which is linear: (6, 6) and (1, 6)."""
     found = laboratory.plates.calibrations.of(plate.number) if laboratory.plates else None
     if found is None:
-        return np.eye(6), np.zeros(6)
+        return np.eye(6), np.zeros((1, 6))
     offset, *ones = found.correct_in_plate(np.eye(7, 6, -1), plate.rotation, plate.center)
-    return ones - offset, offset
+    return ones - offset, offset[None]

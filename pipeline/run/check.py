@@ -420,7 +420,8 @@ def _remark_repeated(study: Study, findings: Findings) -> None:
             if file not in findings.read:
                 continue
             group = groups.setdefault(findings.read[file][0], {})
-            if use != subject or subject not in [owner for owner, _ in group.values()]:
+            newest, _ = next(reversed(group.values()), ("", None))
+            if use != subject or subject != newest:  # a subject's uses follow each other
                 group[use] = subject, wanted
     for group in groups.values():
         first, *others = group

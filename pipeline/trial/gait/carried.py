@@ -32,6 +32,10 @@ MAX_LEVEL_M: Final = 0.08
 """Between the sole and the surface that it stands on; the next step is twice as high."""
 HEEL, TIP, HALF_WIDTH = -0.23, 0.77, 0.19
 """Of a foot by its length: places of heel and tip from the ankle, half its width at the ball."""
+OUTLINE: Final = np.array(
+    [[1, 0, 0, HEEL, 0], [0, 0, 1, 0, 0], [0, 1, 0, 0, 1], [0, 1, 0, 0, -1], [0.5, 0.5, 0, 0, 0]]
+)
+"""Heel, tip, both sides of the ball and middle, from ankle, ball, tip, along and across."""
 HEIGHTS: Final = np.array([0.3, BALL_ABOVE_SOLE, 0.0])
 """Of ankle, ball and tip above the sole, by the length of the foot."""
 MIN_NEED: Final = 0.3
@@ -42,7 +46,7 @@ MIN_MEASURED: Final = 0.25
 """Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
 LASTING_S: Final = 0.1
 """For which that may last, as errors of timing do, and for which a tip that leaves may touch."""
-TO_THE_LEFT, LEVEL = np.array([-1.0, 1.0]), np.array([1.0, 1.0, 0.0])
+ACROSS, LEVEL = HALF_WIDTH * np.array([-1.0, 1.0]), np.array([1.0, 1.0, 0.0])
 LEFT_AND_RIGHT: Final = np.arange(2)
 """Numbers of the feet."""
 ROUNDING_S: Final = 1e-6
@@ -164,21 +168,17 @@ class Support:
             places = (places - pose[1][:, None]) @ pose[0]
         ankle, ball = places[:, 1:3], places[:, 3:]
         along = ball - ankle
-        tip = ankle + along * (TIP * self.length / np.sqrt(np.vecdot(along, along))[..., None])
+        # along the foot, level and in space, with its whole length
+        size = self.length / np.sqrt(np.cumsum(along * along, axis=2)[..., 1:])
+        flat, tip = size[..., :1] * along[..., :2], ankle + TIP * size[..., 1:] * along
         points = np.concatenate([places, tip], axis=1)
         every, times = np.concatenate([self.points, points]), np.concatenate([self.time, time])
         velocity = (every[1:] - every[:-1]) / (times[1:] - times[:-1])[:, None, None]
         self.time, self.points = time[-1:], points[-1:]
         heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
         sole = (heights - self.heights).min(axis=2)
-        level = along[..., :2]
-        flat = level * (self.length / np.sqrt(np.vecdot(level, level))[..., None])
-        across = HALF_WIDTH * flat[..., ::-1] * TO_THE_LEFT
-        above = ball[..., :2]
-        outline = np.empty((len(time), 2, 5, 2))
-        outline[:, :, 0], outline[:, :, 1] = ankle[..., :2] + HEEL * flat, tip[..., :2]
-        outline[:, :, 2], outline[:, :, 3] = above + across, above - across
-        outline[:, :, 4] = (ankle[..., :2] + above) / 2
+        of_foot = ankle[..., :2], ball[..., :2], tip[..., :2], flat, flat[..., ::-1] * ACROSS
+        outline = OUTLINE @ np.array(of_foot).transpose(1, 2, 0, 3)
         return Feet(time, velocity, sole, self._depth(outline))
 
     def carried(

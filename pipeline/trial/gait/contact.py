@@ -74,7 +74,8 @@ def pressure_beside(
     """
     surface = feet[..., 2].min(axis=1)
     pressure = center_of_pressure(wrench, threshold_n, surface)[:, :2]
-    distance = np.sqrt(np.square(feet[..., :2] - pressure[:, None]).sum(axis=-1))
+    away = feet[..., :2] - pressure[:, None]
+    distance = np.sqrt(np.vecdot(away, away))
     loaded: Mask = np.isfinite(distance).all(axis=1)
     distance = np.where(loaded[:, None], distance, 0.0)
     left, right = distance.T

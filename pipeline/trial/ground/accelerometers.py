@@ -11,7 +11,7 @@ import numpy as np
 
 from compensation import Sensor, Setup, dynamic_channels
 from hbm.signals.filtering import Method
-from hbm.signals.resampling import Convolution, resample
+from hbm.signals.resampling import Convolution, Signal, resample
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array
 from hbm.spelling import short
@@ -299,25 +299,18 @@ class RealtimeAccelerometers:
         """How much later than an instant the last sample is that it needs [s]."""
         return max(self.delays_s) + max(self.lags_s, default=0.0) + self.resampling.reach_s
 
-    @property
-    def behind_s(self) -> float:
-        """How much earlier than an instant the first sample is that it needs [s]."""
-        return max(self.lags_s, default=0.0) + self.resampling.reach_s - min(self.delays_s)
-
-    def felt(self, time: Array, readings: Array, at: Array) -> Array:
+    def felt(self, read: Signal, at: Array) -> Array:
         """Give what they felt at instants on the plates' clock, (T, k (1 + lags)) [m/s²].
 
-        From samples (N, k) at times (N,); NaN where unknown.
+        From their resampled readings at any times, (T, k); NaN where unknown.
         """
-        now = self._readings(time, readings, at)
-        kinds = [now]
+        kinds = [now := self._undelayed(read, at)]
         for lag_s in self.lags_s:
-            later, earlier = (self._readings(time, readings, at + s) for s in (lag_s, -lag_s))
+            later, earlier = (self._undelayed(read, at + s) for s in (lag_s, -lag_s))
             kinds.append(later - 2 * now + earlier)
-        return np.hstack(kinds) if self.lags_s else now
+        return np.concatenate(kinds, axis=1)
 
-    def _readings(self, time: Array, readings: Array, at: Array) -> Array:
-        def read(of_sensors: Array, delay_s: float) -> Array:
-            return self.resampling.evaluate(time, of_sensors, at + delay_s)
-
-        return _undelayed(readings, self.delays_s, read)
+    def _undelayed(self, read: Signal, at: Array) -> Array:
+        every = {delay_s: read(at + delay_s) for delay_s in set(self.delays_s)}
+        each = [every[late_s][:, 3 * k : 3 * k + 3] for k, late_s in enumerate(self.delays_s)]
+        return np.concatenate(each, axis=1)

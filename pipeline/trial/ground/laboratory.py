@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -273,7 +274,8 @@ class BoundLaboratory:
         if method == "realtime":
             rates_hz = mean_rate_hz(clock), self.recording.markers.rate_hz
             live = RealtimeAccelerometers.of(self.sensor_delays_s, self.lags_s, *rates_hz)
-            return [live.felt(clock, readings, at) for at in earlier]
+            read = partial(live.resampling.evaluate, clock, readings)
+            return [live.felt(read, at) for at in earlier]
         filtered = self.setup.low_pass(readings, clock)
         sensed = filtered if low_passed else readings
         return at_plate_times(clock, sensed, filtered, earlier, self.sensor_delays_s, self.lags_s)

@@ -1,5 +1,6 @@
 """Studies of many subjects: the work for each is that of a study of its own."""
 
+import os
 import pickle
 from pathlib import Path
 
@@ -39,6 +40,27 @@ def test_a_folder_is_not_searched_for_forces_of_formats_that_have_none_beside_th
         (tmp_path / name).touch()
     assert plate_files(tmp_path / "walk.c3d") == []
     assert plate_files(tmp_path / "walk.tsv") == [tmp_path / "walk_f_1.tsv"]
+
+
+def test_a_folder_of_many_exports_is_searched_once_for_their_forces(study, monkeypatch):
+    of_many, searched = study(30), []
+    for subject in of_many.subjects:
+        (of_many.folder / f"{subject}_f_1.tsv").touch()
+    inside = Path.iterdir
+    monkeypatch.setattr(Path, "iterdir", lambda path: searched.append(path) or inside(path))
+    for subject in of_many.subjects:
+        assert plate_files(of_many.folder / f"{subject}.tsv") == [
+            of_many.folder / f"{subject}_f_1.tsv"
+        ]
+    assert searched == [of_many.folder]
+
+
+def test_a_file_of_forces_that_is_added_is_found(tmp_path):
+    (tmp_path / "walk_f_1.tsv").touch()
+    before = plate_files(tmp_path / "walk.tsv")
+    (tmp_path / "walk_f_2.tsv").touch()
+    os.utime(tmp_path, (2e9, 2e9))  # clocks of some file systems are coarse
+    assert plate_files(tmp_path / "walk.tsv") == [*before, tmp_path / "walk_f_2.tsv"]
 
 
 def test_several_processes_find_what_one_finds_in_the_same_order(study):
