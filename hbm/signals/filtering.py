@@ -416,12 +416,11 @@ def spline_derivatives(samples: Array, step: float) -> tuple[Array, Array]:
     (3.0, 6.0)
     """
     inner = scipy.ndimage.spline_filter1d(samples.T, 5, mode="mirror")
-    by_order = ([-1, -10, 0, 10, 1], 24 * step), ([1, 2, -6, 2, 1], 6 * step**2)
-    first, second = (
-        scipy.ndimage.correlate1d(inner, weights, mode="mirror").T / scale
-        for weights, scale in by_order
-    )
-    return first, second
+
+    def summed(*weights: float) -> Array:
+        return np.asarray(scipy.ndimage.correlate1d(inner, weights, mode="mirror").T)
+
+    return summed(-1, -10, 0, 10, 1) / (24 * step), summed(1, 2, -6, 2, 1) / (6 * step**2)
 
 
 def oscillation(
