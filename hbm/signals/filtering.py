@@ -415,12 +415,12 @@ def spline_derivatives(samples: Array, step: float) -> tuple[Array, Array]:
     >>> first[100].round(9).item(), second[100].round(6).item()
     (3.0, 6.0)
     """
-    inner = scipy.ndimage.spline_filter1d(samples.T, 5, mode="mirror").T
-    c = np.concatenate([inner[2:0:-1], inner, inner[-2:-4:-1]])
-    far, near = (slice(4, None), slice(None, -4)), (slice(3, -1), slice(1, -3))
-    first = c[far[0]] - c[far[1]] + 10 * (c[near[0]] - c[near[1]])
-    second = c[far[0]] + c[far[1]] + 2 * (c[near[0]] + c[near[1]]) - 6 * inner
-    return first / (24 * step), second / (6 * step**2)
+    inner = scipy.ndimage.spline_filter1d(samples.T, 5, mode="mirror")
+
+    def summed(*weights: float) -> Array:
+        return np.asarray(scipy.ndimage.correlate1d(inner, weights, mode="mirror").T)
+
+    return summed(-1, -10, 0, 10, 1) / (24 * step), summed(1, 2, -6, 2, 1) / (6 * step**2)
 
 
 def oscillation(

@@ -188,12 +188,11 @@ class Cause:
         # the filter is linear: one pass of the change serves both ends
         course, moved = self.moves
         moving, settings = moved.any(axis=0), chain.settings
+        step = np.zeros((3, *moved.shape))
         change = size * course * moved[:, moving]
-        step = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
-        for end, sign in ((size, 1), (-size, -1)):
-            state = Filtered(*(before.copy() for before in chain.filtered))
-            for after, part in zip(state, step, strict=True):
-                after[:, moving] += sign * part
+        step[:, :, moving] = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
+        for end, by in ((size, step), (-size, -step)):
+            state = Filtered(*map(np.add, chain.filtered, by))
             yield chain.changed(body=self.alters(chain.body, end), filtered=state)
 
 

@@ -15,7 +15,7 @@ from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array, Indices
 from pipeline.explain.budget import Bands, RmsUncertainty
 from pipeline.explain.cause import UNSEEN, Cause, groups, priors
-from pipeline.explain.linearise import ExplainedPart, rms
+from pipeline.explain.linearise import ExplainedPart
 from pipeline.trial.chain import Chain
 from pipeline.trial.residuals import counted, reported
 from pipeline.trial.result import TrialResult
@@ -206,15 +206,14 @@ def measured_uncertainty(
         variants = {False: result.measured.residual[trial], True: chain.residual}
 
     def over(frames: Indices) -> Iterator[RmsUncertainty]:
-        hidden = _mean_square(usual[unseen][:, frames], sizes[:, unseen]) if unseen else 0.0
+        hidden = _mean_square(usual[unseen][:, frames], sizes[:, unseen])
         for compensated, residual in variants.items():
             absent = UNSEEN if compensated else UNSEEN | {"compensation"}
             added = [k for k, cause in enumerate(causes) if cause.group not in absent]
             parts = residual[frames], usual[added][:, frames]
             draws = drawn_rms(*parts, noise, samples, sizes[:, [*added, -1]], hidden)
-            whole = rms(residual[frames])
-            if unseen:
-                whole = np.sqrt(np.maximum(whole**2 - hidden, 0.0)).mean(axis=0)
+            shown = np.mean(residual[frames] ** 2, axis=0) - hidden
+            whole = np.sqrt(np.maximum(shown, 0.0)).mean(axis=0)
             yield RmsUncertainty(compensated, whole, draws.round(DECIMALS))
 
     frames = np.concatenate(cycles)

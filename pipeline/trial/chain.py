@@ -8,7 +8,7 @@ chains that were changed.
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
@@ -178,7 +178,7 @@ class Chain:
         altered |= {*_differing(self.inputs, other.inputs)}
         before = dict(self.settings)
         altered |= {f"settings.{name}" for name, value in settings if value != before[name]}
-        other._given = self._given | stages.keys()
+        other._given = self._given.union(stages)
         for name in DEPENDS_ON.keys() & self.__dict__.keys():
             if name in self._given or altered.isdisjoint(_all_of(name, other._given)):
                 other.__dict__[name] = self.__dict__[name]
@@ -535,7 +535,8 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
     return shift_wrench(needed, motion.value[:, :3])
 
 
-def _all_of(stage: str, given: frozenset[str] | set[str]) -> set[str]:
+@cache
+def _all_of(stage: str, given: frozenset[str]) -> set[str]:
     """Give all that a stage is computed from, through other stages but for those that are given."""
     direct = DEPENDS_ON[stage].split()
     through = (name for name in direct if name in DEPENDS_ON and name not in given)
