@@ -10,6 +10,7 @@ from pipeline.run.run import forecast, plan, run_study
 from pipeline.run.store import LOST, read_trial
 from pipeline.trial import chain, process
 from tests.pipeline.equality import assert_identical
+from tests.pipeline.fake_results import without_figures
 from tests.pipeline.lab import edit
 
 CUTOFFS_HZ = (5, 8)
