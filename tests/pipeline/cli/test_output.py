@@ -18,8 +18,10 @@ ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 ENVIRONMENTS = {
     "ASCII by the locale": ASCII,
     "Chinese letters": {"PYTHONIOENCODING": "gbk", "PATH": ""},
-    "optimised": {"PYTHONOPTIMIZE": "2", "TERM": "dumb", "COLUMNS": "many", "LINES": "-1"},
-    "a home that cannot be written": {"HOME": "/proc", "MPLCONFIGDIR": None},
+    "optimised, at a home that cannot be written": {
+        **{"PYTHONOPTIMIZE": "2", "TERM": "dumb", "COLUMNS": "many", "LINES": "-1"},
+        **{"HOME": "/proc", "MPLCONFIGDIR": None},
+    },
 }
 STAYS_QUICK = ("ASCII by the locale",)
 PROGRAM = """
