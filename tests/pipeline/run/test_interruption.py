@@ -138,7 +138,6 @@ def test_requests_to_stop_that_are_recorded_interrupt_nothing_however_close_they
 @pytest.mark.parametrize(
     ("words", "suffix", "number"),
     [
-        ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGTERM),
         ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGINT),
         ("report {out}", ".csv", signal.SIGTERM),
         ("export {study} --format c3d --out {out}", ".c3d", signal.SIGINT),
