@@ -165,7 +165,9 @@ def test_a_trial_without_residuals_has_a_page_that_says_why(tmp_path, trial):
     assert "no residuals: nobody walked" in text.lower()
 
 
-def test_every_trial_of_a_report_has_a_page_and_an_unchanged_one_is_kept(tmp_path, undrawn):
+def test_every_trial_of_a_report_has_a_page_and_an_unchanged_one_is_kept(
+    tmp_path, undrawn, monkeypatch
+):
     folder = write_fake_results(tmp_path, subjects=1, conditions=("baseline", "sway"), cycles=3)
     report = write_report(folder, pages=True)
     source = report.read_text(encoding="utf-8")
