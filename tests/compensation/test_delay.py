@@ -119,6 +119,7 @@ def test_a_known_delay_of_the_plate_comes_back_however_long_the_hammer_touches(d
     assert found.degrees_of_freedom >= 13  # a contact of 1 ms may pass between two samples
 
 
+@pytest.mark.campaign
 def test_the_95_percent_interval_of_a_delay_by_a_hammer_holds_it_19_times_in_20():
     rng = np.random.default_rng(7)
     holds = []

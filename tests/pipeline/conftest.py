@@ -13,6 +13,7 @@ from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_laboratory
 from tests.pipeline import lab
+from tests.pipeline.fake_results import without_figures
 
 BLOCK = 512
 SURFACE = ((0.85, -0.25), (-0.85, -0.25), (-0.85, 0.25), (0.85, 0.25))
@@ -162,6 +163,13 @@ def finished(moving_study, tmp_path_factory):
     outcomes = list(run_study(read_study(moving_study), out))
     assert [outcome.state for outcome in outcomes] == ["done"] * 6
     return out
+
+
+@pytest.fixture
+def undrawn():
+    """Reports without the figures of the study, which are not looked at."""
+    with without_figures():
+        yield
 
 
 @pytest.fixture

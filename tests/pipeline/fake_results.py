@@ -4,11 +4,13 @@ Residuals of walking, artefacts and what compensation leaves of them are sines, 
 of those of a study. Nothing here is measured or simulated.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hbm.coordinates import INDEX
 from hbm.dynamics import Dynamics
@@ -34,6 +36,15 @@ PITCH = np.array([480.0, 0.0, 60.0, 0.0, 500.0, 0.0])
 UNCOMPENSATED_SHARE = 0.02
 COMPENSATION = np.array([1.0, -1.0, 0.5, 0.4, -0.4, 0.3])
 """What compensation adds to walking itself: the accelerometers' noise."""
+
+
+@contextmanager
+def without_figures() -> Iterator[None]:
+    """Leave the figures of a study out of its report: they take most of its time."""
+    with pytest.MonkeyPatch.context() as patch:
+        for figures in ("study_figures", "joint_figures"):
+            patch.setattr(f"pipeline.report.write.{figures}", lambda *given: iter(()))
+        yield
 
 
 def write_fake_results(

@@ -42,7 +42,6 @@ from pipeline.virtual_lab.machine.platform import Machine, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person.walk import Walk
 from pipeline.virtual_lab.protocol.walking_protocol import (
-    CONDITIONS,
     ONSET_PHASE,
     ConditionName,
     Protocol,
@@ -361,7 +360,7 @@ def _of_case(
     own = [_of_subject(setting, group, case, number) for number in range(subjects)]
     return {
         condition: tuple(np.sqrt(np.mean([p[condition] for p in own], axis=0)))
-        for condition in CONDITIONS
+        for condition in setting.protocol.conditions
     }
 
 
@@ -373,7 +372,7 @@ def _of_subject(
     models = _models(setting, case) if case.removal == "calibrated" else ()
     reference = TRANSPARENT_HZ if group == FILTER else Case().cutoff_hz
     squares: dict[str, tuple[Array, Array]] = {}
-    for condition in CONDITIONS:
+    for condition in setting.protocol.conditions:
         key = _WalkKey(setting.seed, setting.protocol, case.faults.body, number, condition)
         walk, motion = _walk(key)
         rng = np.random.default_rng((setting.seed, number, NOISE_STREAM))

@@ -54,31 +54,35 @@ def counted(walk, motion):
     return perturbed(walk, motion) if len(motion.onsets) else steady(motion)
 
 
-def left_over(trial, treadmill, **case):
-    rng = np.random.default_rng(0)
-    return residual_of(Case(**case), trial.walk, trial.motion, treadmill, rng)
+@pytest.fixture(scope="module")
+def left_over(perfect):
+    """Give a function of condition, and of what its case states: the residual that is left."""
+
+    @cache
+    def residual(condition, **case):
+        trial, treadmill = perfect(condition)
+        rng = np.random.default_rng(0)
+        return residual_of(Case(**case), trial.walk, trial.motion, treadmill, rng)
+
+    return residual
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
-def test_perfect_instruments_and_the_true_body_leave_no_residual(perfect, condition):
+def test_perfect_instruments_and_the_true_body_leave_no_residual(perfect, left_over, condition):
     """The equations of motion hold to half a newton; the rest is filter and interpolation."""
-    trial, treadmill = perfect(condition)
-    left = left_over(trial, treadmill, cutoff_hz=TRANSPARENT_HZ)[steady(trial.motion)]
-    assert (rms(left) < 0.5).all()
+    walking = steady(perfect(condition)[0].motion)
+    assert (rms(left_over(condition, cutoff_hz=TRANSPARENT_HZ)[walking]) < 0.5).all()
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_a_filter_at_6_hz_leaves_newtons_because_it_does_not_commute_with_the_dynamics(
-    perfect, condition
+    perfect, left_over, condition
 ):
     """Coordinates and forces are filtered alike, but forces are no linear function of coordinates:
     what 6 Hz leaves with perfect instruments is due to the filter, and vanishes as the cut-off
     frequency rises."""
-    trial, treadmill = perfect(condition)
-    low, high = (
-        rms(left_over(trial, treadmill, cutoff_hz=hz)[steady(trial.motion)])
-        for hz in (6.0, TRANSPARENT_HZ)
-    )
+    walking = steady(perfect(condition)[0].motion)
+    low, high = (rms(left_over(condition, cutoff_hz=hz)[walking]) for hz in (6.0, TRANSPARENT_HZ))
     assert (low > 5 * high).all()
     assert (low[:3] < 8).all()
     assert (low[3:] < 4).all()
@@ -100,16 +104,16 @@ def test_inverse_kinematics_finds_the_true_coordinates(marker_set, unseen):
     )
 
 
-def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(perfect):
+def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(perfect, left_over):
     """Fx = M g sin φ: plates that are tilted carry part of the assemblies' weight as shear."""
-    trial, treadmill = perfect("pitch")
+    trial, _ = perfect("pitch")
     mass = sum(part.mass for part in BELT_ASSEMBLIES)
     assert mass == 300.0
     expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
     assert expected == pytest.approx(330, rel=0.15)
     since = trial.motion.time[::SAMPLES_PER_FRAME][steady(trial.motion)] - SHORT.steady_s
     expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(since)))
-    found = rms(left_over(trial, treadmill, removal="none")[steady(trial.motion)])
+    found = rms(left_over("pitch", removal="none")[steady(trial.motion)])
     assert found[FORWARD] == pytest.approx(expected, rel=0.1)
 
 
@@ -117,7 +121,7 @@ def pitch_angle(since):
     return np.radians(PITCH_DEG) * np.sin(2 * np.pi * since / PITCH_PERIOD_S)
 
 
-def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
+def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect, left_over):
     """About mid-hip: My = Fx z, z above the assemblies' centre, and the lever of their weight."""
     trial, treadmill = perfect("pitch")
     masses = np.array([part.mass for part in BELT_ASSEMBLIES])
@@ -132,13 +136,13 @@ def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
     weight = masses.sum() * GRAVITY_MPS2
     force_x, force_z = -weight * sine, weight * (1 - cosine)
     expected = lever_z * force_x - lever_x * force_z
-    found = left_over(trial, treadmill, removal="none")
+    found = left_over("pitch", removal="none")
     inside = steady(trial.motion)
     assert rms(found[inside, PITCHING]) == pytest.approx(rms(expected[inside]), rel=0.1)
     assert np.corrcoef(found[inside, PITCHING], expected[inside])[0, 1] ** 2 > 0.99
 
 
-def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
+def test_sway_without_compensation_leaves_mass_times_acceleration(perfect, left_over):
     """Fy = M ÿ after a 6 Hz filter, from the command and the actuator's bandwidth alone."""
     trial, treadmill = perfect("sway")
     mass = sum(part.mass for part in BELT_ASSEMBLIES)
@@ -147,7 +151,7 @@ def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
     )
     inside = perturbed(trial.walk, trial.motion)
     expected = rms(push[::SAMPLES_PER_FRAME][inside])
-    found = rms(left_over(trial, treadmill, removal="none")[inside])
+    found = rms(left_over("sway", removal="none")[inside])
     assert found[LEFTWARD] == pytest.approx(expected, rel=0.1)
     hip = trial.walk.motion.at(trial.motion.time[::SAMPLES_PER_FRAME][inside])[:, 2].mean()
     depth = np.mean([part.center[2] for part in BELT_ASSEMBLIES])

@@ -208,7 +208,11 @@ def of_two_rollers(speed, rng):
 
 @pytest.mark.parametrize(
     ("speeds", "least", "most"),
-    [((3.0,), 0.79, 0.86), ((0.0, 3.0), 0.86, 0.92), ((0.0, 1.3, 2.5, 3.0), 0.92, 0.97)],
+    [
+        pytest.param((3.0,), 0.79, 0.86, marks=pytest.mark.campaign),
+        pytest.param((0.0, 3.0), 0.86, 0.92, marks=pytest.mark.campaign),
+        ((0.0, 1.3, 2.5, 3.0), 0.92, 0.97),
+    ],
 )
 def test_rollers_are_held_where_two_recordings_are_near_the_fastest_speed(speeds, least, most):
     """Their angle is another one in every recording: one may leave little and the next one much."""

@@ -63,13 +63,6 @@ def copy(study, explained, tmp_path):
 
 
 @pytest.fixture
-def quick(monkeypatch):
-    """Draw no figures: they are not tested here."""
-    for figures in ("study_figures", "joint_figures"):
-        monkeypatch.setattr(f"pipeline.report.write.{figures}", lambda *given: iter(()))
-
-
-@pytest.fixture
 def known(copy, monkeypatch):
     """Trials are explained as they were: what that takes is not tested here."""
     by_key = {}
@@ -120,7 +113,7 @@ def test_a_result_has_bands_while_its_explanation_is_of_it(copy):
     assert bands_of(path, replace(trial, key="of another result")) is None
 
 
-def test_a_trial_whose_recording_is_gone_stops_no_other(copy, capsys, quick):
+def test_a_trial_whose_recording_is_gone_stops_no_other(copy, capsys, undrawn):
     (copy.parent / "study" / "sub01_sway.c3d").unlink()
     (copy / FOLDER / "sub01_sway.json").unlink()
     assert main(["explain", str(copy)]) == 1
@@ -160,7 +153,7 @@ def test_a_folder_without_results_gives_one_line(copy, capsys):
     assert error.count("\n") == 1
 
 
-def test_a_report_of_explained_trials_has_their_causes_and_intervals_of_measurement(copy, quick):
+def test_a_report_of_explained_trials_has_their_causes_and_intervals_of_measurement(copy, undrawn):
     page = report(copy)
     section = page.partition('<section id="causes">')[2].partition("</section>")[0]
     assert "Held-out check: " in section
@@ -172,7 +165,7 @@ def test_a_report_of_explained_trials_has_their_causes_and_intervals_of_measurem
     assert "95 % interval of measurement" in page
 
 
-def test_a_report_says_which_explanations_it_does_not_show_and_what_adds_them(copy, quick):
+def test_a_report_says_which_explanations_it_does_not_show_and_what_adds_them(copy, undrawn):
     (copy / FOLDER / "sub01_sway.json").write_text("{")
     page = report(copy)
     assert page.count("the explanations of sub01 sway: ") == 1

@@ -235,10 +235,8 @@ def test_the_verdict_on_a_fitted_file_is_said_by_fit_check_residuals_and_export(
 
 
 def test_the_verdict_on_a_recording_of_the_study_is_in_everything_that_a_run_leaves(
-    moving_study, tmp_path, capsys, monkeypatch
+    moving_study, tmp_path, capsys, undrawn
 ):
-    for drawn in ("study_figures", "joint_figures"):
-        monkeypatch.setattr(f"pipeline.report.write.{drawn}", lambda *given: iter(()))
     study, out = spoilt(moving_study, tmp_path), tmp_path / "results"
     main(["check", str(study)])
     assert BEYOND in " ".join(capsys.readouterr().out.split())

@@ -18,8 +18,10 @@ ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 ENVIRONMENTS = {
     "ASCII by the locale": ASCII,
     "Chinese letters": {"PYTHONIOENCODING": "gbk", "PATH": ""},
-    "optimised": {"PYTHONOPTIMIZE": "2", "TERM": "dumb", "COLUMNS": "many", "LINES": "-1"},
-    "a home that cannot be written": {"HOME": "/proc", "MPLCONFIGDIR": None},
+    "optimised, at a home that cannot be written": {
+        **{"PYTHONOPTIMIZE": "2", "TERM": "dumb", "COLUMNS": "many", "LINES": "-1"},
+        **{"HOME": "/proc", "MPLCONFIGDIR": None},
+    },
 }
 STAYS_QUICK = ("ASCII by the locale",)
 PROGRAM = """
@@ -85,23 +87,22 @@ def test_every_name_in_utf_8_works_without_a_warning(trial, tmp_path, capsys):
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux alone")
 @pytest.mark.parametrize(
     ("command", "name", "reason"),
-    [("residuals", b"caf\xe9.c3d", b"not UTF-8"), ("export", b"a\x01b.c3d", b"a control character"),
-     ("init", b"a\nb.c3d", b"a control character"), ("run", b"caf\xe9.c3d", b"not UTF-8")],
+    [("residuals", b"caf\xe9.c3d", "not UTF-8"), ("export", b"a\x01b.c3d", "a control character"),
+     ("init", b"a\nb.c3d", "a control character"), ("run", b"caf\xe9.c3d", "not UTF-8")],
 )  # fmt: skip
 def test_other_names_are_refused_before_anything_is_computed(
-    command, name, reason, trial, tmp_path
+    command, name, reason, trial, tmp_path, capsys
 ):
-    path = os.path.join(os.fsencode(tmp_path), name)  # noqa: PTH118
-    shutil.copy(os.fsencode(trial), path)
-    command = [*HBM, command, path, "--out" if command != "init" else "--quiet", tmp_path / "out"]
-    done = subprocess.run([sys.executable, *command], capture_output=True, timeout=300)
-    assert done.returncode == 2
-    assert reason in done.stderr
-    assert done.stderr.count(b"\n") == 1
+    path = shutil.copy(trial, tmp_path / os.fsdecode(name))
+    options = ["--out", str(tmp_path / "out")] if command != "init" else ["--quiet"]
+    assert main([command, str(path), *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert reason in line
     assert not (tmp_path / "out").exists()
-    listed = subprocess.run([sys.executable, *HBM, "init", tmp_path], capture_output=True)
-    assert b"not used: " in listed.stdout
-    assert reason in listed.stdout
+    main(["init", str(tmp_path)])
+    listed = capsys.readouterr().out
+    assert "not used: " in listed
+    assert reason in listed
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux alone")

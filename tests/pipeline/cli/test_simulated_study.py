@@ -22,7 +22,7 @@ from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_trial, study_subject
 
 pytestmark = pytest.mark.slow
-PROTOCOL = Protocol(subjects=2, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 14.0), beside_s=12.0)
+PROTOCOL = Protocol(subjects=1, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 14.0), beside_s=12.0)
 QUANTILE_95 = 1.96
 CLOSE = 2.0  # N and N·m: half a percent of the largest artefact
 MOMENTS = (

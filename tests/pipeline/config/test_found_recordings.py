@@ -269,7 +269,7 @@ ODD = st.sampled_from(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
 @given(
     st.lists(
         st.tuples(st.sampled_from(["S1", "s1", "S2", ""]), st.one_of(PARTS, ODD)),

@@ -1,5 +1,7 @@
 """Sizes of causes: Fourier coefficients of gait cycles, and what they say of causes."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -186,9 +188,10 @@ def faulty_trial(rng, size, told):
     return residual, effects, np.ones(28), np.zeros(28, bool), np.arange(28) < 8
 
 
-@pytest.mark.parametrize("draws", [8, pytest.param(60, marks=pytest.mark.campaign)])
-@pytest.mark.parametrize("name", SIZES)
-@pytest.mark.parametrize("told", [0.3, 3.0])
+LONG = [pytest.param(*case, 60, marks=pytest.mark.campaign) for case in product(SIZES, (0.3, 3.0))]
+
+
+@pytest.mark.parametrize(("name", "told", "draws"), [("0-1", 0.3, 8), ("6-10", 3.0, 8), *LONG])
 def test_faults_of_any_size_are_found_as_large_as_they_are(name, told, draws):
     """Whether the trial tells of them or not, their intervals hold; where it does, they are found
     as large as they are: no prior draws them to zero."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given as drawn
+from hypothesis import settings
 from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject, Treadmill
@@ -198,6 +199,7 @@ BLURRED = st.tuples(st.floats(99.99, 100.01), st.floats(0.2, 0.5))
 """A stream as stated, whose stamps overlap with those of the next frames."""
 
 
+@settings(max_examples=15)
 @drawn(
     clock=CLEAR | BLURRED,
     lost=st.sampled_from([0.0, 0.002, 0.01, 0.1]),
@@ -265,6 +267,7 @@ def test_samples_of_a_clock_that_stands_still_are_not_used():
     assert used[-1] == stamps[-1]
 
 
+@settings(max_examples=15)
 @drawn(
     twice=st.sampled_from([0.002, 0.1]),
     apart_s=st.sampled_from([0.0, 2e-5]),

@@ -12,13 +12,13 @@ from scipy import stats
 
 from pipeline.config.comparison import study_design
 from pipeline.config.study import read_study
-from pipeline.report import write
 from pipeline.report.joints import JointMeans, compensation_tables, joint_figures, subject_values
 from pipeline.report.write import write_report
 from pipeline.run.load import Curves
 from pipeline.statistics.design import unstated_design
 from pipeline.statistics.recordings import subject_means
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS
+from tests.pipeline.fake_results import without_figures
 
 DESIGN = unstated_design(["walk"], compensated=True)
 
@@ -114,9 +114,7 @@ def test_mean_curves_weigh_cycles_or_recordings_as_the_study_says(weigh, expecte
 def reported(moving_study, finished, tmp_path_factory):
     """The report of two simulated people, without its figures."""
     out = shutil.copytree(finished, tmp_path_factory.mktemp("joints") / "results")
-    with pytest.MonkeyPatch.context() as patch:
-        for figures in ("study_figures", "joint_figures"):
-            patch.setattr(write, figures, lambda *given: iter(()))
+    with without_figures():
         write_report(out, moving_study)
     return out
 

@@ -90,13 +90,6 @@ def page(folder):
 
 
 @pytest.fixture
-def quick(monkeypatch):
-    """Draw no figures: they are not tested here."""
-    for figures in ("study_figures", "joint_figures"):
-        monkeypatch.setattr(report, figures, lambda *given: iter(()))
-
-
-@pytest.fixture
 def unsaved(monkeypatch):
     """Save figures as empty files: their appearance is not tested here."""
 
@@ -162,7 +155,7 @@ def test_settings_versions_and_hashes_are_on_the_page_and_in_study_json(page, fo
 
 
 def test_equal_results_give_an_equal_report_and_markup_in_a_name_is_text(
-    tmp_path, quick, monkeypatch
+    tmp_path, undrawn, monkeypatch
 ):
     monkeypatch.setattr(provenance, "git_commit", lambda: "a commit")
     name = "<b>$x$\"'&"
@@ -181,32 +174,40 @@ def test_equal_results_give_an_equal_report_and_markup_in_a_name_is_text(
 
 
 @pytest.mark.parametrize(
-    ("study", "text"),
+    ("figures", "study", "text"),
     [
-        ({"subjects": 1}, "With one subject there are means, but no confidence intervals."),
-        ({"subjects": 2, "compensated": False}, "There is no compensation to assess"),
         (
+            "unsaved",
+            {"subjects": 1},
+            "With one subject there are means, but no confidence intervals.",
+        ),
+        ("undrawn", {"subjects": 2, "compensated": False}, "There is no compensation to assess"),
+        (
+            "undrawn",
             {"subjects": 2, "conditions": ("baseline", "sway"), "without": {("sub01", "baseline")}},
             "sub01 baseline missing",
         ),
     ],
     ids=["one subject", "measured only", "gap"],
 )
-def test_incomplete_studies_are_reported_with_what_is_missing(tmp_path, unsaved, study, text):
+def test_incomplete_studies_are_reported_with_what_is_missing(
+    tmp_path, request, figures, study, text
+):
+    request.getfixturevalue(figures)
     found = Page(write_report(write_fake_results(tmp_path, cycles=2, **study)))
     assert found.open == []
     assert text in found.text
     assert "nan" not in re.sub(r"[a-z]+nan|nan[a-z]+", "", found.text.lower())
 
 
-def test_a_study_without_compensation_speaks_of_none(tmp_path, quick):
+def test_a_study_without_compensation_speaks_of_none(tmp_path, undrawn):
     conditions = ("barefoot", "boots")
     write_fake_results(tmp_path, subjects=2, conditions=conditions, cycles=2, compensated=False)
     found = Page(write_report(tmp_path))
     assert not re.search(r"\bIC\b|Table III\. ", found.text)
 
 
-def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick):
+def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, undrawn):
     """Other conditions, one of them left out, groups, another reference, margin and correction."""
     names = {"baseline": "still", "sway": "tilt", "pitch": "shake"}
     folder = write_fake_study(tmp_path / "study", subjects=6)
@@ -229,6 +230,7 @@ def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick)
     own = residuals.query("axis == 'Fx' and condition == 'still' and subject in @BEFORE")["rms"]
     of_group = found.text[found.text.index("group before. RMS residuals") :]
     assert f"still 3 {own.mean():.1f} ± {own.std():.1f}" in of_group
+    assert "hbm calibration check empty.json RECORDING writes one" in found.text
     assert "Table III" not in found.text  # which is of the conditions of the thesis
     tests = pd.read_csv(tmp_path / "statistics.csv")
     assert {"mixed ANOVA", "mixed ANOVA with mass_kg"} <= set(tests["test"])
@@ -266,7 +268,7 @@ def test_a_study_of_standing_is_reported_over_the_recordings(tmp_path, unsaved):
     assert table["rms"].notna().all()
 
 
-def test_what_is_unlike_the_other_trials_is_named_and_in_no_test(tmp_path, quick):
+def test_what_is_unlike_the_other_trials_is_named_and_in_no_test(tmp_path, undrawn):
     """Spans among gait cycles, other settings, and a trial of which nothing counts."""
     conditions = ("baseline", "sway")
     absent = {("sub03", "sway"), ("sub02", "baseline")}
@@ -304,20 +306,14 @@ def test_the_page_links_to_that_of_the_laboratory_beside_the_calibration(page, f
     assert (folder / link).resolve() == (study / "laboratory.html").resolve()
 
 
-@pytest.mark.parametrize(
-    ("calibration", "command"),
-    [("empty.c3d", "fit empty.c3d -o lab.json"), ("empty.json", "check empty.json RECORDING")],
-)
-def test_a_page_without_a_record_of_the_treadmill_says_which_command_writes_one(
-    tmp_path, quick, calibration, command
-):
+def test_a_page_without_a_record_of_the_treadmill_says_which_command_writes_one(tmp_path, undrawn):
     write_fake_study(tmp_path / "study", subjects=1)
-    (tmp_path / "study" / calibration).touch()
+    (tmp_path / "study" / "empty.c3d").touch()
     file = tmp_path / "study" / "study.toml"
-    file.write_text(file.read_text().replace("empty.json", calibration))
+    file.write_text(file.read_text().replace("empty.json", "empty.c3d"))
     write_fake_results(tmp_path / "results", subjects=1, cycles=2)
     page = write_report(tmp_path / "results", tmp_path / "study").read_text(encoding="utf-8")
-    assert f"<code>hbm calibration {command}</code> writes one" in page
+    assert "<code>hbm calibration fit empty.c3d -o lab.json</code> writes one" in page
 
 
 # In a real browser: drawn without errors or requests, readable on every screen

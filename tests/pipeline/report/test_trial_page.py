@@ -166,9 +166,9 @@ def test_a_trial_without_residuals_has_a_page_that_says_why(tmp_path, trial):
     assert "no residuals: nobody walked" in text.lower()
 
 
-def test_every_trial_of_a_report_has_a_page_and_an_unchanged_one_is_kept(tmp_path, monkeypatch):
-    for figures in ("study_figures", "joint_figures"):
-        monkeypatch.setattr(write, figures, lambda *given: iter(()))
+def test_every_trial_of_a_report_has_a_page_and_an_unchanged_one_is_kept(
+    tmp_path, undrawn, monkeypatch
+):
     folder = write_fake_results(tmp_path, subjects=1, conditions=("baseline", "sway"), cycles=3)
     report = write_report(folder, pages=True)
     source = report.read_text(encoding="utf-8")
@@ -197,10 +197,8 @@ def test_every_trial_of_a_report_has_a_page_and_an_unchanged_one_is_kept(tmp_pat
 
 @pytest.mark.parametrize("most", [1, 2])
 def test_a_larger_study_says_that_trials_have_no_pages_and_what_writes_them(
-    tmp_path, monkeypatch, capsys, most
+    tmp_path, undrawn, monkeypatch, capsys, most
 ):
-    for figures in ("study_figures", "joint_figures"):
-        monkeypatch.setattr(write, figures, lambda *given: iter(()))
     monkeypatch.setattr(write, "MAX_PAGES", most)
     folder = write_fake_results(tmp_path, subjects=1, conditions=("baseline", "sway"), cycles=3)
     assert main(["report", str(folder)]) == 0

@@ -13,7 +13,7 @@ from pipeline.run.load import Curves, collect
 from pipeline.run.store import write_trial
 from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.trial.result import CyclePart
-from tests.pipeline.fake_results import CYCLE_S, fake_trial
+from tests.pipeline.fake_results import CYCLE_S, fake_trial, without_figures
 
 
 def with_part(result):
@@ -28,15 +28,13 @@ def with_part(result):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("windows")
-    with pytest.MonkeyPatch.context() as patch:
-        for figures in ("study_figures", "joint_figures"):
-            patch.setattr(f"pipeline.report.write.{figures}", lambda *given: iter(()))
-        for number in (1, 2, 3):
-            for condition in ("baseline", "sway", "pitch"):
-                result = fake_trial(number, condition, cycles=4)
-                result = with_part(result) if condition == "sway" else result
-                path = out / "trials" / f"sub{number:02}_{condition}.parquet"
-                write_trial(replace(result, condition=condition, key="key"), path)
+    for number in (1, 2, 3):
+        for condition in ("baseline", "sway", "pitch"):
+            result = fake_trial(number, condition, cycles=4)
+            result = with_part(result) if condition == "sway" else result
+            path = out / "trials" / f"sub{number:02}_{condition}.parquet"
+            write_trial(replace(result, condition=condition, key="key"), path)
+    with without_figures():
         write_report(out)
     return out
 

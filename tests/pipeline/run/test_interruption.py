@@ -1,8 +1,7 @@
-"""A run that is killed, interrupted, started twice, out of disk space or without permission."""
+"""A run that is interrupted, started twice, out of disk space or without permission."""
 
 import json
 import os
-import random
 import re
 import signal
 import subprocess
@@ -14,7 +13,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.run.processes import recorded_requests
-from tests.campaign.kills import environment, kills, undisturbed
+from tests.campaign.kills import environment
 from tests.pipeline.fake_results import write_fake_results
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="lists processes")
@@ -46,21 +45,6 @@ def hbm(*arguments, before=lambda: None):
 
 def results(out):
     return {path.name: path.read_bytes() for path in (out / "trials").glob("*.parquet")}
-
-
-@pytest.mark.slow
-@needs_proc
-def test_a_killed_run_harms_nothing_and_the_next_one_ends_with_the_same_results(
-    moving_study, finished, tmp_path
-):
-    """Six runs, killed at random instants as the campaign does."""
-    known, seed = undisturbed(moving_study, tmp_path / "known"), random.randrange(10**6)
-    assert known.results == results(finished)
-    for attack in kills(known, 6):
-        folder = tmp_path / str(attack.number)
-        folder.mkdir()
-        outcome = attack.act(folder, attack.chance(seed))
-        assert outcome.kind == "fine", (seed, str(outcome))
 
 
 @pytest.mark.slow
@@ -154,7 +138,6 @@ def test_requests_to_stop_that_are_recorded_interrupt_nothing_however_close_they
 @pytest.mark.parametrize(
     ("words", "suffix", "number"),
     [
-        ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGTERM),
         ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGINT),
         ("report {out}", ".csv", signal.SIGTERM),
         ("export {study} --format c3d --out {out}", ".c3d", signal.SIGINT),

@@ -62,7 +62,7 @@ def study(tmp_path_factory):
 def results(study, tmp_path_factory):
     out = tmp_path_factory.mktemp("repeated") / "results"
     assert main(["run", str(study), "--jobs", "2", "--out", str(out)]) == 1
-    assert main(["report", str(out)]) == 0
+    assert main(["report", str(out), "--no-pages"]) == 0
     return out
 
 

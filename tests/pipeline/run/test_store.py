@@ -133,7 +133,7 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
     corners=arrays(float, (4, 3), elements=st.floats(allow_infinity=False)),
     event_s=numbers,
 )
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=8)
 def test_numbers_other_than_the_frames_are_read_back_exactly(
     processed, tmp_path_factory, mass, center, onsets, corners, event_s
 ):

@@ -6,11 +6,11 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
-from pipeline.report import write
 from pipeline.run.run import forecast, plan, run_study
 from pipeline.run.store import LOST, read_trial
 from pipeline.trial import chain, process
 from tests.pipeline.equality import assert_identical
+from tests.pipeline.fake_results import without_figures
 from tests.pipeline.lab import edit
 
 CUTOFFS_HZ = (5, 8)
@@ -81,9 +81,8 @@ def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypa
     assert (out / "trials" / "sub01_sway.parquet").is_file()
     monkeypatch.undo()
     assert main(["run", str(study), "--out", str(out)]) == 0
-    for drawn in ("study_figures", "joint_figures"):
-        monkeypatch.setattr(write, drawn, lambda *given: iter(()))
-    assert main(["report", str(out), "--no-pages"]) == 0
+    with without_figures():
+        assert main(["report", str(out), "--no-pages"]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Does the conclusion depend on the choices?" in page
     assert "cutoff_8" in (out / "variants.csv").read_text(encoding="utf-8")

@@ -39,6 +39,7 @@ def test_p_is_the_share_of_changes_of_signs_that_reach_it():
         assert part.p == pytest.approx(expected[part.start : part.stop + 1].min())
 
 
+@pytest.mark.campaign
 def test_false_alarms_are_as_many_as_stated():
     """In 2,000 studies of eight people without a difference: 5 %, give or take 1 %."""
     rng = np.random.default_rng(2)

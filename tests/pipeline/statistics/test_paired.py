@@ -111,6 +111,7 @@ def test_reversing_the_comparison_reverses_every_sign():
     assert one.rank_biserial == pytest.approx(-other.rank_biserial)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("mean", [0.0, -3.0])
 def test_the_interval_of_dz_covers_the_true_value_at_its_nominal_rate(mean):
     rng = np.random.default_rng(1)

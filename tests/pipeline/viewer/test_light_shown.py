@@ -1,8 +1,6 @@
-"""The light of a session on a screen, with the five most frequent faults, in a browser."""
+"""The light of a session on a screen, in a browser."""
 
-import os
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,25 +8,18 @@ from matplotlib.colors import to_rgb
 
 from pipeline.figures.style import COLOURS
 from pipeline.viewer.board import BARS, BOARD_SIZE, FIRST_ROW, LIGHTS, ROW, draw_board
-from pipeline.viewer.live import FULL_SCALE, Board, LiveScene, LiveView, ShownFrame
+from pipeline.viewer.live import FULL_SCALE, Board, LiveScene, LiveView
 from tests.pipeline.browser import needs_chromium, open_browser
-from tests.pipeline.live.planted import EXPECTED, VirtualLaboratory
+from tests.pipeline.viewer_frames import shown_frames
 from tests.pipeline.viewer_pictures import PATIENCE_S, count_pixels, settled_page
+from tests.pipeline.viewer_trial import viewer_trial
 
 SCREEN = (1920, 1080)
 LAST = 60
 
 
-@pytest.fixture(scope="module")
-def laboratory(tmp_path_factory):
-    return VirtualLaboratory(tmp_path_factory.mktemp("light"))
-
-
-def shown(frame):
-    return ShownFrame(
-        *(frame.time, frame.q, frame.markers, frame.residual, frame.by_foot, frame.platform),
-        frame.quality.counts,
-    )
+def board(colour="good", sentence="12 of 25 gait cycles used", peaks=None):
+    return Board(colour, sentence, 0.5, "12 / 25 gait cycles", peaks or {}, 37.0, 7.0, "Markers")
 
 
 def seen_on(browser, path, expected):
@@ -46,46 +37,24 @@ def seen_on(browser, path, expected):
 
 @pytest.mark.slow
 @needs_chromium
-@pytest.mark.parametrize(
-    "faults",
-    [
-        ("none", "marker lost", "plate not zeroed", "plates late", "foot beside the plate"),
-        ("platform sensor dead",),
-    ],
-    ids=["at rest", "moving"],
-)
-def test_the_colour_of_the_light_is_on_the_screen_for_each_frequent_fault(
-    laboratory, faults, tmp_path
-):
-    """One screen, on which each light follows one of another colour.
-
-    Pictures go to the folder in LIVE_SCREENS, if it is set, to be looked at.
-    """
-    first = laboratory.played(faults[0])
-    chain = first.monitor.chain
-    plates = laboratory.walk.plates
-    scene = LiveScene(chain.body, plates, chain.stream.labels, chain.ground.variants, "browser")
-    view = LiveView(scene)
+def test_each_colour_of_the_light_is_on_the_screen_as_soon_as_it_is_shown(tmp_path):
+    """On one screen, beside body and residuals."""
+    trial = viewer_trial(LAST)
+    names, variants = trial.markers.names, list(trial.ground)
+    view = LiveView(LiveScene(trial.body, trial.plates, names, variants, "browser"))
     try:
         assert view.wait(PATIENCE_S), view.fault
-        for frame in first.frames[-LAST:]:
-            view.show(shown(frame))
+        for frame in shown_frames(trial):
+            view.show(frame)
         with open_browser() as browser:
             browser.resize(*SCREEN)
             browser.open(view.address)
             settled_page(browser)
-            for fault in faults:
-                played = first if fault == faults[0] else laboratory.played(fault)
-                view.show_board(played.board)
-                path = Path(os.environ.get("LIVE_SCREENS", tmp_path)) / f"{fault}.png"
-                colour = EXPECTED[fault][0]
-                assert seen_on(browser, path, colour) == {colour}, fault
+            for colour in LIGHTS:
+                view.show_board(board(colour))
+                assert seen_on(browser, tmp_path / f"{colour}.png", colour) == {colour}
     finally:
         view.close()
-
-
-def board(colour="good", sentence="12 of 25 gait cycles used", peaks=None):
-    return Board(colour, sentence, 0.5, "12 / 25 gait cycles", peaks or {}, 37.0, 7.0, "Markers")
 
 
 def luminance(colour):
