@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, Literal, SupportsInt
+from typing import TYPE_CHECKING, Final, Literal, SupportsInt
 
 import numpy as np
 
@@ -14,7 +14,11 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
 from hbm.spelling import listed
+from pipeline.io.shown import Shown
 from pipeline.io.stated import Stated
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Doubt = Literal["in_doubt", "impossible_samples", "rename_without_label"]
 FactKind = Literal["joined", "left_out", "missing", "corrected", Doubt]
@@ -269,8 +273,8 @@ class Compensation:
     frame: PlateFrame = "recorded"
 
 
-@dataclass(frozen=True, slots=True)
-class Recording:
+@dataclass(frozen=True, slots=True, repr=False)
+class Recording(Shown):
     """One trial as recorded, in SI units and lab axes (X forward, Y left, Z up).
 
     Attributes
@@ -312,8 +316,13 @@ class Recording:
     >>> import hbm, numpy as np, pipeline
     >>> time = np.arange(50) / 100
     >>> heel = hbm.Markers(time, ("LHEE",), np.zeros((50, 1, 3)))
-    >>> f"{pipeline.Recording('heel.c3d', heel).markers.rate_hz:g} Hz"
-    '100 Hz'
+    >>> pipeline.Recording("heel.c3d", heel)
+    heel.c3d: 0.5 s
+                     number    rate
+    markers               1  100 Hz
+    force plates          0       –
+    analog channels       0       –
+    events                0       –
     """
 
     source: Path
@@ -336,6 +345,23 @@ class Recording:
         object.__setattr__(self, "source", Path(self.source))
         object.__setattr__(self, "model_outputs", MappingProxyType(dict(self.model_outputs)))
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
+
+    def overview(self) -> "tuple[str, pd.DataFrame]":
+        """Give file and duration; number and rate of what was recorded."""
+        import pandas as pd
+
+        markers, plates, analog = self.markers, self.plates, self.analog
+        recorded = {
+            "markers": (len(markers.names), markers),
+            "force plates": (len(plates), plates[0] if plates else None),
+            "analog channels": (len(analog.names) if analog else 0, analog),
+            "events": (len(self.events), None),
+        }
+        rows = [
+            (count, f"{part.rate_hz:g} Hz" if part else "–") for count, part in recorded.values()
+        ]
+        table = pd.DataFrame(rows, [*recorded], ["number", "rate"])
+        return f"{self.source.name}: {len(markers.time) / markers.rate_hz:.1f} s", table
 
     @property
     def why_no_plates(self) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,12 +16,16 @@ from hbm.body import Body
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import Motion
-from hbm.notes import Note
-from hbm.spatial import Array, Indices, Mask
+from hbm.notes import Note, warnings_of
+from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject, TrialName, Unit
 from pipeline.io.recording import Event, Plate
+from pipeline.io.shown import Shown
 from pipeline.trial.findings.finding import Finding
-from pipeline.trial.quality import free_of
+from pipeline.trial.quality import frames_within, free_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def _note(stored: object) -> Note:
@@ -103,8 +107,8 @@ class Procedure:
     dynamic: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class TrialResult:
+@dataclass(frozen=True, slots=True, repr=False)
+class TrialResult(Shown):
     """Everything that is known of a trial once it has been processed.
 
     `pipeline.run.store` writes it and reads it back.
@@ -257,6 +261,41 @@ class TrialResult:
     def counts(self) -> Mask:
         """Frames whose residuals count, (T,)."""
         return free_of(self.quality)
+
+    @property
+    def spans(self) -> dict[str, Array]:
+        """Side -> stretches that the condition asks for, (N, 2) [s]; a span is of no side."""
+        if self.span:
+            return {"": np.array([self.span])}
+        of_sides = self.cycles if self.part is None else self.part.spans
+        return {side: np.reshape(of_sides[side], (-1, 2)) for side in self.cycles}
+
+    @property
+    def counted(self) -> Mask:
+        """Those of them that are in these stretches, (T,)."""
+        return frames_within(self.motion.time, *self.spans.values()) & self.counts
+
+    @property
+    def title(self) -> str:
+        """Of which file and whom it is, and its filter."""
+        filtered = f"{self.settings.filter} Butterworth {self.settings.cutoff_hz:g} Hz"
+        body = f"{self.body.mass:.1f} kg, {self.body.height_m:.2f} m"
+        return f"{self.source.name}; {body}; {filtered}"
+
+    def overview(self) -> "tuple[str, pd.DataFrame]":
+        """Give title, counts of frames and warnings, and RMS residuals of the frames that count."""
+        import pandas as pd
+
+        counted = self.counted
+        rows = {
+            name: np.sqrt(np.mean(dynamics.residual[counted] ** 2, axis=0)).round(1)
+            for name, dynamics in self.variants.items()
+            if counted.any()
+        }
+        title = f"{self.title}\n{counted.sum()} of {len(counted)} frames count, "
+        title += f"{len(warnings_of(self.notes))} warnings in .notes\n"
+        title += self.shortage or "RMS residuals [N, N·m], x forward, y right, z up:"
+        return title, pd.DataFrame.from_dict(rows, "index", columns=WRENCH_COMPONENTS)
 
     @property
     def engine(self) -> str:
