@@ -1,4 +1,4 @@
-"""All that a script needs, under one name: ``import hbm_residuals as hr``.
+"""All that a script needs: ``import hbm_residuals as hr``.
 
 One trial
     read(file)                a recording: markers, force plates, channels, events

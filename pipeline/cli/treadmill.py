@@ -156,7 +156,7 @@ def signals(
     belt_m_per_s2: Annotated[float, Option(help="Largest belt acceleration.")] = 15.0,
     out: Out = Path("signals"),
 ) -> None:
-    """Those that the machine can do are written, as CSV and figures."""
+    """Those that the machine can do are written, as CSV."""
     from compensation import MachineLimits
     from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
@@ -172,7 +172,7 @@ def signals(
     if not any(possible for possible, _ in drawn.values()):
         raise ValueError(f"the machine can do none of these: {drawn[kinds[0]][1][0]}")
     for name, (possible, beyond) in drawn.items():
-        written = write_signals(possible, out / name, rate_hz, limits)
+        written = write_signals(possible, out / name, rate_hz)
         console.say(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}")
         for line in beyond:
             console.say(f"not written, beyond the machine: {name} {line}")
@@ -184,6 +184,14 @@ def signals(
         f"record {' or '.join(first) or 'those written'} with the treadmill empty, and fit it (hbm "
         "calibration fit)"
     )
+
+
+def checklist(study: Annotated[Path, Argument(help="Folder with study.toml.")]) -> None:
+    """In the order in which they are made; a recording is done where study.toml states it."""
+    from pipeline.config.study import read_study
+    from pipeline.report.laboratory import recordings_table
+
+    print_block(recordings_table(read_study(study, recordings=False)), PlainConsole())
 
 
 @takes(RecordingRequest)

@@ -4,10 +4,11 @@
 folder is a subject. File names in them are relative to the folder.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import Final, TypeVar
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
@@ -28,11 +29,8 @@ from pipeline.config.schema import (
 )
 from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_table, read_table
 from pipeline.io.input_file import is_file, read_text
-from pipeline.io.shown import Shown
+from pipeline.io.shown import Overview, Shown
 from pipeline.io.stated import Stated
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 RESERVED_VARIANTS: Final = (MAIN, "measured", "compensated")
 MIN_PLATFORM_MARKERS: Final = 3
@@ -74,15 +72,13 @@ class Study(Shown):
     marker_set: MarkerSet | None
     variants: Mapping[str, "Study"] = field(default_factory=dict)
 
-    def overview(self) -> "tuple[str, pd.DataFrame]":
+    def overview(self) -> Overview:
         """Give name and folder; number of recordings by subject and condition."""
-        import pandas as pd
-
         used = Counter(name[:2] for name, trial in self.trials.items() if trial.exclude is None)
-        rows = [[used[who, what] for what in self.file.conditions] for who in self.subjects]
+        rows = {who: [used[who, what] for what in self.file.conditions] for who in self.subjects}
         excluded = len(self.trials) - used.total()
         title = f"{self.file.name}: {used.total()} recordings, {excluded} excluded"
-        return title, pd.DataFrame(rows, [*self.subjects], [*self.file.conditions])
+        return Overview(title, [*self.file.conditions], rows)
 
     @property
     def stated(self) -> Stated:

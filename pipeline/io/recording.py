@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Literal, SupportsInt
+from typing import Final, Literal, SupportsInt
 
 import numpy as np
 
@@ -14,11 +14,8 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
 from hbm.spelling import listed
-from pipeline.io.shown import Shown
+from pipeline.io.shown import Overview, Shown
 from pipeline.io.stated import Stated
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Doubt = Literal["in_doubt", "impossible_samples", "rename_without_label"]
 FactKind = Literal["joined", "left_out", "missing", "corrected", Doubt]
@@ -321,7 +318,7 @@ class Recording(Shown):
                      number    rate
     markers               1  100 Hz
     force plates          0       –
-    analog channels       0       –
+    channels              0       –
     events                0       –
     """
 
@@ -346,22 +343,19 @@ class Recording(Shown):
         object.__setattr__(self, "model_outputs", MappingProxyType(dict(self.model_outputs)))
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
 
-    def overview(self) -> "tuple[str, pd.DataFrame]":
+    def overview(self) -> Overview:
         """Give file and duration; number and rate of what was recorded."""
-        import pandas as pd
-
         markers, plates, analog = self.markers, self.plates, self.analog
-        recorded = {
-            "markers": (len(markers.names), markers),
-            "force plates": (len(plates), plates[0] if plates else None),
-            "analog channels": (len(analog.names) if analog else 0, analog),
-            "events": (len(self.events), None),
+        rows = {
+            "markers": (len(markers.names), f"{markers.rate_hz:g} Hz"),
+            "force plates": (len(plates), f"{plates[0].rate_hz:g} Hz" if plates else "–"),
+            "analog channels": (len(analog.names), f"{analog.rate_hz:g} Hz")
+            if analog
+            else (0, "–"),
+            "events": (len(self.events), "–"),
         }
-        rows = [
-            (count, f"{part.rate_hz:g} Hz" if part else "–") for count, part in recorded.values()
-        ]
-        table = pd.DataFrame(rows, [*recorded], ["number", "rate"])
-        return f"{self.source.name}: {len(markers.time) / markers.rate_hz:.1f} s", table
+        title = f"{self.source.name}: {len(markers.time) / markers.rate_hz:.1f} s"
+        return Overview(title, ("number", "rate"), rows)
 
     @property
     def why_no_plates(self) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,12 +20,9 @@ from hbm.notes import Note, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject, TrialName, Unit
 from pipeline.io.recording import Event, Plate
-from pipeline.io.shown import Shown
+from pipeline.io.shown import Overview, Shown
 from pipeline.trial.findings.finding import Finding
 from pipeline.trial.quality import frames_within, free_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def _note(stored: object) -> Note:
@@ -282,10 +279,8 @@ class TrialResult(Shown):
         body = f"{self.body.mass:.1f} kg, {self.body.height_m:.2f} m"
         return f"{self.source.name}; {body}; {filtered}"
 
-    def overview(self) -> "tuple[str, pd.DataFrame]":
+    def overview(self) -> Overview:
         """Give title, counts of frames and warnings, and RMS residuals of the frames that count."""
-        import pandas as pd
-
         counted = self.counted
         rows = {
             name: np.sqrt(np.mean(dynamics.residual[counted] ** 2, axis=0)).round(1)
@@ -295,7 +290,7 @@ class TrialResult(Shown):
         title = f"{self.title}\n{counted.sum()} of {len(counted)} frames count, "
         title += f"{len(warnings_of(self.notes))} warnings in .notes\n"
         title += self.shortage or "RMS residuals [N, N·m], x forward, y right, z up:"
-        return title, pd.DataFrame.from_dict(rows, "index", columns=WRENCH_COMPONENTS)
+        return Overview(title, WRENCH_COMPONENTS, rows)
 
     @property
     def engine(self) -> str:
