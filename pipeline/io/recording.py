@@ -315,11 +315,11 @@ class Recording(Shown):
     >>> heel = hbm.Markers(time, ("LHEE",), np.zeros((50, 1, 3)))
     >>> pipeline.Recording("heel.c3d", heel)
     heel.c3d: 0.5 s
-                     number    rate
-    markers               1  100 Hz
-    force plates          0       –
-    channels              0       –
-    events                0       –
+                  number    rate
+    markers            1  100 Hz
+    force plates       0       –
+    channels           0       –
+    events             0       –
     """
 
     source: Path
@@ -349,9 +349,7 @@ class Recording(Shown):
         rows = {
             "markers": (len(markers.names), f"{markers.rate_hz:g} Hz"),
             "force plates": (len(plates), f"{plates[0].rate_hz:g} Hz" if plates else "–"),
-            "analog channels": (len(analog.names), f"{analog.rate_hz:g} Hz")
-            if analog
-            else (0, "–"),
+            "channels": (len(analog.names), f"{analog.rate_hz:g} Hz") if analog else (0, "–"),
             "events": (len(self.events), "–"),
         }
         title = f"{self.source.name}: {len(markers.time) / markers.rate_hz:.1f} s"
