@@ -1,7 +1,7 @@
 """All that a script needs: ``import hbm_residuals as hr``.
 
 One trial
-    read(file)                a recording: markers, force plates, channels, events
+    read(file)                a recording: markers, plates, channels, events
     Subject, Settings         of whom, and how it is processed
     Condition                 which gait cycles count, or which span
     process(recording, ...)   result: motion, joint moments, residuals
@@ -23,7 +23,7 @@ A treadmill that moves
     Treadmill, Platform       its accelerometers, and how its pose is known
     fit_calibration(...)      a calibration from the empty, moving treadmill
     read_calibration(file)    one that was fitted before
-    plate_samples(...)        plates and accelerometers as calibrations take them
+    plate_samples(...)        plates and accelerometers as calibrations use them
     Laboratory                all that compensates the plates of a trial
     virtual_lab               simulated recordings with known truth
 More of each: help(hr.process). Examples: docs/python.md.

@@ -44,19 +44,16 @@ def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> tuple[list[
     beyond
         A line for each of the others: its name, and the limits that it exceeds.
     """
-    drawn = list(validation_signals(seed)) if kind == "validation" else []
-    beyond: list[str] = []
-    draw, kinds, belt_speeds = (
-        (platform_signal, PLATFORM_KINDS, PLATFORM_BELT_MPS)
-        if kind == "pitch_sway"
-        else (belt_signal, BELT_KINDS, tuple(BELT_VARIANCE))
-    )
-    for n, speed in enumerate(belt_speeds if kind != "validation" else ()):
-        for duration, name in product(DURATIONS_S, kinds):
-            try:
-                drawn.append(draw(name, duration, seed + n, speed, limits))
-            except ValueError as error:
-                beyond.append(str(error))
+    drawn, beyond = list(validation_signals(seed)) if kind == "validation" else [], list[str]()
+    draw, kinds, belt_speeds = {
+        "pitch_sway": (platform_signal, PLATFORM_KINDS, PLATFORM_BELT_MPS),
+        "belt": (belt_signal, BELT_KINDS, tuple(BELT_VARIANCE)),
+    }.get(kind, (belt_signal, (), ()))
+    for (n, speed), duration, name in product(enumerate(belt_speeds), DURATIONS_S, kinds):
+        try:
+            drawn.append(draw(name, duration, seed + n, speed, limits))
+        except ValueError as error:
+            beyond.append(str(error))
     exceeded = [check_signal(signal, limits) for signal in drawn]
     beyond += ["; ".join(map(str, notes)) for notes in exceeded if notes]
     return [s for s, notes in zip(drawn, exceeded, strict=True) if not notes], beyond

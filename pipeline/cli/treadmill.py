@@ -14,9 +14,9 @@ from pipeline.cli.output import OUTPUT, plain_notes, tables_in
 from pipeline.cli.request import RecordingRequest, marker_names
 from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
 from pipeline.config.schema import CalibrationFit, Platform, Treadmill
+from pipeline.io.input_file import naming
 
 if TYPE_CHECKING:
-    from hbm.notes import Note
     from pipeline.io.recording import Recording
     from pipeline.report.laboratory import Part
 
@@ -95,19 +95,10 @@ def fit(
     sensors = sensors or accelerometers.find_accelerometers(empty)
     how = {name: getattr(request, name) for name in CalibrationFit.model_fields}
     treadmill = Treadmill(accelerometers=sensors, **how)
-    timing: tuple[Note, ...] = ()
-    try:
+    with naming(request.recording):
         beside, compared = ([*map(read, paths)] for paths in (request.beside, request.check))
         calibration = of_empty.fit_calibration(empty, treadmill, plates, beside, compared)
-        if commands.channels:
-            timing = (command_delay(empty, markers, commands),)
-    except ValueError as error:
-        text = str(error)
-        if "unknown acceleration unit" in text:
-            text += "; if that is not their unit, use --accelerometer-unit g"
-        files = request.recording, *request.beside, *request.check
-        named = any(path.name in text for path in files)
-        raise ValueError(text if named else f"{request.recording.name}: {text}") from error
+        timing = [command_delay(empty, markers, commands)] if commands.channels else []
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     platform = Platform(markers=markers) if markers else None
     measured = measure_empty(empty, laboratory, platform)
@@ -299,10 +290,6 @@ def check(
     )
     notes = (*found.notes, *laboratory.calibration.notes)
     console.say_notes(notes)
-    numbers = ("left", "left_by_new_fit", "zero_change", "faults")
-    plates_found = {
-        name: {number: getattr(one, number) for number in numbers}
-        for name, one in found.plates.items()
-    }
-    OUTPUT.result.update(valid=found.valid, plates=plates_found, notes=plain_notes(notes))
+    checked = {name: one._asdict() | {"faults": one.faults} for name, one in found.plates.items()}
+    OUTPUT.result.update(valid=found.valid, plates=checked, notes=plain_notes(notes))
     return 0 if found.valid else 1

@@ -155,9 +155,9 @@ def recordings_table(study: Study) -> Table:
         "Known weights on the running belts, hbm plates": plates,
         "Empty treadmill on another day, same signal": checks,
     }
+    missing: Check = ("fail", "missing", "")
     rows = [
-        (name, [("pass", "done", files) if files else ("fail", "missing", "")])
-        for name, files in recordings.items()
+        (of, [("pass", "done", files) if files else missing]) for of, files in recordings.items()
     ]
     return Table("Recordings of the laboratory", ("Recording", "Finding"), rows, "answers")
 
@@ -463,10 +463,8 @@ def add_check(
 def read_checks(calibration: Path) -> pd.DataFrame:
     """Give all checks of a calibration's file, a row each by day; empty where there are none."""
     path = calibration.with_name(CHECKS)
-    if not path.exists():
-        columns = ["day", "recording", "valid", "calibration", "calibration_sha256"]
-        return pd.DataFrame(columns=columns)
-    table = read_csv(path)
+    columns = ["day", "recording", "valid", "calibration", "calibration_sha256"]
+    table = read_csv(path) if path.exists() else pd.DataFrame(columns=columns)
     return table[table["calibration"] == calibration.name].reset_index(drop=True)
 
 

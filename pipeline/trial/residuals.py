@@ -2,9 +2,9 @@
 
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isnan
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -55,8 +55,7 @@ MarkerError = namedtuple("MarkerError", "marker rms_mm peak_mm missing_percent")
 """A row of `marker_rows`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
+class Window(NamedTuple):
     """What of a trial residuals are summarised over.
 
     Attributes
@@ -149,9 +148,9 @@ def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
         for window in () if result.span else windows(result):
             of_window = name == "compensated", window.name, window.headline
             for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
-                for measure in zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True):
-                    row = *of_window, *cycle, *measure, count, share
-                    rows.append((*trial_columns(result, condition), *row))
+                before = *trial_columns(result, condition), *of_window, *cycle
+                measures = zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True)
+                rows += [(*before, *measure, count, share) for measure in measures]
     return rows
 
 

@@ -281,16 +281,12 @@ class TrialResult(Shown):
 
     def overview(self) -> Overview:
         """Give title, counts of frames and warnings, and RMS residuals of the frames that count."""
-        counted = self.counted
-        rows = {
-            name: np.sqrt(np.mean(dynamics.residual[counted] ** 2, axis=0)).round(1)
-            for name, dynamics in self.variants.items()
-            if counted.any()
-        }
-        title = f"{self.title}\n{counted.sum()} of {len(counted)} frames count, "
-        title += f"{len(warnings_of(self.notes))} warnings in .notes\n"
-        title += self.shortage or "RMS residuals [N, N·m], x forward, y right, z up:"
-        return Overview(title, WRENCH_COMPONENTS, rows)
+        counted, warnings = self.counted, len(warnings_of(self.notes))
+        used = {name: one.residual[counted] for name, one in self.variants.items() if any(counted)}
+        rows = {name: np.sqrt(np.mean(each**2, axis=0)).round(1) for name, each in used.items()}
+        frames = f"{counted.sum()} of {len(counted)} frames count, {warnings} warnings in .notes"
+        said = self.shortage or "RMS residuals [N, N·m], x forward, y right, z up:"
+        return Overview(f"{self.title}\n{frames}\n{said}", WRENCH_COMPONENTS, rows)
 
     @property
     def engine(self) -> str:

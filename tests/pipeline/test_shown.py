@@ -21,7 +21,7 @@ def test_a_result_without_residuals_shows_why_in_place_of_a_table(processed):
     none = replace(
         processed, quality=np.ones_like(processed.quality), shortage="no plate is loaded"
     )
-    assert repr(none).endswith("no plate is loaded")
+    assert repr(none).endswith("no load")
 
 
 def test_a_recording_shows_duration_markers_and_plates_with_their_rates(moving_study):
