@@ -100,8 +100,7 @@ def fit(
         calibration = of_empty.fit_calibration(empty, treadmill, plates, beside, compared)
         timing = [command_delay(empty, markers, commands)] if commands.channels else []
     laboratory = Laboratory(treadmill, calibration, plates=plates)
-    platform = Platform(markers=markers) if markers else None
-    measured = measure_empty(empty, laboratory, platform)
+    measured = measure_empty(empty, laboratory, Platform(markers=markers) if markers else None)
     provenance = {
         **calibration.provenance,
         **measured.motion,
