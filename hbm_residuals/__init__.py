@@ -23,7 +23,7 @@ A treadmill that moves
     Treadmill, Platform       its accelerometers, and how its pose is known
     fit_calibration(...)      a calibration from the empty, moving treadmill
     read_calibration(file)    one that was fitted before
-    plate_samples(...)        plates and accelerometers as calibrations use them
+    plate_samples(...)        samples that calibrations are fitted to
     Laboratory                all that compensates the plates of a trial
     virtual_lab               simulated recordings with known truth
 More of each: help(hr.process). Examples: docs/python.md.
