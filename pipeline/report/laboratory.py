@@ -147,7 +147,7 @@ def recordings_table(study: Study) -> Table:
     beside, checks = "; ".join(treadmill.beside), treadmill.check
     if file := treadmill.calibration and study.path(treadmill.calibration):
         if file.suffix.lower() == ".json":  # it says what it was fitted to
-            beside = from_json(read_text(file)).provenance.get(BESIDE)
+            beside = from_json(read_text(file)).provenance.get(BESIDE, "")
         checks = checks or "; ".join(read_checks(file)["recording"])
     recordings = {
         f"Empty treadmill, signal {ADVISED_PLATFORM_SIGNAL}": treadmill.calibration,
