@@ -18,9 +18,7 @@ def test_a_result_shows_the_rms_of_its_residual_table_as_measured_and_compensate
 
 
 def test_a_result_without_residuals_shows_why_in_place_of_a_table(processed):
-    none = replace(
-        processed, quality=np.ones_like(processed.quality), shortage="no plate is loaded"
-    )
+    none = replace(processed, quality=np.ones_like(processed.quality), shortage="no load")
     assert repr(none).endswith("no load")
 
 
