@@ -11,6 +11,7 @@ sway turn once more without a hold: the platform follows with a delay and reache
 only where the speed changes from one direction to the other, not where it starts from rest.
 """
 
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -103,12 +104,8 @@ def pitch_and_sway_signals(
     >>> signal.name, f"{abs(signal.sway).max():.4f} m"
     ('square_sway_60s_3mps', '0.0475 m')
     """
-    limits = limits or MachineLimits()
-    return tuple(
-        platform_signal(kind, duration, seed, belt_speed, limits)
-        for duration in DURATIONS_S
-        for kind in PLATFORM_KINDS
-    )
+    drawn, limits = product(DURATIONS_S, PLATFORM_KINDS), limits or MachineLimits()
+    return tuple(platform_signal(name, s, seed, belt_speed, limits) for s, name in drawn)
 
 
 def belt_signals(
@@ -142,12 +139,8 @@ def belt_signals(
     >>> len(belt_signals(seed=1, mean_speed=2.0))
     12
     """
-    limits = limits or MachineLimits()
-    return tuple(
-        belt_signal(kind, duration, seed, mean_speed, limits)
-        for duration in DURATIONS_S
-        for kind in BELT_KINDS
-    )
+    drawn, limits = product(DURATIONS_S, BELT_KINDS), limits or MachineLimits()
+    return tuple(belt_signal(name, s, seed, mean_speed, limits) for s, name in drawn)
 
 
 def platform_signal(

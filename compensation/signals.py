@@ -86,9 +86,7 @@ class Signal:
 
     def __post_init__(self) -> None:
         read_rate(self.rate_hz)
-        channels = {
-            name: read_only(getattr(self, name)) for name in ("sway", "pitch", "belt_speed")
-        }
+        channels = {n: read_only(getattr(self, n)) for n in ("sway", "pitch", "belt_speed")}
         for name, values in channels.items():
             refuse_gaps(values, f"signal {self.name}: {name}")
             object.__setattr__(self, name, values)
@@ -134,16 +132,11 @@ def check_signal(signal: Signal, limits: MachineLimits) -> tuple[Note, ...]:
         "belt_m_per_s": signal.belt_speed,
         "belt_m_per_s2": np.diff(signal.belt_speed) * rate,
     }
+    sizes = [(name, np.max(np.abs(x)), getattr(limits, name)) for name, x in reached.items()]
     return tuple(
-        Note.of(
-            "signal_beyond_limit",
-            signal=signal.name,
-            quantity=name,
-            largest=largest,
-            limit=getattr(limits, name),
-        )
-        for name, values in reached.items()
-        if (largest := float(np.max(np.abs(values)))) > getattr(limits, name) * (1 + ROUNDING)
+        Note.of("signal_beyond_limit", signal=signal.name, quantity=name, largest=size, limit=most)
+        for name, size, most in sizes
+        if size > most * (1 + ROUNDING)
     )
 
 
@@ -190,8 +183,7 @@ def resample_signal(signal: Signal, rate_hz: float) -> Signal:
     def resampled(samples: Array) -> Array:
         padded = np.pad(samples, 3, mode="edge")
         spline = scipy.interpolate.BSpline(np.arange(-5.0, len(padded) - 1), padded, 3)
-        values: Array = spline(at)
-        return values
+        return np.asarray(spline(at))
 
     channels = (resampled(x) for x in (signal.sway, signal.pitch, signal.belt_speed))
     return Signal(signal.name, rate, *channels)

@@ -1,7 +1,32 @@
-"""All that a script needs, under one name: ``import hbm_residuals as hr``.
+"""All that a script needs: ``import hbm_residuals as hr``.
 
-The names are those of `pipeline`, where their documentation is. A user's own file ``pipeline.py``
-does not hide them.
+One trial
+    read(file)                a recording: markers, plates, channels, events
+    Subject, Settings         of whom, and how it is processed
+    Condition                 which gait cycles count, or which span
+    process(recording, ...)   result: motion, joint moments, residuals
+    residuals(result, name)   table: RMS, mean, SD and peak of each residual
+    thresholds(result)        table: peaks beside published limits
+    cycles(result, variant)   residuals of every gait cycle, 0 to 100 %
+    joints(result)            joint angles, moments and powers, 0 to 100 %
+    figure(result)            residuals over the gait cycle
+    view(result)              the trial in the viewer
+    write_page(result, file)  all of it as one HTML page
+    explain(recording, ...)   causes of the residuals, and how sure they are
+    rehearse(recording, ...)  the recording through the live chain
+A study
+    read_study(folder)        subjects, conditions, settings
+    run(study, folder)        process all trials; finished ones are kept
+    read_result(file)         the result of one trial
+    report(folder)            tables, statistics, figures, report.html
+A treadmill that moves
+    Treadmill, Platform       its accelerometers, and how its pose is known
+    fit_calibration(...)      a calibration from the empty, moving treadmill
+    read_calibration(file)    one that was fitted before
+    plate_samples(...)        samples that calibrations are fitted to
+    Laboratory                all that compensates the plates of a trial
+    virtual_lab               simulated recordings with known truth
+More of each: help(hr.process). Examples: docs/python.md.
 """
 
 import sys
@@ -72,4 +97,5 @@ if TYPE_CHECKING:
 else:
     from hbm.public_names import on_first_use
 
-    __getattr__, __dir__, __all__ = on_first_use(__name__, __file__)
+    # without __all__, help() shows the list above, not the code of all names
+    __getattr__, __dir__, _ = on_first_use(__name__, __file__)

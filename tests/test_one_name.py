@@ -1,6 +1,8 @@
 """``import hbm_residuals as hr``: all that scripts call, under a name that nobody else has."""
 
 import os
+import pydoc
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -17,13 +19,21 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def test_there_are_at_most_25_names_and_each_is_one_of_the_packages():
-    assert len(hr.__all__) <= 25
-    for name in hr.__all__:
+    assert len(dir(hr)) <= 25
+    for name in dir(hr):
         found = getattr(hr, name)
         home = found.__name__ if isinstance(found, ModuleType) else found.__module__
         assert home.startswith("pipeline."), name
     assert hr.process is pipeline.process_recording
     assert hr.read is pipeline.read_recording
+
+
+def test_help_is_one_screen_with_a_line_on_each_name():
+    lines = pydoc.render_doc(hr, renderer=pydoc.plaintext).rstrip().split("\n")
+    assert len(lines) <= 42
+    assert max(map(len, lines[:-1])) <= 80  # the last is the path of the file
+    items = " ".join(line.partition("  ")[0] for line in map(str.strip, lines))
+    assert [name for name in dir(hr) if name not in re.findall(r"\w+", items)] == []
 
 
 @pytest.mark.parametrize("package", [hbm, pipeline, hr], ids=lambda package: package.__name__)

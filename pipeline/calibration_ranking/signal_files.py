@@ -1,13 +1,11 @@
-"""Signals for the machine as files: the motion as CSV, and as a figure."""
+"""Signals for the machine as files: the motion as CSV."""
 
 from collections.abc import Iterable
 from itertools import product
 from pathlib import Path
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from compensation import MachineLimits, Signal, validation_signals
 from compensation.protocol import (
@@ -20,7 +18,6 @@ from compensation.protocol import (
     platform_signal,
 )
 from compensation.signals import check_signal, resample_signal
-from pipeline.figures.style import DPI, PALETTE, STYLE
 from pipeline.io.write import whole_file
 
 KINDS: Final = ("pitch_sway", "belt", "validation")
@@ -47,39 +44,32 @@ def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> tuple[list[
     beyond
         A line for each of the others: its name, and the limits that it exceeds.
     """
-    drawn = list(validation_signals(seed)) if kind == "validation" else []
-    beyond: list[str] = []
-    draw, kinds, belt_speeds = (
-        (platform_signal, PLATFORM_KINDS, PLATFORM_BELT_MPS)
-        if kind == "pitch_sway"
-        else (belt_signal, BELT_KINDS, tuple(BELT_VARIANCE))
-    )
-    for n, speed in enumerate(belt_speeds if kind != "validation" else ()):
-        for duration, name in product(DURATIONS_S, kinds):
-            try:
-                drawn.append(draw(name, duration, seed + n, speed, limits))
-            except ValueError as error:
-                beyond.append(str(error))
+    drawn, beyond = list(validation_signals(seed)) if kind == "validation" else [], list[str]()
+    draw, kinds, belt_speeds = {
+        "pitch_sway": (platform_signal, PLATFORM_KINDS, PLATFORM_BELT_MPS),
+        "belt": (belt_signal, BELT_KINDS, tuple(BELT_VARIANCE)),
+    }.get(kind, (belt_signal, (), ()))
+    for (n, speed), duration, name in product(enumerate(belt_speeds), DURATIONS_S, kinds):
+        try:
+            drawn.append(draw(name, duration, seed + n, speed, limits))
+        except ValueError as error:
+            beyond.append(str(error))
     exceeded = [check_signal(signal, limits) for signal in drawn]
     beyond += ["; ".join(map(str, notes)) for notes in exceeded if notes]
     return [s for s, notes in zip(drawn, exceeded, strict=True) if not notes], beyond
 
 
-def write_signals(
-    signals: Iterable[Signal], folder: Path, rate_hz: float, limits: MachineLimits
-) -> list[Path]:
-    """Write signals for a machine, each as CSV and PNG.
+def write_signals(signals: Iterable[Signal], folder: Path, rate_hz: float) -> list[Path]:
+    """Write signals for a machine, each as CSV.
 
     Parameters
     ----------
     signals
         Commanded motion, within the machine's limits.
     folder
-        Folder for ``<name>.csv`` and ``<name>.png``; created where it does not exist.
+        Folder for ``<name>.csv``; created where it does not exist.
     rate_hz
         Samples per second in the files [Hz].
-    limits
-        Of the machine, for the figures.
 
     Returns
     -------
@@ -99,27 +89,5 @@ def write_signals(
         columns = [signal.time, signal.sway, np.degrees(signal.pitch), signal.belt_speed]
         with whole_file(table) as temporary:
             np.savetxt(temporary, np.transpose(columns), "%.6f", ",", header=HEADER, comments="")
-        with mpl.rc_context(STYLE), whole_file(table.with_suffix(".png")) as temporary:
-            signal_figure(signal, limits).savefig(temporary, format="png", dpi=DPI)
         written.append(table)
     return written
-
-
-def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
-    """Draw sway, pitch and belts of a signal over time, with the machine's limits (dashed)."""
-    rows = (
-        ("sway (m)", signal.sway, limits.sway_m),
-        ("pitch (°)", np.degrees(signal.pitch), limits.pitch_deg),
-        ("belts (m/s)", signal.belt_speed, limits.belt_m_per_s),
-    )
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7, 6), layout="constrained")
-        panels = figure.subplots(3, 1, sharex=True)
-        for panel, (name, values, limit) in zip(panels, rows, strict=True):
-            panel.plot(signal.time, values, linewidth=0.6)
-            for level in (-limit, limit):
-                panel.axhline(level, color=PALETTE[1], linestyle="--", linewidth=1)
-            panel.set_ylabel(name)
-        panels[-1].set_xlabel("time (s)")
-        figure.suptitle(f"{signal.name}, and limits of the machine (dashed)", fontsize=10)
-    return figure

@@ -56,6 +56,7 @@ CALIBRATION: Final = {
     "fit": ("treadmill", "Fit a calibration to a recording of the empty treadmill."),
     "check": ("treadmill", "Check a calibration with a recording of another day."),
     "signals": ("treadmill", "Write calibration and validation signals."),
+    "checklist": ("treadmill", "Mark which recordings of a laboratory are done."),
     "rank": ("treadmill", "Rank calibration trials by what remains of validation trials."),
 }
 """Command -> its module, and what it does; its docstring says what else there is to know."""

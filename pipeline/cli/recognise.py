@@ -131,8 +131,6 @@ def _recording(path: Path) -> Recognised:
 
     kind, recording = file_format(path), read_with_any_axes(path)
     markers, plates = recording.markers, recording.plates
-    held = [f"{len(markers.time) / markers.rate_hz:.1f} s", f"{len(markers.names)} markers"]
-    held.append(f"{len(plates)} plates" if plates else "no plates")
     walking = bool(plates) and len(markers.names) >= MIN_MARKERS
     uses: tuple[str, ...]
     uses = (f"hbm residuals TRIAL --static {path}", f"hbm residuals {path} --forces FORCES.mot")
@@ -142,4 +140,6 @@ def _recording(path: Path) -> Recognised:
     elif plates:
         fitted = f"hbm calibration fit {path} --out calibration.json"
         uses = fitted, f"hbm calibration check CALIBRATION {path}"
-    return Recognised(f"a {kind} recording, {', '.join(held)}", uses, walking)
+    seconds, count = len(markers.time) / markers.rate_hz, f"{len(plates) or 'no'} plates"
+    what = f"a {kind} recording, {seconds:.1f} s, {len(markers.names)} markers, {count}"
+    return Recognised(what, uses, walking)

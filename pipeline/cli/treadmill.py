@@ -14,9 +14,9 @@ from pipeline.cli.output import OUTPUT, plain_notes, tables_in
 from pipeline.cli.request import RecordingRequest, marker_names
 from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
 from pipeline.config.schema import CalibrationFit, Platform, Treadmill
+from pipeline.io.input_file import naming
 
 if TYPE_CHECKING:
-    from hbm.notes import Note
     from pipeline.io.recording import Recording
     from pipeline.report.laboratory import Part
 
@@ -95,22 +95,12 @@ def fit(
     sensors = sensors or accelerometers.find_accelerometers(empty)
     how = {name: getattr(request, name) for name in CalibrationFit.model_fields}
     treadmill = Treadmill(accelerometers=sensors, **how)
-    timing: tuple[Note, ...] = ()
-    try:
+    with naming(request.recording):
         beside, compared = ([*map(read, paths)] for paths in (request.beside, request.check))
         calibration = of_empty.fit_calibration(empty, treadmill, plates, beside, compared)
-        if commands.channels:
-            timing = (command_delay(empty, markers, commands),)
-    except ValueError as error:
-        text = str(error)
-        if "unknown acceleration unit" in text:
-            text += "; if that is not their unit, use --accelerometer-unit g"
-        files = request.recording, *request.beside, *request.check
-        named = any(path.name in text for path in files)
-        raise ValueError(text if named else f"{request.recording.name}: {text}") from error
+        timing = [command_delay(empty, markers, commands)] if commands.channels else []
     laboratory = Laboratory(treadmill, calibration, plates=plates)
-    platform = Platform(markers=markers) if markers else None
-    measured = measure_empty(empty, laboratory, platform)
+    measured = measure_empty(empty, laboratory, Platform(markers=markers) if markers else None)
     provenance = {
         **calibration.provenance,
         **measured.motion,
@@ -156,7 +146,7 @@ def signals(
     belt_m_per_s2: Annotated[float, Option(help="Largest belt acceleration.")] = 15.0,
     out: Out = Path("signals"),
 ) -> None:
-    """Those that the machine can do are written, as CSV and figures."""
+    """Those that the machine can do are written, as CSV."""
     from compensation import MachineLimits
     from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
@@ -172,7 +162,7 @@ def signals(
     if not any(possible for possible, _ in drawn.values()):
         raise ValueError(f"the machine can do none of these: {drawn[kinds[0]][1][0]}")
     for name, (possible, beyond) in drawn.items():
-        written = write_signals(possible, out / name, rate_hz, limits)
+        written = write_signals(possible, out / name, rate_hz)
         console.say(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}")
         for line in beyond:
             console.say(f"not written, beyond the machine: {name} {line}")
@@ -184,6 +174,14 @@ def signals(
         f"record {' or '.join(first) or 'those written'} with the treadmill empty, and fit it (hbm "
         "calibration fit)"
     )
+
+
+def checklist(study: Annotated[Path, Argument(help="Folder with study.toml.")]) -> None:
+    """In the order in which they are made; a recording is done where study.toml states it."""
+    from pipeline.config.study import read_study
+    from pipeline.report.laboratory import recordings_table
+
+    print_block(recordings_table(read_study(study, recordings=False)), PlainConsole())
 
 
 @takes(RecordingRequest)
@@ -291,10 +289,6 @@ def check(
     )
     notes = (*found.notes, *laboratory.calibration.notes)
     console.say_notes(notes)
-    numbers = ("left", "left_by_new_fit", "zero_change", "faults")
-    plates_found = {
-        name: {number: getattr(one, number) for number in numbers}
-        for name, one in found.plates.items()
-    }
-    OUTPUT.result.update(valid=found.valid, plates=plates_found, notes=plain_notes(notes))
+    checked = {name: one._asdict() | {"faults": one.faults} for name, one in found.plates.items()}
+    OUTPUT.result.update(valid=found.valid, plates=checked, notes=plain_notes(notes))
     return 0 if found.valid else 1

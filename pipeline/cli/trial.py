@@ -50,7 +50,7 @@ NO_RECORDINGS = (RESULT, ".toml", ".json", ".rrd", ".html")
 def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open = False) -> None:
     """Pelvis residuals are printed; page, tables, frames and figures are written to --out."""
     from pipeline.cli.recognise import recognise
-    from pipeline.report.trial_tables import result_tables, scope, verdict_lines
+    from pipeline.report.trial_tables import result_tables, verdict_lines
 
     if request.trial.is_dir() or request.trial.suffix in NO_RECORDINGS:
         raise ValueError(f"{request.trial} is no recording, but {recognise(request.trial)}")
@@ -59,7 +59,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     chain = chain_of(request)
     result, name = process(request, chain, announcer(console)), request.trial.stem
     with suppress(BrokenPipeError):  # files are written though nobody reads the table
-        console.say(scope(result))
+        console.say(result.title)
         for line in verdict_lines(result):
             console.print(line)
         for block in result_tables(result):

@@ -4,6 +4,7 @@
 folder is a subject. File names in them are relative to the folder.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from pipeline.config.schema import (
 )
 from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_table, read_table
 from pipeline.io.input_file import is_file, read_text
+from pipeline.io.shown import Overview, Shown
 from pipeline.io.stated import Stated
 
 RESERVED_VARIANTS: Final = (MAIN, "measured", "compensated")
@@ -37,8 +39,8 @@ OTHER_TABLES: Final = ("markers", "trunk", *SEGMENTS)
 """Tables of marker sets and of segments, old or new, which stand among the subjects' files."""
 
 
-@dataclass(frozen=True, slots=True)
-class Study:
+@dataclass(frozen=True, slots=True, repr=False)
+class Study(Shown):
     """A whole study, checked.
 
     Attributes
@@ -69,6 +71,14 @@ class Study:
     subjects: Mapping[str, SubjectFile]
     marker_set: MarkerSet | None
     variants: Mapping[str, "Study"] = field(default_factory=dict)
+
+    def overview(self) -> Overview:
+        """Give name and folder; number of recordings by subject and condition."""
+        used = Counter(name[:2] for name, trial in self.trials.items() if trial.exclude is None)
+        rows = {who: [used[who, what] for what in self.file.conditions] for who in self.subjects}
+        excluded = len(self.trials) - used.total()
+        title = f"{self.file.name}: {used.total()} recordings, {excluded} excluded"
+        return Overview(title, [*self.file.conditions], rows)
 
     @property
     def stated(self) -> Stated:

@@ -20,10 +20,8 @@ from pipeline.io.recording import Recording
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.inputs import Inputs
-from pipeline.trial.quality import settling_s
-from pipeline.trial.residuals import counted
+from pipeline.trial.quality import frames_within, settling_s
 from pipeline.trial.result import TrialResult
-from pipeline.trial.window import frames_within
 
 MAX_FRAMES: Final = 6000
 """Of a long trial, a minute of which tells as much."""
@@ -228,7 +226,7 @@ def explained_part(
     """
     time, counts = result.motion.time, result.counts
     cycles = np.reshape(max(result.cycles.values(), key=len, default=()), (-1, 2))
-    inside = frames_within(time, {"": cycles}, None)
+    inside = frames_within(time, cycles)
     by_cycles = not result.span and len(cycles) and np.mean(counts[inside]) >= WHOLE
     spans = cycles if by_cycles else _stretches(result)
     spans = spans[[counts[(time >= start) & (time < stop)].any() for start, stop in spans]]
@@ -261,7 +259,7 @@ def explained_part(
 def _stretches(result: TrialResult) -> Array:
     """Give the stretches of frames that count, as long as they tell more, (N, 2) [s]."""
     time, found, left_s = result.motion.time, [], MOST_S
-    counts = counted(result) if result.span else result.counts
+    counts = result.counted if result.span else result.counts
     for first, after in stretches(counts):
         start, stop = time[first], min(time[after - 1], time[first] + left_s)
         if stop - start >= SHORTEST_S:

@@ -17,7 +17,7 @@ from pipeline.explain.budget import Bands, RmsUncertainty
 from pipeline.explain.cause import UNSEEN, Cause, groups, priors
 from pipeline.explain.linearise import ExplainedPart
 from pipeline.trial.chain import Chain
-from pipeline.trial.residuals import counted, reported
+from pipeline.trial.residuals import reported
 from pipeline.trial.result import TrialResult
 
 REST_HZ: Final = 6.0
@@ -217,7 +217,7 @@ def measured_uncertainty(
             yield RmsUncertainty(compensated, whole, draws.round(DECIMALS))
 
     frames = np.concatenate(cycles)
-    in_window = frames[counted(result)[trial][frames] & (result.part is not None)]
+    in_window = frames[result.counted[trial][frames] & (result.part is not None)]
     bands = Bands(
         time=chain.time[frames],
         cycle=np.repeat(np.arange(len(cycles)), [len(own) for own in cycles]),

@@ -15,7 +15,7 @@ from pipeline.config.schema import NOUNS
 from pipeline.figures.style import COLOURS, STYLE, draw_band
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.quality import Quality, free_of
-from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, counted, cycle_residuals, reported
+from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, cycle_residuals, reported
 from pipeline.trial.result import TrialResult
 
 UNCOUNTED: Final = "#BBBBBB"
@@ -57,7 +57,7 @@ def residual_figure(result: TrialResult) -> Figure:
 
 def _over_time(result: TrialResult) -> Figure:
     """Draw residuals over time where filters have settled, grey where frames do not count."""
-    time, counts = result.motion.time, counted(result)
+    time, counts = result.motion.time, result.counted
     settled = free_of(result.quality, Quality.SETTLING)[:, None]
     with mpl.rc_context(STYLE):
         figure, panels = six_panels()

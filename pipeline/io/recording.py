@@ -14,6 +14,7 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
 from hbm.spelling import listed
+from pipeline.io.shown import Overview, Shown
 from pipeline.io.stated import Stated
 
 Doubt = Literal["in_doubt", "impossible_samples", "rename_without_label"]
@@ -269,8 +270,8 @@ class Compensation:
     frame: PlateFrame = "recorded"
 
 
-@dataclass(frozen=True, slots=True)
-class Recording:
+@dataclass(frozen=True, slots=True, repr=False)
+class Recording(Shown):
     """One trial as recorded, in SI units and lab axes (X forward, Y left, Z up).
 
     Attributes
@@ -312,8 +313,13 @@ class Recording:
     >>> import hbm, numpy as np, pipeline
     >>> time = np.arange(50) / 100
     >>> heel = hbm.Markers(time, ("LHEE",), np.zeros((50, 1, 3)))
-    >>> f"{pipeline.Recording('heel.c3d', heel).markers.rate_hz:g} Hz"
-    '100 Hz'
+    >>> pipeline.Recording("heel.c3d", heel)
+    heel.c3d: 0.5 s
+                  number    rate
+    markers            1  100 Hz
+    force plates       0       –
+    channels           0       –
+    events             0       –
     """
 
     source: Path
@@ -336,6 +342,18 @@ class Recording:
         object.__setattr__(self, "source", Path(self.source))
         object.__setattr__(self, "model_outputs", MappingProxyType(dict(self.model_outputs)))
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
+
+    def overview(self) -> Overview:
+        """Give file and duration; number and rate of what was recorded."""
+        markers, plates, analog = self.markers, self.plates, self.analog
+        rows = {
+            "markers": (len(markers.names), f"{markers.rate_hz:g} Hz"),
+            "force plates": (len(plates), f"{plates[0].rate_hz:g} Hz" if plates else "–"),
+            "channels": (len(analog.names), f"{analog.rate_hz:g} Hz") if analog else (0, "–"),
+            "events": (len(self.events), "–"),
+        }
+        title = f"{self.source.name}: {len(markers.time) / markers.rate_hz:.1f} s"
+        return Overview(title, ("number", "rate"), rows)
 
     @property
     def why_no_plates(self) -> str:

@@ -63,7 +63,8 @@ def length_unit(unit: str, moment: str) -> str:
 
 def acceleration_in_mps2(unit: str) -> float:
     """Give one unit of acceleration in m/s²; raises ValueError where it is unknown."""
-    return _lookup(unit, _symbol(_plain(unit)), ACCELERATIONS, "acceleration", "g or m/s²")
+    expected = "g or m/s² (--accelerometer-unit)"
+    return _lookup(unit, _symbol(_plain(unit)), ACCELERATIONS, "acceleration", expected)
 
 
 def speed_in_mps(unit: str) -> float:

@@ -44,12 +44,10 @@ def table_of(
     caption: str,
     columns: Mapping[str, Callable[[Any], str | Sequence[Check]]],
     rows: Iterable[Any],
-    css_class: str = "numbers",
-    legend: str = "",
 ) -> Table:
     """Lay out a table, a row for each of some things: head -> what is written of a thing."""
     cells = [[write(row) for write in columns.values()] for row in rows]
-    return Table(caption, [*columns], cells, css_class, legend)
+    return Table(caption, [*columns], cells, "numbers")
 
 
 class Drawn(NamedTuple):

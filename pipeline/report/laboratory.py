@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from pydantic import TypeAdapter
 
-from compensation import Calibration
+from compensation import Calibration, from_json
 from compensation.inertia.quality import (
     MAX_LEFT,
     MAX_ZERO_CHANGE,
@@ -25,6 +25,7 @@ from compensation.inertia.quality import (
     LeftOver,
     lightest_kg,
 )
+from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from hbm.notes import Note, provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import written
@@ -42,6 +43,7 @@ from pipeline.report.empty_treadmill import (
 )
 from pipeline.run.job import file_digest
 from pipeline.trial.ground.calibrations import CalibrationCheck
+from pipeline.trial.ground.laboratory import BESIDE
 from pipeline.trial.result import StoredNote
 
 PAGE: Final = "laboratory.html"
@@ -137,6 +139,27 @@ def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) 
         sections.append(Section(part.name, TITLES[part.name], blocks))
     scope = "Record of the treadmill and its force plates"
     return write_page(page, "Laboratory", scope, sections)
+
+
+def recordings_table(study: Study) -> Table:
+    """Say which recordings of a study's laboratory are done, in the order of making them."""
+    treadmill, plates = study.file.treadmill, study.file.plates.calibration
+    beside, checks = "; ".join(treadmill.beside), treadmill.check
+    if file := treadmill.calibration and study.path(treadmill.calibration):
+        if file.suffix.lower() == ".json":  # it says what it was fitted to
+            beside = from_json(read_text(file)).provenance.get(BESIDE, "")
+        checks = checks or "; ".join(read_checks(file)["recording"])
+    recordings = {
+        f"Empty treadmill, signal {ADVISED_PLATFORM_SIGNAL}": treadmill.calibration,
+        "People beside an empty plate: walking, running, on the boards": beside,
+        "Known weights on the running belts, hbm plates": plates,
+        "Empty treadmill on another day, same signal": checks,
+    }
+    missing: Check = ("fail", "missing", "")
+    rows = [
+        (of, [("pass", "done", files) if files else missing]) for of, files in recordings.items()
+    ]
+    return Table("Recordings of the laboratory", ("Recording", "Finding"), rows, "answers")
 
 
 def page_of_study(study: Study, folder: Path) -> str | None:
@@ -440,10 +463,8 @@ def add_check(
 def read_checks(calibration: Path) -> pd.DataFrame:
     """Give all checks of a calibration's file, a row each by day; empty where there are none."""
     path = calibration.with_name(CHECKS)
-    if not path.exists():
-        columns = ["day", "recording", "valid", "calibration", "calibration_sha256"]
-        return pd.DataFrame(columns=columns)
-    table = read_csv(path)
+    columns = ["day", "recording", "valid", "calibration", "calibration_sha256"]
+    table = read_csv(path) if path.exists() else pd.DataFrame(columns=columns)
     return table[table["calibration"] == calibration.name].reset_index(drop=True)
 
 

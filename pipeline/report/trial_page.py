@@ -19,7 +19,7 @@ from pipeline.figures.residuals import component_figure, legend_below, residual_
 from pipeline.figures.style import COLOURS, PALETTE, STYLE, drawing, picture
 from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
-from pipeline.report.trial_tables import result_tables, scope, verdict_lines
+from pipeline.report.trial_tables import result_tables, verdict_lines
 from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
 from pipeline.run.program import program_digest
 from pipeline.trial.findings.finding import Finding
@@ -125,7 +125,7 @@ def write_trial_page(
         ],
     }
     sections = (Section(title.lower(), title, below) for title, below in blocks.items())
-    return write_page(path, name, scope(result), sections, study, key)
+    return write_page(path, name, result.title, sections, study, key)
 
 
 def write_changed_page(

@@ -17,14 +17,6 @@ from pipeline.trial.residuals import (
 from pipeline.trial.result import TrialResult
 
 
-def scope(result: TrialResult) -> str:
-    """Say of whom and of which file the page is."""
-    filtered = f"{result.settings.filter} Butterworth {result.settings.cutoff_hz:g} Hz"
-    return (
-        f"{result.source.name}; {result.body.mass:.1f} kg, {result.body.height_m:.2f} m; {filtered}"
-    )
-
-
 def verdict_lines(result: TrialResult) -> Iterable[str]:
     """Compare the residuals closest to the truth with others; count the warnings.
 

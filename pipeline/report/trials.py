@@ -11,17 +11,15 @@ from hbm.spelling import written
 from pipeline.config.schema import NOUNS, TrialName
 from pipeline.io.write import read_csv
 from pipeline.report.blocks import Check, Table, Text
+from pipeline.trial.quality import frames_within
 from pipeline.trial.residuals import (
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
-    counted,
     marker_rows,
     threshold_rows,
-    windows,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.trial.stages import MAX_DELAY_S
-from pipeline.trial.window import frames_within
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -149,7 +147,7 @@ def trial_quality(trial: TrialResult) -> dict[str, tuple[Check, ...]]:
 def _counted(trial: TrialResult) -> Check:
     """Say how many gait cycles count, or which span, and for how much of it."""
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
-    inside = frames_within(trial.motion.time, {"": windows(trial)[0].spans}, None)
+    inside = frames_within(trial.motion.time, *trial.spans.values())
     valid = float(np.mean(trial.counts[inside])) if inside.any() else 0.0
     share = f"{100 * valid:.0f} % of frames" if 0 < valid < 1 else ""
     if trial.span is not None:
@@ -164,7 +162,7 @@ def _counted(trial: TrialResult) -> Check:
 
 def _compensation(trial: TrialResult) -> Iterator[Check]:
     """Say how uncertain the compensation makes forces and moments, at most, where that is known."""
-    counts = counted(trial)
+    counts = trial.counted
     if trial.uncertainty is not None and counts.any():
         spread = np.sqrt(np.mean(trial.uncertainty[counts] ** 2, axis=0))
         yield from (

@@ -76,7 +76,7 @@ class Outcome:
     of_calibration: tuple[Note, ...] = ()
     failed_variants: Mapping[str, str] = field(default_factory=dict)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         if self.failure is not None:
             return f"FAILED {self.job.name}: {self.reason}"
         failed = (f"; FAILED variant {name}: {why}" for name, why in self.failed_variants.items())

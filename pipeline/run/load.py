@@ -23,7 +23,6 @@ from pipeline.trial.residuals import (
     CYCLE_COLUMNS,
     TRIAL_COLUMNS,
     Residual,
-    counted,
     cycle_residuals,
     cycle_rows,
     residual_rows,
@@ -288,7 +287,7 @@ def _subjects(trials: Mapping[TrialName, TrialResult]) -> pd.DataFrame:
 def _residual_cycles(trial: TrialResult) -> pa.Table:
     """Give one trial's residuals over 0–100 % of each gait cycle; empty where nothing counts."""
     parts = [CURVES["cycles"].empty_table()]
-    variants = [*trial.variants] if counted(trial).any() else []
+    variants = [*trial.variants] if trial.counted.any() else []
     of_variants = [cycle_residuals(trial, name) for name in variants]
     for side in trial.cycles if variants else ():
         values = np.stack([curves[side] for curves in of_variants], axis=2)

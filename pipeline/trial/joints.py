@@ -15,10 +15,9 @@ import scipy
 from hbm.coordinates import INDEX, SIDES
 from hbm.spatial import Array
 from pipeline.trial.gait.cycles import gait_cycles, normalise
-from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
+from pipeline.trial.quality import NO_SUPPORT, Quality, frames_within, free_of
 from pipeline.trial.residuals import TRIAL_COLUMNS, trial_columns
 from pipeline.trial.result import TrialResult
-from pipeline.trial.window import frames_within
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +129,7 @@ def joint_curves(result: TrialResult) -> dict[str, dict[str, Array]]:
     loaded = posed & free_of(result.quality, NO_SUPPORT)
     for side, spans in joint_spans(result).items():
         columns, signs = map(np.array, zip(*(m.column(side) for m in JOINT_MOTIONS), strict=True))
-        near = np.flatnonzero(frames_within(motion.time, {side: spans + BESIDE_S}, None))
+        near = np.flatnonzero(frames_within(motion.time, spans + BESIDE_S))
         place = np.ix_(near, columns)
         table = [np.where(posed[near, None], np.degrees(motion.q[place]) * signs, np.nan)]
         for dynamics in result.variants.values():

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from hbm.notes import Note
 from hbm.signals.filtering import Method
@@ -76,6 +77,15 @@ DOES_NOT_COUNT: Final = Quality(sum(Quality)) & ~(Quality.FOOT_UNCERTAIN | Quali
 """Flags of frames in which residuals do not count."""
 NO_SUPPORT: Final = Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN | Quality.NOT_CARRIED
 """Flags of frames in which the plates are not known to carry the subject."""
+
+
+def frames_within(time: Array, *spans: ArrayLike) -> Mask:
+    """Give whether each time, (T,), is in one of the spans, each (N, 2) [s]; none is in NaN."""
+    inside = np.zeros(len(time), bool)
+    for start, stop in np.concatenate([np.reshape(each, (-1, 2)) for each in (*spans, ())]):
+        if start < stop:  # neither is NaN
+            inside[slice(*np.searchsorted(time, (start, stop)))] = True
+    return inside
 
 
 def free_of(quality: Indices, flags: Quality = DOES_NOT_COUNT) -> Mask:

@@ -2,20 +2,19 @@
 
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from math import isnan
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hbm.model import Body
 from hbm.plausibility.motion import mass_share, unseen_covariance, unseen_segments
 from hbm.poses import center_of_mass, joint_positions
-from hbm.spatial import GRAVITY_MPS2, Array, Mask
+from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.trial.gait.cycles import normalise
+from pipeline.trial.quality import frames_within
 from pipeline.trial.result import TrialResult
-from pipeline.trial.window import frames_within
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,8 +55,7 @@ MarkerError = namedtuple("MarkerError", "marker rms_mm peak_mm missing_percent")
 """A row of `marker_rows`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
+class Window(NamedTuple):
     """What of a trial residuals are summarised over.
 
     Attributes
@@ -72,11 +70,6 @@ class Window:
     name: str
     headline: bool
     of_sides: Mapping[str, Array]
-
-    @property
-    def spans(self) -> Array:
-        """Those of both sides one after another, (N, 2) [s]."""
-        return np.concatenate([np.empty((0, 2)), *self.of_sides.values()])
 
 
 def reported(residual: Array) -> Array:
@@ -125,22 +118,10 @@ def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
 
 def windows(result: TrialResult) -> tuple[Window, ...]:
     """Give what a trial's residuals are summarised over, the headline first."""
-    if result.span:
-        return (Window("span", True, {"": np.array([result.span])}),)
-
-    def arrays(of_sides: Mapping[str, ArrayLike]) -> dict[str, Array]:
-        return {side: np.reshape(of_sides[side], (-1, 2)) for side in result.cycles}
-
-    cycles = Window(result.unit, result.part is None, arrays(result.cycles))
-    if result.part is None:
-        return (cycles,)
-    return Window(result.part.name, True, arrays(result.part.spans)), cycles
-
-
-def counted(result: TrialResult) -> Mask:
-    """Give whether each frame counts: it is in the headline window and valid, (T,)."""
-    spans = windows(result)[0].spans
-    return np.asarray(frames_within(result.motion.time, {"": spans}, None) & result.counts)
+    if result.span or result.part is None:
+        return (Window("span" if result.span else result.unit, True, result.spans),)
+    cycles = Window(result.unit, False, replace(result, part=None).spans)
+    return Window(result.part.name, True, result.spans), cycles
 
 
 def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
@@ -167,9 +148,9 @@ def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
         for window in () if result.span else windows(result):
             of_window = name == "compensated", window.name, window.headline
             for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
-                for measure in zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True):
-                    row = *of_window, *cycle, *measure, count, share
-                    rows.append((*trial_columns(result, condition), *row))
+                before = *trial_columns(result, condition), *of_window, *cycle
+                measures = zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True)
+                rows += [(*before, *measure, count, share) for measure in measures]
     return rows
 
 
@@ -263,7 +244,7 @@ def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":
 
 def residual_rows(result: TrialResult, condition: str = "") -> list[Residual]:
     """Give the rows of `residual_table`; pandas takes longer to load than they to compute."""
-    if not counted(result).any():
+    if not result.counted.any():
         return []
     names = trial_columns(result, condition)
     return [
@@ -276,7 +257,7 @@ def residual_rows(result: TrialResult, condition: str = "") -> list[Residual]:
 
 def _summary(result: TrialResult, window: Window, variant: str) -> Iterator[tuple[Any, ...]]:
     """Summarise the residuals of one variant over one window: the rows from the axis on."""
-    inside = frames_within(result.motion.time, {"": window.spans}, None)
+    inside = frames_within(result.motion.time, *window.of_sides.values())
     counts = inside & result.counts
     percent = result.body.mass * GRAVITY_MPS2 * np.repeat([1.0, result.body.height_m], 3) / 100
     value = reported(result.variants[variant].residual[counts])
@@ -388,7 +369,7 @@ def threshold_table(result: TrialResult) -> "pd.DataFrame":
 
 def threshold_rows(result: TrialResult) -> list[Threshold]:
     """Give the rows of `threshold_table`."""
-    inside, rows = counted(result), list[Threshold]()
+    inside, rows = result.counted, list[Threshold]()
     if not inside.any():
         return rows
     q = result.motion.q[inside]

@@ -16,12 +16,13 @@ from hbm.body import Body
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import Motion
-from hbm.notes import Note
-from hbm.spatial import Array, Indices, Mask
+from hbm.notes import Note, warnings_of
+from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject, TrialName, Unit
 from pipeline.io.recording import Event, Plate
+from pipeline.io.shown import Overview, Shown
 from pipeline.trial.findings.finding import Finding
-from pipeline.trial.quality import free_of
+from pipeline.trial.quality import frames_within, free_of
 
 
 def _note(stored: object) -> Note:
@@ -103,8 +104,8 @@ class Procedure:
     dynamic: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class TrialResult:
+@dataclass(frozen=True, slots=True, repr=False)
+class TrialResult(Shown):
     """Everything that is known of a trial once it has been processed.
 
     `pipeline.run.store` writes it and reads it back.
@@ -257,6 +258,35 @@ class TrialResult:
     def counts(self) -> Mask:
         """Frames whose residuals count, (T,)."""
         return free_of(self.quality)
+
+    @property
+    def spans(self) -> dict[str, Array]:
+        """Side -> stretches that the condition asks for, (N, 2) [s]; a span is of no side."""
+        if self.span:
+            return {"": np.array([self.span])}
+        of_sides = self.cycles if self.part is None else self.part.spans
+        return {side: np.reshape(of_sides[side], (-1, 2)) for side in self.cycles}
+
+    @property
+    def counted(self) -> Mask:
+        """Those of them that are in these stretches, (T,)."""
+        return frames_within(self.motion.time, *self.spans.values()) & self.counts
+
+    @property
+    def title(self) -> str:
+        """Of which file and whom it is, and its filter."""
+        filtered = f"{self.settings.filter} Butterworth {self.settings.cutoff_hz:g} Hz"
+        body = f"{self.body.mass:.1f} kg, {self.body.height_m:.2f} m"
+        return f"{self.source.name}; {body}; {filtered}"
+
+    def overview(self) -> Overview:
+        """Give title, counts of frames and warnings, and RMS residuals of the frames that count."""
+        counted, warnings = self.counted, len(warnings_of(self.notes))
+        used = {name: one.residual[counted] for name, one in self.variants.items() if any(counted)}
+        rows = {name: np.sqrt(np.mean(each**2, axis=0)).round(1) for name, each in used.items()}
+        frames = f"{counted.sum()} of {len(counted)} frames count, {warnings} warnings in .notes"
+        said = self.shortage or "RMS residuals [N, N·m], x forward, y right, z up:"
+        return Overview(f"{self.title}\n{frames}\n{said}", WRENCH_COMPONENTS, rows)
 
     @property
     def engine(self) -> str:

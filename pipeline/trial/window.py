@@ -21,7 +21,7 @@ from pipeline.trial.gait.cycles import (
     select_cycles,
 )
 from pipeline.trial.gait.events import SIDES
-from pipeline.trial.quality import Quality, free_of
+from pipeline.trial.quality import Quality, frames_within, free_of
 from pipeline.trial.result import CyclePart
 
 NEEDS: Final[dict[Unit, str]] = {
@@ -238,12 +238,12 @@ def counted_span(
             f"at its start and {settling[1]:.2f} s at its end to settle"
         )
     if wanted is None:
-        valid = counts[frames_within(time, {}, settled)]
+        valid = counts[frames_within(time, settled)]
         return settled if np.mean(valid) >= min_valid_share else None
     if isinstance(wanted, str):
         return settled
     span = max(wanted[0], settled[0]), min(wanted[1], settled[1])
-    if not frames_within(time, {}, span).any():
+    if not frames_within(time, span).any():
         raise ValueError(
             f"the span {wanted[0]:g} to {wanted[1]:g} s holds no frame; the recording can be used "
             f"from {settled[0]:.2f} to {settled[1]:.2f} s"
@@ -338,15 +338,6 @@ def _part_of_cycles(
     return np.where(parts[:, 1:] > cycles[:, 1:], np.nan, parts)
 
 
-def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -> Mask:
-    """Give whether each time, (T,), is in the span or, without one, in a gait cycle."""
-    inside = np.zeros(len(time), bool)
-    for start, stop in [span] if span else np.concatenate([*cycles.values(), np.empty((0, 2))]):
-        if start < stop:  # neither is NaN
-            inside[slice(*np.searchsorted(time, (start, stop)))] = True
-    return inside
-
-
 def _nothing_counts(
     wanted: WantedWindow,
     counted: Counted,
@@ -359,8 +350,8 @@ def _nothing_counts(
     """Say why nothing counts, and what is to be known where that or something else counts."""
     part, span, cycles = counted.part, counted.span, counted.cycles
     some_cycles = any(map(len, cycles.values()))
-    parts = cycles if part is None else {s: np.reshape(p, (-1, 2)) for s, p in part.spans.items()}
-    if (frames_within(time, parts, span) & counts).any():
+    spans = [span] if span else (cycles if part is None else part.spans).values()
+    if (frames_within(time, *spans) & counts).any():
         if wanted is not None or (span is None and counted.unit == "cycle"):
             return "", ()
         if span is None:
@@ -369,7 +360,7 @@ def _nothing_counts(
             return "", (Note.of("steps_for_cycles", count=count, **values),)
         code = "no_gait_cycle" if none_found else "gait_cycles_left_out"
         return "", (Note.of(code, reason=shortage, start_s=span[0], stop_s=span[1]),)
-    inside = frames_within(time, {}, span) if span else np.ones(len(time), bool)
+    inside = frames_within(time, span) if span else np.ones(len(time), bool)
     frames = f"{np.count_nonzero(counts & inside)} of {np.count_nonzero(inside)} frames are used"
     why = f"{np.count_nonzero(inside & ~solved)} unsolved, else the plates do not carry the subject"
     reason = shortage

@@ -23,7 +23,6 @@ from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
-    counted,
     reported,
     residual_rows,
     threshold_rows,
@@ -194,7 +193,7 @@ def _title(result: TrialResult) -> str:
 def trial_summary(result: TrialResult) -> str:
     """Give residuals, peaks beside their limits and notes of a trial, in Markdown."""
     blocks = [f"# {_title(result)}"]
-    if counted(result).any():
+    if result.counted.any():
         rows = [row for row in residual_rows(result) if row.headline]
         shown = pd.DataFrame({"": AXES, "direction": DIRECTIONS})
         for name in result.variants:

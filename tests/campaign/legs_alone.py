@@ -15,7 +15,6 @@ import numpy as np
 from hbm.plausibility.motion import unseen_covariance
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.trial.process import result_of
-from pipeline.trial.residuals import counted
 from pipeline.trial.result import TrialResult
 from tests.campaign.walks import Base, opencap, real, virtual
 
@@ -29,9 +28,9 @@ def percent(result: TrialResult, values: np.ndarray) -> np.ndarray:
 def compared(base: Base) -> np.ndarray:
     """RMS with all markers and with the legs alone, SD of the difference, SD expected, (4, 6)."""
     full, legs = (result_of(each.chain()) for each in (base, base.with_legs_alone()))
-    frames = counted(full) & counted(legs)
+    frames = full.counted & legs.counted
     every, fewer = (r.measured.residual[frames] for r in (full, legs))
-    expected = unseen_covariance(legs.body, legs.motion, counted(legs))
+    expected = unseen_covariance(legs.body, legs.motion, legs.counted)
     sizes = [np.sqrt(np.mean(x**2, axis=0)) for x in (every, fewer, fewer - every)]
     return np.array([percent(full, x) for x in (*sizes, np.sqrt(np.diag(expected)))])
 

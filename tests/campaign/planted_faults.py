@@ -44,7 +44,6 @@ from pipeline.trial.findings.judge import Fitted, View, fit, hypotheses, instead
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.plate_units import reversed_plates
 from pipeline.trial.process import result_of
-from pipeline.trial.residuals import counted
 from tests.campaign.plants import clipped, exchanged, later, moved, overflowing, raw, turned
 from tests.campaign.walks import Base, legs_only, opencap, real, virtual
 from tests.hbm.motions import relabelled
@@ -329,7 +328,7 @@ class Outcome:
             said = " ".join((str(error), *getattr(error, "__notes__", ())))
             return cls(chain, refused=said)
         best = result.compensated or result.measured
-        residual = best.residual[counted(result)]
+        residual = best.residual[result.counted]
         rms = np.sqrt(np.mean(residual**2, axis=0)) if len(residual) else np.full(6, np.nan)
         return cls(chain, named(chain, result.notes), [*warnings_of(result.notes)], rms)
 

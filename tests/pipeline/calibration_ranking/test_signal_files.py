@@ -22,7 +22,7 @@ from pipeline.cli.app import main
 
 def test_files_hold_the_signal_at_the_rate_asked_for(tmp_path):
     signal = pitch_and_sway_signals(1, 3.0)[1]
-    (path,) = write_signals([signal], tmp_path / "signals", 200.0, MachineLimits())
+    (path,) = write_signals([signal], tmp_path / "signals", 200.0)
     assert path.name == "square_sway_60s_3mps.csv"
     assert path.read_text(encoding="utf-8").startswith("time_s,sway_m,pitch_deg,belt_speed_m_per_s")
     table = np.loadtxt(path, delimiter=",", skiprows=1)
@@ -31,7 +31,6 @@ def test_files_hold_the_signal_at_the_rate_asked_for(tmp_path):
     np.testing.assert_allclose(table[every_second, 1], signal.sway, atol=1e-4)
     np.testing.assert_allclose(table[every_second, 2], np.degrees(signal.pitch), atol=2e-2)
     np.testing.assert_array_equal(table[:, 3], 3)
-    assert path.with_suffix(".png").stat().st_size > 10_000
 
 
 def names(signals):
@@ -64,10 +63,10 @@ def test_every_signal_of_the_protocol_is_either_possible_or_named(kind, slow, sh
 
 @pytest.fixture
 def written(monkeypatch):
-    """The names that a command would write, without drawing figures."""
+    """The names that a command would write, without writing them."""
     asked = {}
 
-    def remember(signals, folder, rate_hz, limits):
+    def remember(signals, folder, rate_hz):
         asked[folder.name] = [signal.name for signal in signals]
         return asked[folder.name]
 

@@ -15,7 +15,7 @@ from pipeline.run.load import collect
 from pipeline.run.store import read_trial
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.trial.residuals import counted, residual_table
+from pipeline.trial.residuals import residual_table
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol import walking_protocol
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
@@ -114,7 +114,7 @@ def moment_rms(trial, truth, joint, direction):
         for side in SIDES:
             k, _ = motion.column(side)
             true = np.interp(trial.motion.time, truth["time"], truth[f"moment_{COORDINATES[k]}"])
-            errors.append((dynamics.tau[:, k] - true)[counted(trial)] / trial.body.mass)
+            errors.append((dynamics.tau[:, k] - true)[trial.counted] / trial.body.mass)
         found[variant] = float(np.sqrt(np.nanmean(np.square(errors))))
     return found
 

@@ -58,6 +58,6 @@ def test_a_unit_that_the_file_states_wrongly_can_be_stated(moving_study, fitted,
     path, out = lab.save(in_volts, tmp_path / "volts.c3d"), tmp_path / "lab.json"
     command = ["calibration", "fit", str(path), "-o", str(out)]
     assert main(command) == 2
-    assert "use --accelerometer-unit g" in capsys.readouterr().err
+    assert "expected g or m/s² (--accelerometer-unit)" in capsys.readouterr().err
     assert main([*command, "--accelerometer-unit", "g"]) == 0
     assert '"accelerometer_unit": "g"' in out.read_text(encoding="utf-8")

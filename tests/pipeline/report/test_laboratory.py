@@ -32,6 +32,7 @@ from pipeline.report.laboratory import (
     frequency_table,
     page_of_study,
     read_checks,
+    recordings_table,
     write_laboratory,
 )
 from pipeline.trial.ground.calibrations import fit_calibration, read_empty
@@ -336,6 +337,25 @@ def test_the_report_of_a_study_links_to_the_page_beside_its_calibration(moving_s
 
 
 # In a real browser: drawn without errors or requests, readable on every screen
+
+
+def test_recordings_that_a_study_has_are_done_and_the_others_missing(
+    checked, moving_study, tmp_path, capsys
+):
+    shutil.copytree(moving_study, tmp_path, dirs_exist_ok=True)
+    study = read_study(tmp_path)
+    done = {row[0].partition(":")[0]: row[1][0] for row in recordings_table(study).rows}
+    assert [rating for rating, *_ in done.values()] == ["pass", "fail", "fail", "fail"]
+
+    # a fitted calibration says itself what it was fitted to, and which checks there were
+    for file in checked.glob("lab*"):
+        shutil.copy(file, tmp_path)
+    treadmill = study.file.treadmill.model_copy(update={"calibration": "lab.json"})
+    fitted = replace(study, file=study.file.model_copy(update={"treadmill": treadmill}))
+    *_, another_day = recordings_table(fitted).rows
+    assert another_day[1][0][:2] == ("pass", "done")
+    assert main(["calibration", "checklist", str(tmp_path)]) == 0
+    assert "missing" in capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")

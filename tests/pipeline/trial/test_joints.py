@@ -24,8 +24,7 @@ from pipeline.trial.joints import (
     quantities,
 )
 from pipeline.trial.process import process_recording
-from pipeline.trial.quality import Quality, free_of
-from pipeline.trial.window import frames_within
+from pipeline.trial.quality import Quality, frames_within, free_of
 from tests.pipeline import lab
 from tests.recordings.recorded import recorded, treadmill
 
@@ -194,7 +193,7 @@ def test_on_one_plate_moments_of_legs_are_those_of_two_or_unknown(tmp_path):
     on_one = process_recording(replace(walk, plates=(together,)), **known)
     np.testing.assert_allclose(on_one.measured.residual, on_two.measured.residual, atol=1e-6)
 
-    inside = on_one.counts & frames_within(on_one.motion.time, on_one.cycles, None)
+    inside = on_one.counts & frames_within(on_one.motion.time, *on_one.cycles.values())
     columns = [INDEX[f"{side}{joint}"] for side in "LR" for joint in LEG_JOINTS]
     error = np.abs(on_one.measured.tau - on_two.measured.tau)[:, columns].max(axis=1)
     uncertain = ~free_of(on_one.quality, Quality.FOOT_UNCERTAIN)

@@ -16,7 +16,7 @@ from pipeline.figures.residuals import mean_part
 from pipeline.run.store import read_trial, write_trial
 from pipeline.trial.gait.cycles import motion_onsets, motion_stops
 from pipeline.trial.process import process_trial
-from pipeline.trial.residuals import CYCLE_COLUMNS, counted, cycle_rows, residual_table
+from pipeline.trial.residuals import CYCLE_COLUMNS, cycle_rows, residual_table
 from pipeline.trial.window import perturbed_part
 from tests.pipeline import lab
 
@@ -175,8 +175,8 @@ def test_while_the_platform_moves_the_uncompensated_residual_is_far_above_that_o
     for onset in lab.SWAYS_S:
         since = result.motion.time - onset
         inside |= (since > 0.005) & (since < 0.25)
-    assert counted(result)[inside].all()
-    assert np.count_nonzero(counted(result)) < 2 * 35
+    assert result.counted[inside].all()
+    assert np.count_nonzero(result.counted) < 2 * 35
 
 
 def test_the_rms_of_cycles_is_that_of_the_part(sway):

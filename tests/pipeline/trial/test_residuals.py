@@ -9,7 +9,6 @@ from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import (
-    counted,
     cycle_residuals,
     marker_rows,
     reported,
@@ -66,7 +65,7 @@ def test_only_samples_in_window_count_and_overlapping_cycles_count_them_once(pro
     result = replace(
         result, cycles={"right": np.array([[6.0, 7.0]]), "left": np.array([[6.5, 8.0]])}
     )
-    assert np.count_nonzero(counted(result)) == 200
+    assert np.count_nonzero(result.counted) == 200
     np.testing.assert_allclose(residual_table(result, "pitch")["rms"], 2.0)
 
 
@@ -123,7 +122,7 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
     residual = np.tile([3.0, 4.0, 0, 0, 0, 2.0], (len(time_of(processed)), 1))
     result = with_residual(processed, residual)
     force, moment = threshold_rows(result)
-    inside = counted(result)
+    inside = result.counted
     ground = sum(result.ground["measured"].values())[inside, :3]
     peak = np.linalg.norm(ground, axis=1).max()
     above_belts = center_of_mass(result.body, result.motion.q[inside])[:, 2].mean()
