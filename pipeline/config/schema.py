@@ -631,7 +631,7 @@ class SubjectFile(Subject):
     static: RecordingName | None = Field(default=None, examples=["sub01_static.c3d"])
     """Calibration pose; default: the quietest second of each trial."""
     hip_trial: RecordingName | None = Field(default=None, examples=["sub01_star.c3d"])
-    """Recording in which both thighs swing, for functional hip centres."""
+    """Recording in which both thighs swing, for settings.hip = "functional" in study.toml."""
     segments: SegmentsName | None = Field(default=None, examples=["sub01_segments.toml"])
     """TOML with known segment inertias: prostheses, braces, scans."""
     trials: dict[ConditionName, Recordings]
