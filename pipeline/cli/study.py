@@ -83,10 +83,9 @@ def init(
         named = listed(files) if reason == NO_RECORDING else ", ".join(files)
         console.say(f"not used: {named}: {reason}")
     written = write_template(folder, found.subjects, treadmill, every=every)
-    console.say(
-        f"written to {folder}: {', '.join(path.name for path in written)}; next: state sex, height_m "
-        f"and mass_kg of each subject, then hbm check {folder}"
-    )
+    files = ", ".join(path.name for path in written)
+    todo = f"state sex, height_m and mass_kg of each subject, then hbm check {folder}"
+    console.say(f"written to {folder}: {files}; next: {todo}")
 
 
 def _grid(subjects: Sequence["FoundSubject"], title: str, most: int | None = None) -> Table:

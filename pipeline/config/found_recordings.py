@@ -140,7 +140,7 @@ def _subjects(
         person = said[one.file].person.casefold() if one.file in said else None
         if person not in people and one.pose:
             named = [key for key in people if key and one.name.names(key)]
-            alone = [*people] if not one.name.candidates and len(people) == 1 else []
+            alone = [*people] if not one.name.candidates and one.file not in said else []
             (person,) = named or alone if len(named or alone) == 1 else [person]
         if person in people:
             of_person[str(person)].append(one)
@@ -218,8 +218,7 @@ def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
     """Give the names that do not say surely whose they are, though others do."""
     trials = [one.name for one in recorded if not one.pose]
     if not any(name.candidates for name in trials):
-        poses = [one for one in recorded if one.name.kind == "pose"]
-        numbers = {name.number for name in trials}
+        poses, numbers = [one for one in recorded if one.pose], {name.number for name in trials}
         # the numbers may be those of persons, unless one pose serves all
         several = len(numbers) > 1 and len(poses) != 1
         return [name for name in trials if name.number and several]
@@ -232,11 +231,9 @@ def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
             if not all(map(usual, one.name.apart(others, person))):  # a word may be another person
                 doubtful.append(one.name)
     # S1 may be a session, where different words follow
-    words = [(name, name.fields[k]) for name in sure for k in name.candidates[1:]]
-    words = [
-        (name, word) for name, word in words if SHORT.fullmatch(name.fields[name.candidates[0]])
-    ]
-    return doubtful + [name for name, _ in words if len({word for _, word in words}) > 1]
+    short = [name for name in sure if SHORT.fullmatch(name.fields[name.candidates[0]])]
+    words = {name.fields[k] for name in short for k in name.candidates[1:]}
+    return doubtful + (short if len(words) > 1 else [])
 
 
 def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
@@ -249,17 +246,15 @@ def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
     files, ways = [one.file for one in recorded], list[tuple[float, str, list[FoundSubject]]]()
     for pattern in dict.fromkeys(commonest.values()):
         subjects = _subjects(recorded, said_by(pattern, files), {})
-        counts = [len(subject.trials) for subject in subjects]
+        cells = sum(len(subject.trials) for subject in subjects)
         conditions = len({condition for subject in subjects for condition in subject.trials})
-        crossed = sum(counts) / max(1, len(subjects) * conditions)
-        ways.append(((len(subjects) > 1) + (conditions > 1) + crossed, pattern, subjects))
+        crossed = cells / max(1, len(subjects) * conditions)
+        several = (len(subjects) > 1) * 1.1 + (conditions > 1)
+        ways.append((several * crossed**2, pattern, subjects))
     ways.sort(key=lambda way: -way[0])
-    of_people = dict[frozenset[frozenset[str]], tuple[str, list[FoundSubject]]]()
-    for _, pattern, subjects in ways:
-        people = frozenset(frozenset(subject.files) for subject in subjects)
-        of_people.setdefault(people, (pattern, subjects))
-    shown_ways = [*of_people.values()] if len(of_people) > 1 else [way[1:] for way in ways]
-    return dict(shown_ways[:MAX_READINGS])
+    people = [{frozenset(subject.files) for subject in subjects} for *_, subjects in ways]
+    different = [way for k, way in enumerate(ways) if people[k] not in people[:k]]
+    return {way[1]: way[2] for way in (different if different[1:] else ways)[:MAX_READINGS]}
 
 
 def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str, str]) -> str:

@@ -15,6 +15,7 @@ from hbm.spelling import listed, packaged_toml, shown, without_accents
 READ: Final = packaged_toml("pipeline.config", "recording_names.toml")
 PATTERNS: Final = {name: re.compile(text, re.VERBOSE) for name, text in READ["pattern"].items()}
 USUAL: Final = {word for words in READ["words"].values() for word in words}
+TRIAL: Final = (*READ["words"]["trial"], *READ["words"]["folder"])
 DIGITS: Final = "0123456789"
 WORD: Final = re.compile(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+")
 ROLES: Final = ("subject", "condition", "recording")
@@ -34,11 +35,11 @@ class Said(NamedTuple):
 
 
 class Field(NamedTuple):
-    """A part of a name between marks, and where it begins and ends."""
+    """Where a part of a name between marks begins and ends, and what it says."""
 
-    text: str
     start: int
     stop: int
+    text: str
 
 
 class RecordingName(NamedTuple):
@@ -80,32 +81,31 @@ class RecordingName(NamedTuple):
     def of(cls, file: str) -> "RecordingName":
         """Read the name of a file, relative to a folder."""
         text = stem = normalize("NFC", str(PurePosixPath(file).with_suffix("")))
-        parts_of = dict[str, list[Field]]()
+        found = dict[str, list[Field]]()
         for name in ("day", "functional", "pose", "person", "occasion"):
             matches = [*PATTERNS[name].finditer(text)]
-            parts_of[name] = [Field(re.sub("[-_. ]", "", m[0]), *m.span()) for m in matches]
+            found[name] = [Field(*m.span(), re.sub("[-_. ]", "", m[0])) for m in matches]
             text = PATTERNS[name].sub(lambda match: "_" * len(match[0]), text)
-        marks = [*PATTERNS["between"].finditer(text)]
-        ends = [0, *(end for mark in marks for end in mark.span()), len(text)]
-        words = (Field(text[a:b], a, b) for a, b in zip(ends[::2], ends[1::2], strict=True))
-        days, people, occasions = (parts_of[name] for name in ("day", "person", "occasion"))
-        kind = next((name for name in ("functional", "pose") if parts_of[name]), "")
-        parts = sorted(
-            [*people, *occasions, *(w for w in words if w.text.strip(".'’"))], key=_start
-        )
+        ends = [end for mark in PATTERNS["between"].finditer(text) for end in mark.span()]
+        spans = zip([0, *ends[1::2]], [*ends[::2], len(text)], strict=True)
+        words = [Field(a, b, text[a:b]) for a, b in spans if text[a:b].strip(".'’")]
+        kind = next((name for name in ("functional", "pose") if found[name]), "")
+        days, people, occasions = (found[name] for name in ("day", "person", "occasion"))
+        parts, sure = sorted([*people, *occasions, *words]), bool(people)
         if days and not kind and all(usual(part.text) for part in parts):
-            parts, people = sorted([*days, *parts], key=_start), days  # what a person is called
+            parts, people = sorted([*days, *parts]), days  # it may be what a person is called
         fields = [part.text for part in parts]
         fields = [f for k, f in enumerate(fields) if f.isdecimal() or f not in fields[:k]]
         numbered = [k for k, field in enumerate(fields) if field in {one.text for one in people}]
-        unusual = [k for k, field in enumerate(fields) if not usual(field) or k in numbered]
-        counting = [k for k, f in enumerate(fields[:-1]) if f.isdecimal() and _counts(fields, k)]
-        if not kind:  # a number before others may be a person's
-            unusual += [k for k in counting if k == 0 or not people]
-        candidates = sorted({*unusual})
+        # a number at the beginning, or before others, may be a person's
+        first = {0} if fields and fields[0][0].isdecimal() and not kind else set[int]()
+        inner = range(0 if kind or people else len(fields) - 1)
+        first |= {k for k in inner if fields[k].isdecimal() and _counts(fields, k)}
+        unusual = {k for k, field in enumerate(fields) if not usual(field)}
+        candidates = sorted(first | unusual | {*numbered})
         day = "".join(one.text for one in days[:1] or occasions).casefold()
-        sure = people != days and numbered == (candidates[:1] or None)
-        return cls(stem, kind, day, sorted({*days, *parts}, key=_start), fields, candidates, sure)
+        sure = sure and numbered == candidates[:1]
+        return cls(stem, kind, day, sorted({*days, *parts}), fields, candidates, sure)
 
     @property
     def folders(self) -> list[str]:
@@ -121,9 +121,9 @@ class RecordingName(NamedTuple):
     @property
     def number(self) -> str:
         """The number at its end, unless it is said to be that of a trial, or that of a level."""
-        last, bare = (self.fields or [""])[-1], _bare((self.fields or [""])[-1])
-        level = "." in last or bare in (*READ["words"]["numbered"], *READ["words"]["trial"])
-        counts = not level and _counts(self.fields, len(self.fields) - 1)
+        last = (self.fields or [""])[-1]
+        counts = _counts([*self.fields, _bare(last), ""], len(self.fields) + 1)
+        counts = counts and "." not in last and _counts(self.fields, len(self.fields) - 1)
         return last[len(last.rstrip(DIGITS)) :] if counts else ""
 
     def read(self, places: Sequence[int]) -> Said:
@@ -137,27 +137,28 @@ class RecordingName(NamedTuple):
         places = self.candidates or [len(self.fields) - 1]
         for number in range(min(len(places), 3) + 1):
             for chosen in combinations(places[:3], number):
-                yield chosen, self._pattern([self.fields[k] for k in chosen])
+                yield chosen, self._pattern(chosen)
 
-    def _pattern(self, person: Sequence[str]) -> str:
-        """Give its pattern if some of its fields say whose it is."""
-        pattern, trials = (
-            re.sub(r'["{}$`!\\]', "*", self.stem),
-            [*READ["words"]["trial"], *READ["words"]["folder"]],
-        )
-        for part in reversed(self.parts):
-            bare, role = _bare(part.text), "{condition}"
-            if part.text in person:
+    def _pattern(self, person: Sequence[int]) -> str:
+        """Give its pattern if the fields at some places say whose it is."""
+        stem, pattern, end, next_place = re.sub(r'["{}$`!\\]', "*", self.stem), "", 0, 0
+        for part in self.parts:
+            place = next_place if [part.text] == self.fields[next_place : next_place + 1] else None
+            next_place += place is not None
+            if place is None and part.text in self.fields:
+                place = self.fields.index(part.text)  # a folder said it before
+            bare, role, last = _bare(part.text), "{condition}", part is self.parts[-1]
+            if place in person:
                 known = [usual(word) for word in WORD.findall(part.text)]
                 role = "{subject}" if not any(known) else "{subject}{condition}{recording}"
                 role = "{condition}{subject}" if known and all(known) else role
-            elif part.text not in self.fields or (bare in trials and part is not self.parts[-1]):
+            elif place is None or (bare in TRIAL and not last):
                 role = "*"  # a day, or the word before a number
-            elif part is self.parts[-1] and "." not in part.text and part.text[-1] in DIGITS:
-                role = "{recording}" if bare in ("", *trials) else "{condition}{recording}"
-            placed = re.sub("[^-_ ]+", role, pattern[part.start : part.stop])
-            pattern = pattern[: part.start] + placed + pattern[part.stop :]
-        return re.sub(r"[*]([-_ ]?[*])+", "*", pattern)
+            elif last and "." not in part.text and part.text[-1] in DIGITS:
+                role = "{recording}" if bare in ("", *TRIAL) else "{condition}{recording}"
+            placed = re.sub("[^-_ ]+", role, stem[part.start : part.stop])
+            pattern, end = pattern + stem[end : part.start] + placed, part.stop
+        return re.sub(r"[*]([-_ ]?[*])+", "*", pattern + stem[end:])
 
     def names(self, person: str) -> bool:
         """Tell whether fields in a row are this person, whatever marks are between them."""
@@ -207,21 +208,21 @@ def said_by(pattern: str, files: Iterable[str]) -> dict[str, Said]:
     field, text = f"([^/{marks}]", re.escape(pattern).replace(r"\*", "[^/]*?")
     text = text.replace(r"\}\{recording\}", r"\}(?<!\d)(\d*)")
     text = re.sub(r"(_|\\-|\\ )\\\{recording\\\}$", lambda end: f"(?:{end[1]}{field}+))?", text)
-    ways = list[str]()
-    for boundary, times in BOUNDARIES.items():
-        way = text.replace(r"\}\{", rf"\}}{boundary}\{{")
-        ways.append("(?:(.*)/)?" + re.sub(r"\\\{\w+\\\}", lambda _: field + times + ")", way))
+    ways = [
+        f"{field}{times})".join(
+            re.split(r"\\\{\w+\\\}", text.replace(r"\}\{", rf"\}}{boundary}\{{"))
+        )
+        for boundary, times in BOUNDARIES.items()
+    ]
     said, above = dict[str, Said](), set[str]()
     for file in files:
         name = RecordingName.of(file)
-        fits = filter(None, (re.fullmatch(way, name.stem, re.IGNORECASE) for way in ways))
-        if match := next(fits, None):
-            folder, *texts = match.groups()
-            above.add(folder or "")
-            person, what = (
-                "-".join(dict.fromkeys(t for r, t in zip(roles, texts, strict=True) if r == role))
-                for role in ROLES[:2]
-            )
+        fits = (re.fullmatch(f"(?:(.*)/)?{way}", name.stem, re.IGNORECASE) for way in ways)
+        if match := next(filter(None, fits), None):
+            above.add(match[1] or "")
+            pairs = [*zip(roles, match.groups()[1:], strict=True)]
+            said_of = {role: dict.fromkeys(t for r, t in pairs if r == role) for role in ROLES}
+            person, what = "-".join(said_of["subject"]), "-".join(said_of["condition"])
             said[file] = Said(person, what.lower(), name.session)
     if len(above) > 1:
         raise ValueError(
@@ -233,13 +234,8 @@ def said_by(pattern: str, files: Iterable[str]) -> dict[str, Said]:
 
 def condition(fields: Sequence[str]) -> str:
     """Give what fields of a name say of the condition; the last number is that of a repetition."""
-    nothing = ("", *READ["words"]["trial"], *READ["words"]["folder"])
-    words = (w for w in _unnumbered(fields) if TIME.fullmatch(w) or _bare(w) not in nothing)
+    words = (w for w in _unnumbered(fields) if TIME.fullmatch(w) or _bare(w) not in ("", *TRIAL))
     return "-".join(words).lower()
-
-
-def _start(part: Field) -> int:
-    return part.start
 
 
 def _letters(text: str) -> str:
@@ -268,4 +264,4 @@ def _bare(word: str) -> str:
 def usual(field: str) -> bool:
     """Tell whether a field is a number, or what trials are usually called."""
     words = re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+", without_accents(field))
-    return USUAL.issuperset(word.casefold() for word in words)
+    return field.casefold() in TRIAL or USUAL.issuperset(word.casefold() for word in words)

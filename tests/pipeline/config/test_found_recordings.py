@@ -330,6 +330,7 @@ def test_what_is_not_used_is_said_with_the_reason(named):
         "walk_7.c3d": "its name does not say whose it is",
         "old/S02_walk_1.c3d": "its folder has a study of its own",
         "20240503_S03_cal.c3d": "S03 was recorded on several days; a pose holds for one",
+        "old/study.toml": "no recording",
     }
 
 
