@@ -46,7 +46,7 @@ def init(
 
     Folders belong to names: "{subject}/{condition}/*". Without {subject}, all are of one person.
     """
-    from pipeline.config.found_recordings import NO_RECORDING, found_subjects
+    from pipeline.config.found_recordings import NO_RECORDING, found_subjects, valid_names
     from pipeline.config.templates import write_template
     from pipeline.io.read import read_with_any_axes
     from pipeline.trial.ground.accelerometers import find_accelerometers
@@ -69,7 +69,8 @@ def init(
             sensors = find_accelerometers(read_with_any_axes(folder / file))
             found.unused[file] = f"{treadmill.get('calibration')} is the calibration"
             if not treadmill:
-                treadmill = {"calibration": file, "accelerometers": sensors}
+                channels = {valid_names(sensors, "sensor")[name]: sensors[name] for name in sensors}
+                treadmill = {"calibration": file, "accelerometers": channels}
                 del found.unused[file]
     if found.subjects:
         print_table(_grid(found.subjects, ""), console)
@@ -79,12 +80,13 @@ def init(
     for file, reason in found.unused.items():
         name = printable(Path(file).name)
         alike.setdefault(reason.removeprefix(f"{name}: "), []).append(printable(file))
-    for reason, files in alike.items():
-        named = listed(files) if reason == NO_RECORDING else ", ".join(files)
+    for reason, of_reason in alike.items():
+        named = listed(of_reason) if reason == NO_RECORDING else ", ".join(of_reason)
         console.say(f"not used: {named}: {reason}")
     written = write_template(folder, found.subjects, treadmill, every=every)
     files = ", ".join(path.name for path in written)
-    todo = f"state sex, height_m and mass_kg of each subject, then hbm check {folder}"
+    platform = ", how the platform moves as [treadmill.platform]" if treadmill else ""
+    todo = f"state sex, height_m and mass_kg of each subject{platform}, then hbm check {folder}"
     console.say(f"written to {folder}: {files}; next: {todo}")
 
 
@@ -99,9 +101,9 @@ def _grid(subjects: Sequence["FoundSubject"], title: str, most: int | None = Non
     for subject in subjects[:most]:
         poses = [subject.static or "none", *([subject.hip_trial or "none"] if hips else [])]
         cells = [[trial["file"] for trial in subject.trials.get(name, ())] for name in conditions]
-        files = (
-            f"{len(cell)}: {listed(cell, most or len(cell))}" if cell else "–" for cell in cells
-        )
+        more = (["…"] if most and cell[most:] else [] for cell in cells)
+        lines = ([f"{len(cell)}:", *cell[:most], *m] for cell, m in zip(cells, more, strict=True))
+        files = ("\n".join(cell) if cell[1:] else "–" for cell in lines)
         table.add_row(subject.name, *poses, *files)
     if most and subjects[most:]:
         table.caption = f"and {len(subjects) - most} more subjects"

@@ -133,8 +133,8 @@ def _subjects(
     """Group recordings by what their names say; those that are not used, and why."""
     of_trials = [said[one.file] for one in recorded if not one.pose and one.file in said]
     people = {name.person.casefold(): name.person for name in of_trials}
-    names = _valid(people.values(), FIRST)
-    conditions = _valid((name.condition for name in of_trials), CONDITION)
+    names = valid_names(people.values(), FIRST)
+    conditions = valid_names((name.condition for name in of_trials), CONDITION)
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
         person = said[one.file].person.casefold() if one.file in said else None
@@ -232,7 +232,7 @@ def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
                 doubtful.append(one.name)
     # S1 may be a session, where different words follow
     short = [name for name in sure if SHORT.fullmatch(name.fields[name.candidates[0]])]
-    words = {name.fields[k] for name in short for k in name.candidates[1:]}
+    words = {tuple(name.fields[k] for k in name.candidates[1:]) for name in short}
     return doubtful + (short if len(words) > 1 else [])
 
 
@@ -272,7 +272,7 @@ def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str,
     return pose
 
 
-def _valid(texts: Iterable[str], otherwise: str) -> dict[str, str]:
+def valid_names(texts: Iterable[str], otherwise: str) -> dict[str, str]:
     """Give names that a study can have, different ones of different texts."""
     names, taken = dict[str, str](), {*TAKEN}
     for text in dict.fromkeys(texts):

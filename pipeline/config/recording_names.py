@@ -20,8 +20,12 @@ DIGITS: Final = "0123456789"
 WORD: Final = re.compile(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+")
 ROLES: Final = ("subject", "condition", "recording")
 """What ``{…}`` in a pattern may stand for."""
-BOUNDARIES: Final = {r"(?:(?<=\d)(?=\D)|(?<=\D)(?=\d))": "+", r"(?-i:(?<=[a-z])(?=[A-Z]))": "+?"}
+BOUNDARIES: Final = {
+    r"(?:(?<=\d)(?=\D)|(?<=\D)(?=\d))": "+",
+    r"(?-i:(?<=[a-z])(?=[A-Z])|(?<=[A-Z]{2})(?=[a-z]))": "+?",
+}
 """Between two places without a mark: the last of digits and letters, else the first capital."""
+INITIALS: Final = re.compile("[A-Z]{2}")
 TIME: Final = re.compile("[Tt][0-9]")
 """A time of measurement, such as T1, before further fields."""
 
@@ -91,7 +95,9 @@ class RecordingName(NamedTuple):
         words = [Field(a, b, text[a:b]) for a, b in spans if text[a:b].strip(".'’")]
         kind = next((name for name in ("functional", "pose") if found[name]), "")
         days, people, occasions = (found[name] for name in ("day", "person", "occasion"))
-        parts, sure = sorted([*people, *occasions, *words]), bool(people)
+        # the number of a person may have one digit, but then it may be that of a session too
+        parts, free = sorted([*people, *occasions, *words]), all(len(p.text) == 2 for p in people)
+        sure = bool(people)
         if days and not kind and all(usual(part.text) for part in parts):
             parts, people = sorted([*days, *parts]), days  # it may be what a person is called
         fields = [part.text for part in parts]
@@ -99,9 +105,10 @@ class RecordingName(NamedTuple):
         numbered = [k for k, field in enumerate(fields) if field in {one.text for one in people}]
         # a number at the beginning, or before others, may be a person's
         first = {0} if fields and fields[0][0].isdecimal() and not kind else set[int]()
-        inner = range(0 if kind or people else len(fields) - 1)
+        inner = range(len(fields) - 1 if free and not kind else 0)
         first |= {k for k in inner if fields[k].isdecimal() and _counts(fields, k)}
-        unusual = {k for k, field in enumerate(fields) if not usual(field)}
+        initials = (k for k, field in enumerate(fields) if free and INITIALS.fullmatch(field))
+        unusual = {*initials, *(k for k, field in enumerate(fields) if not usual(field))}
         candidates = sorted(first | unusual | {*numbered})
         day = "".join(one.text for one in days[:1] or occasions).casefold()
         sure = sure and numbered == candidates[:1]
@@ -134,7 +141,13 @@ class RecordingName(NamedTuple):
 
     def patterns(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Give the patterns of all ways to read it, by the places of what may say whose it is."""
-        places = self.candidates or [len(self.fields) - 1]
+        places, last = self.candidates, len(self.fields) - 1
+        before = self.fields[:last][-1:]
+        words = [self.fields[k] for k in places if not self.fields[k].isdecimal()]
+        if last not in places and (
+            not places or (self.number and (not words or before == words[-1:]))
+        ):
+            places = [*places, last]
         for number in range(min(len(places), 3) + 1):
             for chosen in combinations(places[:3], number):
                 yield chosen, self._pattern(chosen)
@@ -151,7 +164,8 @@ class RecordingName(NamedTuple):
             if place in person:
                 known = [usual(word) for word in WORD.findall(part.text)]
                 role = "{subject}" if not any(known) else "{subject}{condition}{recording}"
-                role = "{condition}{subject}" if known and all(known) else role
+                if known and all(known) and not part.text[0].isdecimal():
+                    role = "{condition}{subject}" if part.text[-1] in DIGITS else "{subject}"
             elif place is None or (bare in TRIAL and not last):
                 role = "*"  # a day, or the word before a number
             elif last and "." not in part.text and part.text[-1] in DIGITS:

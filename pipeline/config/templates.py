@@ -104,8 +104,9 @@ def _lines(
             if all(isinstance(inner, dict) for inner in example.values()):
                 ((inner_name, example),) = example.items()
                 place = f"{place}.{inner_name}"
-            comment = _comment(f"# [{place}]", field.description)
-            tables += ["", *comment, *(f"# {k} = {in_toml(v)}" for k, v in example.items())]
+            sign, example = ("", stated) if stated else ("# ", example)
+            comment = _comment(f"{sign}[{place}]", field.description)
+            tables += ["", *comment, *(f"{sign}{k} = {in_toml(v)}" for k, v in example.items())]
         else:
             value = _example(field) if stated is None else stated
             sign = "# " if stated is None or name == BEHIND else ""
@@ -127,7 +128,7 @@ def _tables(
                 keys = [f"{key} = {in_toml(value)}" for key, value in (one or {}).items()]
                 if every and not lines:  # the keys that are not stated are shown once
                     keys = _lines(kind, f"{place}.{name}", one, every)
-                lines += ["", header, *keys] if keys or every else [header]
+                lines += [*([""] if keys or every or not lines else []), header, *keys]
         return lines
     header = f"[[{place}]]" if "tuple" in kind_of_table else f"[{place}]"
     about = (kind.__doc__ or "").partition("\n\n    Examples")[0].replace("\n    ", "\n")

@@ -281,7 +281,7 @@ def test_whatever_pattern_is_stated_no_pose_serves_another_person_or_day(named, 
     for names in ([*walks, *poses], [*walks, poses[0]], [*walks[1:], poses[0]]):
         folder = named(*names)
         ways = (way for walk in walks for _, way in RecordingName.of(f"{walk}.c3d").patterns())
-        for pattern in ("", *dict.fromkeys(ways)):
+        for pattern in ("", *(way for way in dict.fromkeys(ways) if "{subject}" in way)):
             try:
                 found = found_subjects(folder, pattern).subjects
             except ValueError:
@@ -376,7 +376,8 @@ def read_study_of(folder):
 def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp_path, capsys):
     assert main(["init", str(folder)]) == 0
     rows = [row.split() for row in capsys.readouterr().out.replace("│", " ").splitlines()]
-    assert ["S01", "S01_0.c3d", "1:", "S01_4.c3d"] in rows
+    assert ["S01", "S01_0.c3d", "1:"] in rows
+    assert rows[rows.index(["S01", "S01_0.c3d", "1:"]) + 1] == ["S01_4.c3d"]
     study = read_study(folder)
     assert [str(name) for name in study.trials] == [
         "S01 walking",
