@@ -141,6 +141,7 @@ def _subjects(
         if person not in people and one.pose:
             named = [key for key in people if key and one.name.names(key)]
             alone = [*people] if not one.name.candidates and one.file not in said else []
+            alone = [a for a in alone if not (a.replace("-", "").isdecimal() and one.name.fields)]
             (person,) = named or alone if len(named or alone) == 1 else [person]
         if person in people:
             of_person[str(person)].append(one)
@@ -220,7 +221,7 @@ def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
     if not any(name.candidates for name in trials):
         poses, numbers = [one for one in recorded if one.pose], {name.number for name in trials}
         # the numbers may be those of persons, unless one pose serves all
-        several = len(numbers) > 1 and len(poses) != 1
+        several = len(numbers) > 1 and [one.name.number for one in poses] != [""]
         return [name for name in trials if name.number and several]
     doubtful = [name for name in trials if name.candidates and not name.sure]
     sure = [name for name in trials if name.sure]

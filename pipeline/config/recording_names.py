@@ -142,12 +142,12 @@ class RecordingName(NamedTuple):
     def patterns(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Give the patterns of all ways to read it, by the places of what may say whose it is."""
         places, last = self.candidates, len(self.fields) - 1
-        before = self.fields[:last][-1:]
-        words = [self.fields[k] for k in places if not self.fields[k].isdecimal()]
-        if last not in places and (
-            not places or (self.number and (not words or before == words[-1:]))
-        ):
+        words = [k for k in places if not self.fields[k].isdecimal()]
+        after = words[-1:] == [last - 1] and self.fields[last].isdecimal()
+        if last not in places and self.number and (not words or after):
             places = [*places, last]
+        if not places:
+            places = [last]
         for number in range(min(len(places), 3) + 1):
             for chosen in combinations(places[:3], number):
                 yield chosen, self._pattern(chosen)

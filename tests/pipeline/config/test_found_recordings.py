@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+from itertools import product
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from hypothesis import strategies as st
 from pipeline.cli.app import main
 from pipeline.config.found_recordings import found_subjects
 from pipeline.config.recording_names import RecordingName
+from pipeline.config.schema import Comparison, Settings, Treadmill
 from pipeline.config.study import read_study
 from pipeline.config.templates import write_template
+from pipeline.io.read import read_with_any_axes
 from pipeline.run.check import check_study
 from pipeline.trial.study_files import read_study_file
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
@@ -129,6 +132,31 @@ BIDS = "sub-01/ses-01/motion/sub-01_ses-01_task-"
         (("S01_sneakers_1", "S01_loafers_1", "S01_cal_1"), {"S01": "S01_cal_1 loafers sneakers"}),
         (("S01_xy_KneeL_1", "S01_xy_cal"), {"S01": "S01_xy_cal xy-kneel"}),
         (("S01_01_cal", "S01_02_walk", "S01_03_walk"), {"S01": "S01_01_cal walk walk"}),
+        (
+            ("P01 slow 01", "P01 slow 02", "P02 slow 01"),
+            {"P01": " slow slow", "P02": " slow"},
+        ),
+        (("Sub1Walk03", "Sub2Walk01", "Sub1Static"), {"Sub1": "Sub1Static walk", "Sub2": " walk"}),
+        (("P01/Static", "P01/walk1", "P02/walk1"), {"P01": "P01/Static walk", "P02": " walk"}),
+        (
+            ("P1T1", "P1T2", "P2T1", "P1_cal"),
+            {"P1": "P1_cal walking walking", "P2": " walking"},
+        ),
+        (
+            ("P01_T0_walk_1", "P01_T1_walk_1", "P01_T1_walk_2"),
+            {"P01": " t0-walk t1-walk t1-walk"},
+        ),
+        (
+            ("S01/2024-05-03/slow 1", "S02/2024-05-04/slow 1", "S01/2024-05-03/static"),
+            {"S01": "S01/2024-05-03/static slow", "S02": " slow"},
+        ),
+        (("24-05-03_P01_slow_1", "24-05-04_P02_slow_1"), {"P01": " slow", "P02": " slow"}),
+        (("c3d/P01_slow_1", "c3d/P02_slow_1"), {"P01": " slow", "P02": " slow"}),
+        (("Pat12_pre_walk1", "Pat12_post_walk1"), {"Pat12": " post-walk pre-walk"}),
+        (
+            ("Dynamic01_P05", "Static_P05", "Dynamic01_P06"),
+            {"P05": "Static_P05 walking", "P06": " walking"},
+        ),
     ],
 )
 def test_names_are_read_as_people_mean_them(named, names, people):
@@ -297,12 +325,112 @@ def test_whatever_pattern_is_stated_no_pose_serves_another_person_or_day(named, 
                 assert not one.static or served == {one.static}
 
 
+ORDERS = (
+    *("{p}_{c}_{r}", "{c}_{p}_{r}", "{p}/{c}/{r}", "{p} {c} {r}", "{p}{c}{r}", "{c}/{p}_{r}"),
+    *("2024-05-03_{p}_{c}_{r}", "raw/{p}/{c}{r}", "{p}.{c}.{r}", "{p}_T1_{c}_{r}", "{r}_{p}_{c}"),
+    *(
+        "{c}{r}_{p}",
+        "{p}_{c}_Trial0{r}",
+        "{p}_{r}",
+        "S1_{p}_{c}_{r}",
+        "{c}_{r}_{p}",
+        "Day1/{p}_{c}_{r}",
+    ),
+)
+PEOPLE = (
+    *(("P01", "P02"), ("AB", "CD"), ("EC", "MS"), ("anna", "bert"), ("1", "2"), ("S1", "S2")),
+    *(("Smith_J", "Doe_A"), ("sub-1", "sub-2"), ("Pat 1", "Pat 2"), ("HC_01", "PD_01")),
+    *(("KO03", "KO04"), ("Subject A", "Subject B"), ("12345", "67890")),
+)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_no_habit_of_naming_makes_a_study_of_wrong_people(recorded, tmp_path, monkeypatch, order):
+    """Two people, two conditions, two recordings each and a pose: they are found, or nobody is."""
+    files = {kind: read_with_any_axes(recorded / f"{kind}.c3d") for kind in ("walk", "pose")}
+    read = lambda path: files["pose" if "static" in str(path) else "walk"]  # noqa: E731
+    monkeypatch.setattr("pipeline.config.found_recordings.read_with_any_axes", read)
+    for number, people in enumerate(PEOPLE):
+        folder, whose = tmp_path / str(number), dict[str, str]()
+        for p, c, r in product(people, ("slow", "fast"), (1, 2)):
+            whose[f"{order.format(p=p, c=c, r=r)}.c3d"] = p
+        whose[f"{order.format(p=people[0], c='static', r=1)}.c3d"] = people[0]
+        for name in whose:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).touch()
+        found = found_subjects(folder)
+        of_subjects = [{whose[file] for file in one.files} for one in found.subjects]
+        assert found.readings or sorted(map(sorted, of_subjects)) == [[p] for p in sorted(people)]
+        ways = ([{whose[f] for f in one.files} for one in way] for way in found.readings.values())
+        if found.readings and order != "{p}{c}{r}":  # one of them is what was meant
+            assert any(sorted(map(sorted, way)) == [[p] for p in sorted(people)] for way in ways)
+
+
 def test_groups_whose_numbers_are_the_same_have_the_pose_of_each_person(named):
     folder = named(
         *(f"{who}/{kind}" for who in ("CTRL/P01", "STROKE/P01") for kind in ("walk1", "static"))
     )
     found = found_subjects(folder, "{subject}/{subject}/{condition}{recording}").subjects
     assert [said(one) for one in found] == ["CTRL/P01/static walk", "STROKE/P01/static walk"]
+
+
+def test_one_person_with_two_spellings_is_asked_for(named, capsys):
+    assert main(["init", str(named("P1_slow_1", "P01_slow_2"))]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "P01 and P1 may be one person; nothing was written" in line
+
+
+@pytest.mark.parametrize(
+    ("pattern", "message"),
+    [
+        ("{person}_{condition}", "--pattern: no place 'person'; there are subject, condition"),
+        ("{condition}_{recording}", "the folders P01, P02 are not in it; state what they say"),
+        ("{subject}-{condition}", "no trial has such a name; one is P01/slow_1.c3d"),
+    ],
+)
+def test_a_pattern_that_does_not_fit_says_so_in_one_line(named, capsys, pattern, message):
+    folder = named("P01/slow_1", "P02/slow_1")
+    assert main(["init", str(folder), "--pattern", pattern]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+    assert not list(folder.rglob("*.toml"))
+
+
+def test_a_written_study_holds_what_is_used_and_with_all_every_setting(named):
+    folder = named("S01_walk_1", "S01_walk_2", "S01_cal", "S01_ROM", "S02_run_1")
+    assert main(["init", str(folder)]) == 0
+    study = (folder / "study.toml").read_text(encoding="utf-8")
+    person = (folder / "S01.toml").read_text(encoding="utf-8")
+    assert len(study.splitlines()) <= 25
+    assert "cutoff_hz" not in study
+    assert 'files = ["S01_walk_1.c3d", "S01_walk_2.c3d"]' in person
+    for key in (
+        "# mass_kg = ",
+        "# height_m = ",
+        '# hip_trial = "S01_ROM.c3d"',
+        'sex = "unspecified"',
+    ):
+        assert f"\n{key}" in person
+    for file in folder.glob("*.toml"):
+        file.unlink()
+    assert main(["init", str(folder), "--all"]) == 0
+    study = (folder / "study.toml").read_text(encoding="utf-8")
+    for table in (Settings, Treadmill, Comparison):
+        keys = [rf"^(# )?(\[.*)?{key}\b" for key in table.model_fields]
+        assert all(re.search(key, study, re.MULTILINE) for key in keys)
+    assert read_study(folder).subjects["S01"].static == "S01_cal.c3d"
+
+
+def test_the_calibration_of_a_moving_treadmill_is_found(moving_study, tmp_path, capsys):
+    """Nobody is on it, and it has accelerometers; the study checks without being edited."""
+    for path in moving_study.glob("*.c3d"):
+        os.link(path, tmp_path / path.name)
+    assert main(["init", str(tmp_path)]) == 0
+    assert "calibration of the treadmill: empty.c3d" in capsys.readouterr().out
+    study = read_study(tmp_path)
+    assert study.file.treadmill.calibration == "empty.c3d"
+    assert len(study.file.treadmill.accelerometers) == 2
+    assert len(study.trials) == 6
 
 
 def test_a_recording_that_is_being_copied_is_no_trial(named):
