@@ -55,13 +55,13 @@ def init(
     with console.status("reading recordings"):
         found = found_subjects(folder, pattern)
     for way, subjects in found.readings.items():
-        print_table(_grid(subjects, f'--pattern "{way}"', most=MOST_PLACES), console)
+        console.say(f'--pattern "{way}"')
+        print_table(_grid(subjects, MOST_PLACES), console)
     if found.readings:
         first, unclear = next(iter(found.readings)), next(iter(found.unused))
         raise ValueError(
             f"{folder}: {unclear} does not say surely whose it is: {len(found.readings)} readings; "
-            f"nothing was written; state one, such as "
-            f'--pattern "{first}"'
+            f'nothing was written; state one, such as --pattern "{first}"'
         )
     treadmill = dict[str, Any]()
     for file in found.empty if found.subjects else ():
@@ -69,11 +69,12 @@ def init(
             sensors = find_accelerometers(read_with_any_axes(folder / file))
             found.unused[file] = f"{treadmill.get('calibration')} is the calibration"
             if not treadmill:
-                channels = {valid_names(sensors, "sensor")[name]: sensors[name] for name in sensors}
+                names = valid_names(sensors, "sensor").values()
+                channels = dict(zip(names, sensors.values(), strict=True))
                 treadmill = {"calibration": file, "accelerometers": channels}
                 del found.unused[file]
     if found.subjects:
-        print_table(_grid(found.subjects, ""), console)
+        print_table(_grid(found.subjects), console)
     for item, file in treadmill.items():
         console.say(f"{item} of the treadmill: {file if item == 'calibration' else listed(file)}")
     alike: dict[str, list[str]] = {}
@@ -90,9 +91,9 @@ def init(
     console.say(f"written to {folder}: {files}; next: {todo}")
 
 
-def _grid(subjects: Sequence["FoundSubject"], title: str, most: int | None = None) -> Table:
+def _grid(subjects: Sequence["FoundSubject"], most: int | None = None) -> Table:
     """Lay out subject by condition, with the poses; of the first few subjects and files alone."""
-    table = Table(title=title, title_justify="left", show_lines=most is None)
+    table = Table(show_lines=most is None)
     conditions = dict.fromkeys(name for subject in subjects for name in subject.trials)
     hips = any(subject.hip_trial for subject in subjects)
     table.add_column("subject")

@@ -260,7 +260,7 @@ def _letters(text: str) -> str:
 def _counts(fields: Sequence[str], place: int) -> bool:
     """Tell whether no word before a number says that it is that of a trial or of a level."""
     words = (*READ["words"]["numbered"], *READ["words"]["trial"])
-    return not place or fields[place - 1].casefold() not in words
+    return place < 1 or fields[place - 1].casefold() not in words
 
 
 def _unnumbered(fields: Sequence[str]) -> list[str]:

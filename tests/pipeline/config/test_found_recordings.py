@@ -112,6 +112,7 @@ BIDS = "sub-01/ses-01/motion/sub-01_ses-01_task-"
             {"sub01": " walk walk", "sub02": " run"},
         ),
         (("Trial01", "Trial02", "Cal01"), {"sub01": "Cal01 walking walking"}),
+        (("walk_1", "walk_2", "static"), {"sub01": "static walk walk"}),
         (("shoes_1", "barefoot_1", "standing"), {"sub01": "standing barefoot shoes"}),
         (
             ("S01FastWalk1", "S01Static", "Subject 2 walk"),
