@@ -265,7 +265,7 @@ class Treadmill(CalibrationFit):
         if self.calibration and not self.accelerometers:
             raise ValueError(
                 "accelerometers: is missing; a calibration has no effect without; name the three "
-                "channels of each sensor, as in the example of 'hbm init'"
+                "channels of each sensor, as 'hbm init NEW_FOLDER --all' shows"
             )
         if self.beside and Path(self.calibration or "").suffix.lower() != ".c3d":
             raise ValueError(
