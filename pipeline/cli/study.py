@@ -1,9 +1,12 @@
 """A study on the command line: init, check, run; report and view; simulate and demo."""
 
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+from rich.table import Table
 from rich.text import Text
 from typer import Argument, Option
 
@@ -20,10 +23,12 @@ from pipeline.cli.terminal import (
     note_line,
     outcome_record,
     print_block,
+    print_table,
 )
 
 if TYPE_CHECKING:
     from hbm.notes import Note
+    from pipeline.config.found_recordings import FoundSubject
     from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 MOST_PLACES = 3
@@ -32,31 +37,78 @@ MOST_PLACES = 3
 
 def init(
     folder: Annotated[Path, Argument(help="Folder for the new study.")],
-    field: Annotated[
-        list[int] | None,
-        Option(min=0, help="Of names, says whose they are; repeatable; 0: all of one person."),
-    ] = None,
+    pattern: Annotated[
+        str, Option(help='How names are read: "{subject}_{condition}_{recording}"; * is any text.')
+    ] = "",
+    every: Annotated[bool, Option("--all", help="Write every setting, with its meaning.")] = False,
 ) -> None:
-    """Of the recordings in the folder, or as an example; edit it, then 'hbm check'."""
-    from pipeline.config.found_recordings import found_subjects
+    """Of the recordings in the folder, or as an example; edit it, then 'hbm check'.
+
+    Folders belong to names: "{subject}/{condition}/*". Without {subject}, all are of one person.
+    """
+    from pipeline.config.found_recordings import NO_RECORDING, found_subjects, valid_names
     from pipeline.config.templates import write_template
+    from pipeline.io.read import read_with_any_axes
+    from pipeline.trial.ground.accelerometers import find_accelerometers
 
     console = PlainConsole()
     with console.status("reading recordings"):
-        found, unused = found_subjects(folder, field or ())
-    written = write_template(folder, found)
-    for subject in found:
-        pose = f"pose {subject.static}" if subject.static else "no recording of a pose"
-        trials = [
-            f"{condition}: {', '.join(trial['file'] for trial in of_condition)}"
-            for condition, of_condition in subject.trials.items()
-        ]
-        console.say(f"{subject.name}: {'; '.join([pose, *trials])}")
-    for file, reason in unused.items():
+        found = found_subjects(folder, pattern)
+    for way, subjects in found.readings.items():
+        console.say(f'--pattern "{way}"')
+        print_table(_grid(subjects, MOST_PLACES), console)
+    if found.readings:
+        first, unclear = next(iter(found.readings)), next(iter(found.unused))
+        raise ValueError(
+            f"{folder}: {unclear} does not say surely whose it is: {len(found.readings)} readings; "
+            f'nothing was written; state one, such as --pattern "{first}"'
+        )
+    treadmill = dict[str, Any]()
+    for file in found.empty if found.subjects else ():
+        with suppress(ValueError):
+            sensors = find_accelerometers(read_with_any_axes(folder / file))
+            found.unused[file] = f"{treadmill.get('calibration')} is the calibration"
+            if not treadmill:
+                names = valid_names(sensors, "sensor").values()
+                channels = dict(zip(names, sensors.values(), strict=True))
+                treadmill = {"calibration": file, "accelerometers": channels}
+                del found.unused[file]
+    if found.subjects:
+        print_table(_grid(found.subjects), console)
+    for item, file in treadmill.items():
+        console.say(f"{item} of the treadmill: {file if item == 'calibration' else listed(file)}")
+    alike: dict[str, list[str]] = {}
+    for file, reason in found.unused.items():
         name = printable(Path(file).name)
-        console.say(f"not used: {printable(file)}: {reason.removeprefix(f'{name}: ')}")
+        alike.setdefault(reason.removeprefix(f"{name}: "), []).append(printable(file))
+    for reason, of_reason in alike.items():
+        named = listed(of_reason) if reason == NO_RECORDING else ", ".join(of_reason)
+        console.say(f"not used: {named}: {reason}")
+    written = write_template(folder, found.subjects, treadmill, every=every)
     files = ", ".join(path.name for path in written)
-    console.say(f"written to {folder}: {files}; next: edit them, then hbm check {folder}")
+    platform = ", how the platform moves as [treadmill.platform]" if treadmill else ""
+    todo = f"state sex, height_m and mass_kg of each subject{platform}, then hbm check {folder}"
+    console.say(f"written to {folder}: {files}; next: {todo}")
+
+
+def _grid(subjects: Sequence["FoundSubject"], most: int | None = None) -> Table:
+    """Lay out subject by condition, with the poses; of the first few subjects and files alone."""
+    table = Table(show_lines=most is None)
+    conditions = dict.fromkeys(name for subject in subjects for name in subject.trials)
+    hips = any(subject.hip_trial for subject in subjects)
+    table.add_column("subject")
+    for head in ("pose", *(["hip trial"] if hips else []), *conditions):
+        table.add_column(head, justify="default")
+    for subject in subjects[:most]:
+        poses = [subject.static or "none", *([subject.hip_trial or "none"] if hips else [])]
+        cells = [[trial["file"] for trial in subject.trials.get(name, ())] for name in conditions]
+        more = (["…"] if most and cell[most:] else [] for cell in cells)
+        lines = ([f"{len(cell)}:", *cell[:most], *m] for cell, m in zip(cells, more, strict=True))
+        files = ("\n".join(cell) if cell[1:] else "–" for cell in lines)
+        table.add_row(subject.name, *poses, *files)
+    if most and subjects[most:]:
+        table.caption = f"and {len(subjects) - most} more subjects"
+    return table
 
 
 def check(

@@ -83,7 +83,8 @@ def print_table(table: Table, console: Console) -> None:
     headers = [str(column.header).replace("\n", " ") for column in table.columns]
     names = sum(column.justify == "left" for column in table.columns[:2])
     for row in zip(*(map(str, column.cells) for column in table.columns), strict=True):
-        cells = [f"{header} {cell}" for header, cell in zip(headers, row, strict=True)]
+        lines = (cell.replace("\n", " ") for cell in row)
+        cells = [f"{header} {cell}" for header, cell in zip(headers, lines, strict=True)]
         text = ", ".join(cells[names:]).replace(",  ", " ")
         console.print(f"{' '.join(row[:names])}: {text}")
     console.print(table.caption or "")

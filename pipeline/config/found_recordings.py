@@ -1,22 +1,22 @@
 """Recordings in a folder without a study: whose they are, and which shows the calibration pose.
 
-Their names say so (`pipeline.config.recording_names`). Where one can be read in several ways, none
-is taken unless it is stated which of its fields say whose it is.
+Their names say so (`pipeline.config.recording_names`). Where they can be read in several ways, the
+ways are given and none is taken unless a pattern is stated.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from hbm.spelling import listed, without_accents
+from hbm.spelling import shown, without_accents
 from pipeline.config.input_model import RESERVED
-from pipeline.config.recording_names import RecordingName, usual
+from pipeline.config.recording_names import DIGITS, RecordingName, Said, said_by, usual
 from pipeline.config.schema import COVARIATES
-from pipeline.config.toml_file import StudyFaults
 from pipeline.io.read import is_recording, read_with_any_axes
 from pipeline.io.recording import MIN_MARKERS, Recording
 
@@ -24,13 +24,13 @@ FIRST: Final = "sub01"
 """The subject where names do not say whose recordings they are."""
 CONDITION: Final = "walking"
 """Of trials where names do not say theirs."""
-REMEDY: Final = (
-    "nothing was written; state the field that says it, such as --field 1, several where a group "
-    "belongs to it, or --field 0 where all are of one person; or begin every name with S and the "
-    "person's number, as in S01_slow_1.c3d"
-)
+SHORT: Final = re.compile("[A-Za-z][0-9]")
+"""A person's number, or that of a session."""
+MAX_READINGS: Final = 4
+"""Ways to read the same names that are shown."""
 TAKEN: Final = (*RESERVED, *COVARIATES, "group", "study")
 """Names that mean something else to a study or to the file system."""
+NO_RECORDING: Final = "no recording"
 MAX_LETTERS: Final = 40
 UNFINISHED: Final = (".part", ".partial", ".filepart", ".crdownload", ".download", ".tmp")
 """Suffixes of files that are being copied."""
@@ -45,20 +45,49 @@ class FoundSubject(NamedTuple):
     ----------
     name
         As the names of the recordings say it, as far as a study can.
-    static
-        File of the calibration pose; empty where every recording is a trial.
+    static, hip_trial
+        Files of the calibration pose and of the joints' motion; empty where there is none.
     trials
-        Condition -> of each of the others its file and, where there is one, that of its forces, as
-        a study states them.
+        Condition -> of each of the others its file and, where there are some, that of its forces
+        and its day, as a study states them.
     """
 
     name: str
     static: str
+    hip_trial: str
     trials: dict[str, list[dict[str, str]]]
+
+    @property
+    def files(self) -> list[str]:
+        """All of its recordings."""
+        trials = [trial["file"] for trials in self.trials.values() for trial in trials]
+        return [*filter(None, (self.static, self.hip_trial)), *trials]
+
+
+class FoundStudy(NamedTuple):
+    """What the recordings in a folder are.
+
+    Attributes
+    ----------
+    subjects
+        Those who have a trial on plates, in the order of their names; none where names can be read
+        in several ways.
+    empty
+        Recordings of plates and other signals with nobody on them.
+    unused
+        File of each recording that is not used -> why.
+    readings
+        Pattern -> the subjects by it, where names can be read in several ways; the likeliest first.
+    """
+
+    subjects: list[FoundSubject]
+    empty: list[str]
+    unused: dict[str, str]
+    readings: dict[str, list[FoundSubject]]
 
 
 class _Found(NamedTuple):
-    """A recording of a person: a trial, or a pose."""
+    """A recording of a person: a trial, or a pose or motion of joints."""
 
     file: str
     name: RecordingName
@@ -67,9 +96,7 @@ class _Found(NamedTuple):
     forces: str
 
 
-def found_subjects(
-    folder: Path, fields: Sequence[int] = ()
-) -> tuple[list[FoundSubject], dict[str, str]]:
+def found_subjects(folder: Path, pattern: str = "") -> FoundStudy:
     """Find the subjects whose recordings are in a folder and its subfolders.
 
     The calibration pose is the recording with such a name, else the stillest one in which nobody
@@ -79,55 +106,67 @@ def found_subjects(
     ----------
     folder
         The folder.
-    fields
-        Which fields of the names, from 1, say whose recordings they are; 0 where all are of one
-        person. By default the numbers of persons, such as S01.
-
-    Returns
-    -------
-    subjects
-        Those who have a trial on plates, in the order of their names.
-    unused
-        File of each recording that is not used -> why.
+    pattern
+        How names are to be read, as `said_by` does; by default by the numbers of persons, such as
+        S01.
 
     Raises
     ------
-    StudyFaults
-        If a name can be read in several ways and the fields are not stated.
+    ValueError
+        If no name fits the pattern, or two persons may be one.
     """
-    recorded, unused = _people_in(folder)
-    places = _places(recorded, fields)
-    said = {one.file: one.name.read(places[one.file]) for one in recorded if one.file in places}
+    recorded, empty, unused = _people_in(folder)
+    if not pattern and (doubtful := _doubtful(recorded)):
+        unclear = {name.stem: "its name does not say surely whose it is" for name in doubtful}
+        return FoundStudy([], [], unclear, _readings(recorded))
+    said = said_by(pattern, [one.file for one in recorded]) if pattern else _said(recorded)
+    subjects = _subjects(recorded, said, unused)
+    if pattern and recorded and not subjects:
+        file = next((one.file for one in recorded if not one.pose), recorded[0].file)
+        raise ValueError(f"--pattern {shown(pattern)}: no trial has such a name; one is {file}")
+    return FoundStudy(subjects, empty, unused, {})
+
+
+def _subjects(
+    recorded: Sequence[_Found], said: Mapping[str, Said], unused: dict[str, str]
+) -> list[FoundSubject]:
+    """Group recordings by what their names say; those that are not used, and why."""
     of_trials = [said[one.file] for one in recorded if not one.pose and one.file in said]
-    people = {person.casefold(): person for person, _ in of_trials}
-    names = _valid(people.values(), FIRST)
-    conditions = _valid((condition for _, condition in of_trials), CONDITION)
+    people = {name.person.casefold(): name.person for name in of_trials}
+    names = valid_names(people.values(), FIRST)
+    conditions = valid_names((name.condition for name in of_trials), CONDITION)
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
-        person, _ = said.get(one.file, (None, ""))
-        if person is None and one.pose and not one.name.candidates and len(people) == 1:
-            (person,) = people.values()
-        if person is not None and person.casefold() in people:
-            of_person[person.casefold()].append(one)
-        elif one.pose and person:
-            unused[one.file] = f"there is no trial of {person} on plates"
+        person = said[one.file].person.casefold() if one.file in said else None
+        if person not in people and one.pose:
+            named = [key for key in people if key and one.name.names(key)]
+            alone = [*people] if not one.name.candidates and one.file not in said else []
+            alone = [a for a in alone if not (a.replace("-", "").isdecimal() and one.name.fields)]
+            (person,) = named or alone if len(named or alone) == 1 else [person]
+        if person in people:
+            of_person[str(person)].append(one)
+        elif person and one.pose:
+            unused[one.file] = f"there is no trial of {said[one.file].person} on plates"
         else:
             unused[one.file] = "its name does not say whose it is"
     subjects = []
     for key, recordings in of_person.items():
-        static = _pose(people[key], recordings, unused)
+        static, hip_trial = (_pose(hips, people[key], recordings, unused) for hips in (False, True))
+        days = {said[one.file].session for one in recordings if not one.pose}
         trials = dict[str, list[dict[str, str]]]()
         for one in recordings:
             if not one.pose and one.file != static:
-                stated = {"file": one.file} | ({"forces": one.forces} if one.forces else {})
-                trials.setdefault(conditions[said[one.file][1]], []).append(stated)
-        subjects.append(FoundSubject(names[people[key]], static, trials))
-    return subjects, unused
+                of_day = said[one.file].session if len(days) > 1 else ""
+                texts = {"file": one.file, "forces": one.forces, "session": of_day}
+                stated = {name: text for name, text in texts.items() if text}
+                trials.setdefault(conditions[said[one.file].condition], []).append(stated)
+        subjects.append(FoundSubject(names[people[key]], static, hip_trial, trials))
+    return subjects
 
 
-def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
-    """Read the recordings of people in a folder; those that cannot be used, and why."""
-    recorded, unused = list[_Found](), dict[str, str]()
+def _people_in(folder: Path) -> tuple[list[_Found], list[str], dict[str, str]]:
+    """Read the recordings of people in a folder, and of nobody; what cannot be used, and why."""
+    recorded, empty, unused = list[_Found](), list[str](), dict[str, str]()
     studies = {path.parent for path in folder.rglob("study.toml")} - {folder}
     for path in sorted(folder.rglob("*")):
         file = path.relative_to(folder).as_posix()
@@ -140,10 +179,10 @@ def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
                 raise ValueError("a part of a file; end its copying or delete it")
             recording = read_with_any_axes(path)
             if (markers := len(recording.markers.names)) < MIN_MARKERS:
+                if recording.plates and recording.analog:
+                    empty.append(file)
                 raise ValueError(f"it has {markers} markers, too few for a body")
             name, moved_m = RecordingName.of(file), _moved_m(recording)
-            if name.kind == "functional":
-                raise ValueError("it is no trial; for functional hips, state it as hip_trial")
             beside = recording.forces_beside
             forces = beside.relative_to(folder).as_posix() if beside else ""
             on_plates = bool(recording.plates or forces)
@@ -152,50 +191,89 @@ def _people_in(folder: Path) -> tuple[list[_Found], dict[str, str]]:
             pose = bool(name.kind) or not on_plates
             recorded.append(_Found(file, name, pose, moved_m, forces))
         except (ValueError, OSError) as error:
-            if path.suffix.lower() == ".c3d" or is_recording(path):
-                unused[file] = str(error)
-    return recorded, unused
+            recording_like = path.suffix.lower() == ".c3d" or is_recording(path)
+            unused[file] = str(error) if recording_like else NO_RECORDING
+    for one in recorded:
+        unused.pop(one.forces, None)
+    return recorded, empty, unused
 
 
-def _places(recorded: Sequence[_Found], fields: Sequence[int]) -> dict[str, list[int]]:
-    """Give the places of the fields that say whose recordings are, of those that say it."""
-    if fields:
-        stated = [number - 1 for number in fields if number]
-        most = max(stated, default=-1)
-        return {one.file: stated for one in recorded if len(one.name.fields) > most}
-    trials = [one for one in recorded if not one.pose]
-    if not any(one.name.candidates for one in trials):  # all are of one person
-        return {one.file: [] for one in recorded if not one.name.candidates}
-    sure = {one.file: one.name.candidates[:1] for one in recorded if one.name.sure}
-    doubtful = [one for one in trials if one.name.candidates and not one.name.sure]
-    for pose in (one for one in recorded if one.pose and one.file in sure):
-        person, _ = pose.name.read(sure[pose.file])
-        others = [one.name for one in trials if one.file in sure]
-        others = [name for name in others if person.casefold() in map(str.casefold, name.fields)]
-        if not all(map(usual, pose.name.apart(others, person))):  # a word may be another person
-            doubtful.append(pose)
-    if doubtful:
-        file, name = doubtful[0][:2]
-        numbered = listed(f"{k} {field}" for k, field in enumerate(name.fields, 1))
-        ways = f"its name does not say surely whose it is; its fields are {numbered}"
-        raise StudyFaults([f"{file}: {ways}; {REMEDY}"])
-    return sure
+def _said(recorded: Sequence[_Found]) -> dict[str, Said]:
+    """Read names by the numbers of persons; where there are none, all are of one person."""
+    if not any(one.name.candidates for one in recorded if not one.pose):
+        return {one.file: one.name.read([]) for one in recorded if not one.name.candidates}
+    said = {one.file: one.name.read(one.name.candidates[:1]) for one in recorded if one.name.sure}
+    spelt = dict[tuple[str, int], str]()
+    for person in sorted({words.person for words in said.values()}):
+        letters = person.rstrip(DIGITS)
+        key = letters[0].casefold(), int(person.removeprefix(letters))
+        if (other := spelt.setdefault(key, person)).casefold() != person.casefold():
+            raise ValueError(
+                f"{other} and {person} may be one person; nothing was written; rename recordings, "
+                'or tell them apart by a --pattern such as "{subject}_{condition}_{recording}"'
+            )
+    return said
 
 
-def _pose(name: str, recordings: Sequence[_Found], unused: dict[str, str]) -> str:
-    """Give the file of a subject's calibration pose, if any; others so named are not used."""
-    poses, trials = ([one for one in recordings if one.pose is pose] for pose in (True, False))
-    still = [one for one in trials if one.moved_m <= MAX_STILL_M] if trials[1:] else []
+def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
+    """Give the names that do not say surely whose they are, though others do."""
+    trials = [one.name for one in recorded if not one.pose]
+    if not any(name.candidates for name in trials):
+        poses, numbers = [one for one in recorded if one.pose], {name.number for name in trials}
+        # the numbers may be those of persons, unless one pose serves all
+        several = len(numbers) > 1 and [one.name.number for one in poses] != [""]
+        return [name for name in trials if name.number and several]
+    doubtful = [name for name in trials if name.candidates and not name.sure]
+    sure = [name for name in trials if name.sure]
+    for one in recorded:
+        if one.pose and one.name.sure:
+            person = one.name.read(one.name.candidates[:1]).person
+            others = [name for name in sure if person.casefold() in map(str.casefold, name.fields)]
+            if not all(map(usual, one.name.apart(others, person))):  # a word may be another person
+                doubtful.append(one.name)
+    # S1 may be a session, where different words follow
+    short = [name for name in sure if SHORT.fullmatch(name.fields[name.candidates[0]])]
+    words = {tuple(name.fields[k] for k in name.candidates[1:]) for name in short}
+    return doubtful + (short if len(words) > 1 else [])
+
+
+def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
+    """Give the ways to read names, by the places that may say whose they are; the likeliest first.
+
+    Likely are several subjects and conditions, in all combinations.
+    """
+    patterns = Counter(way for one in recorded if not one.pose for way in one.name.patterns())
+    commonest = {places: pattern for (places, pattern), _ in reversed(patterns.most_common())}
+    files, ways = [one.file for one in recorded], list[tuple[float, str, list[FoundSubject]]]()
+    for pattern in dict.fromkeys(commonest.values()):
+        subjects = _subjects(recorded, said_by(pattern, files), {})
+        cells = sum(len(subject.trials) for subject in subjects)
+        conditions = len({condition for subject in subjects for condition in subject.trials})
+        crossed = cells / max(1, len(subjects) * conditions)
+        several = (len(subjects) > 1) * 1.1 + (conditions > 1)
+        ways.append((several * crossed**2, pattern, subjects))
+    ways.sort(key=lambda way: -way[0])
+    people = [{frozenset(subject.files) for subject in subjects} for *_, subjects in ways]
+    different = [way for k, way in enumerate(ways) if people[k] not in people[:k]]
+    return {way[1]: way[2] for way in (different if different[1:] else ways)[:MAX_READINGS]}
+
+
+def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str, str]) -> str:
+    """Give the file of a subject's pose or hip trial, if any; others so named are not used."""
+    trials = [one for one in recordings if not one.pose]
+    poses = [one for one in recordings if one.pose and hips is (one.name.kind == "functional")]
+    still = [one for one in trials if one.moved_m <= MAX_STILL_M] if trials[1:] and not hips else []
     hold = [one for one in poses or still if not one.name.apart([t.name for t in trials], name)]
-    static = min(hold, key=lambda one: one.moved_m).file if hold else ""
-    why = f"{static} is the pose of {name}" if hold else f"its name contradicts trials of {name}"
+    pose = min(hold, key=lambda one: one.moved_m).file if hold else ""
+    what = "hip trial" if hips else "pose"
+    why = f"{pose} is the {what} of {name}" if hold else f"its name contradicts trials of {name}"
     if len({one.name.day for one in recordings if one.name.day}) > 1:
-        static, why = "", f"{name} was recorded on several days; a pose holds for one"
-    unused |= {one.file: why for one in poses if one.file != static}
-    return static
+        pose, why = "", f"{name} was recorded on several days; a {what} holds for one"
+    unused |= {one.file: why for one in poses if one.file != pose}
+    return pose
 
 
-def _valid(texts: Iterable[str], otherwise: str) -> dict[str, str]:
+def valid_names(texts: Iterable[str], otherwise: str) -> dict[str, str]:
     """Give names that a study can have, different ones of different texts."""
     names, taken = dict[str, str](), {*TAKEN}
     for text in dict.fromkeys(texts):

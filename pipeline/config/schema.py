@@ -265,7 +265,7 @@ class Treadmill(CalibrationFit):
         if self.calibration and not self.accelerometers:
             raise ValueError(
                 "accelerometers: is missing; a calibration has no effect without; name the three "
-                "channels of each sensor, as in the example of 'hbm init'"
+                "channels of each sensor, as 'hbm init NEW_FOLDER --all' shows"
             )
         if self.beside and Path(self.calibration or "").suffix.lower() != ".c3d":
             raise ValueError(
@@ -631,7 +631,7 @@ class SubjectFile(Subject):
     static: RecordingName | None = Field(default=None, examples=["sub01_static.c3d"])
     """Calibration pose; default: the quietest second of each trial."""
     hip_trial: RecordingName | None = Field(default=None, examples=["sub01_star.c3d"])
-    """Recording in which both thighs swing, for functional hip centres."""
+    """Recording in which both thighs swing, for settings.hip = "functional" in study.toml."""
     segments: SegmentsName | None = Field(default=None, examples=["sub01_segments.toml"])
     """TOML with known segment inertias: prostheses, braces, scans."""
     trials: dict[ConditionName, Recordings]

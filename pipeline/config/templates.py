@@ -14,7 +14,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from hbm.spelling import packaged_toml
+from hbm.spelling import packaged_toml, printable
 from pipeline.config.found_recordings import FoundSubject
 from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.toml_file import models_in
@@ -22,15 +22,26 @@ from pipeline.io.write import whole_file
 
 WIDTH: Final = 30
 """Columns of a key and its value, before the description."""
+ASKED: Final = ("sex", "mass_kg", "height_m")
+"""What a person should state of each subject, though it may be missing."""
+BEHIND: Final = "hip_trial"
+"""What is written behind a #, because another setting decides whether it has an effect."""
 in_toml = partial(json.dumps, ensure_ascii=False)
 TEMPLATE: Final = packaged_toml("pipeline.config", "template.toml")
 
 
-def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Path, ...]:
-    """Write a commented ``study.toml`` and the subjects' files; give all.
+def write_template(
+    folder: Path,
+    found: Sequence[FoundSubject] = (),
+    treadmill: Mapping[str, Any] | None = None,
+    *,
+    every: bool = False,
+) -> tuple[Path, ...]:
+    """Write ``study.toml`` and the subjects' files; give all.
 
-    The study is of the subjects found and the conditions of their trials; without any, it is an
-    example.
+    The study is of the subjects found, the conditions of their trials and what is known of the
+    treadmill; without any, it is an example. With `every`, all keys are there with their
+    descriptions, behind a # where nothing is stated.
 
     Raises
     ------
@@ -40,12 +51,13 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
         If the folder cannot be written to; no file is there then.
     """
     conditions = {condition: dict[str, Any]() for subject in found for condition in subject.trials}
+    stated = {"name": printable(folder.resolve().name), "treadmill": treadmill or {}}
     study, subject = TEMPLATE["study"], TEMPLATE["subject"]
-    given = study["given"] | ({"conditions": conditions} if found else {})
-    texts = {folder / "study.toml": template(StudyFile, study["heading"], given)}
+    given = study["given"] | ({**stated, "conditions": conditions} if found else {})
+    texts = {folder / "study.toml": template(StudyFile, study["heading"], given, every=every)}
     for person in [_given(subject) for subject in found] or [subject["given"]]:
         file = folder / f"{person['id']}.toml"
-        texts[file] = template(SubjectFile, subject["heading"], person)
+        texts[file] = template(SubjectFile, subject["heading"], person, every=every)
     for path in texts:
         if path.exists():
             raise ValueError(f"{path} is already there; nothing was written")
@@ -57,41 +69,55 @@ def write_template(folder: Path, found: Sequence[FoundSubject] = ()) -> tuple[Pa
 
 def _given(subject: FoundSubject) -> dict[str, Any]:
     """Give what the file of a subject found states."""
-    of_condition = subject.trials.items()
-    trials = {name: tables if tables[1:] else tables[0] for name, tables in of_condition}
-    static = {"static": subject.static} if subject.static else {}
-    return {"id": subject.name, "sex": "unspecified", **static, "trials": trials}
+    trials = dict[str, Any]()
+    for name, tables in subject.trials.items():
+        files = {"files": [table["file"] for table in tables]}
+        several = tables if any(len(table) > 1 for table in tables) else files
+        trials[name] = several if tables[1:] else tables[0]
+    poses = {"static": subject.static, "hip_trial": subject.hip_trial}
+    given = {key: file for key, file in poses.items() if file}
+    return {"id": subject.name, "sex": "unspecified", **given, "trials": trials}
 
 
-def template(kind: type[BaseModel], heading: str, given: Mapping[str, Any]) -> str:
-    """Give a commented TOML file with every key of a model; those that are not given behind a #."""
-    return "\n".join([heading, *_lines(kind, "", given)]) + "\n"
+def template(
+    kind: type[BaseModel], headings: Mapping[str, str], given: Mapping[str, Any], *, every: bool
+) -> str:
+    """Give a TOML file of a model: what is given or, with `every`, all keys, others behind a #."""
+    lines = _lines(kind, "", given, every)
+    return "\n".join([headings["every" if every else "used"], *lines]) + "\n"
 
 
-def _lines(kind: type[BaseModel], table: str, given: Mapping[str, Any] | None) -> list[str]:
+def _lines(
+    kind: type[BaseModel], table: str, given: Mapping[str, Any] | None, every: bool
+) -> list[str]:
     """Lay out a model's keys, then its tables; all behind a # where nothing is given."""
-    keys, tables = list[str](), list[str]()
+    others = {k: v for k, v in (given or {}).items() if k not in kind.model_fields}
+    keys, tables = [f"{k} = {in_toml(v)}" for k, v in others.items()], list[str]()
     for name, field in kind.model_fields.items():
-        if field.exclude:
+        stated = None if given is None else given.get(name)
+        if field.exclude or not (every or stated or name in ASKED):
             continue
         place = f"{table}.{name}" if table else name
-        stated = None if given is None else given.get(name)
         if inner := models_in(field.annotation):
-            tables += _tables(inner[0], place, field, stated)
+            tables += _tables(inner[0], place, field, stated, every)
         elif isinstance(example := _example(field), dict):
             if all(isinstance(inner, dict) for inner in example.values()):
                 ((inner_name, example),) = example.items()
                 place = f"{place}.{inner_name}"
-            comment = _comment(f"# [{place}]", field.description)
-            tables += ["", *comment, *(f"# {k} = {in_toml(v)}" for k, v in example.items())]
+            sign, example = ("", stated) if stated else ("# ", example)
+            comment = _comment(f"{sign}[{place}]", field.description)
+            tables += ["", *comment, *(f"{sign}{k} = {in_toml(v)}" for k, v in example.items())]
         else:
-            sign, value = ("# ", _example(field)) if stated is None else ("", stated)
+            value = _example(field) if stated is None else stated
+            sign = "# " if stated is None or name == BEHIND else ""
             if value is not None:
                 keys += _comment(f"{sign}{name} = {in_toml(value)}", field.description)
     return keys + tables
 
 
-def _tables(kind: type[BaseModel], place: str, field: FieldInfo, given: Any) -> list[str]:
+def _tables(
+    kind: type[BaseModel], place: str, field: FieldInfo, given: Any, every: bool
+) -> list[str]:
     """Lay out the table of a model, of each name of a mapping, or of a list's item."""
     kind_of_table = str(field.annotation)
     if kind_of_table.startswith("dict"):
@@ -100,15 +126,15 @@ def _tables(kind: type[BaseModel], place: str, field: FieldInfo, given: Any) -> 
             header = f"[[{place}.{name}]]" if isinstance(stated, list) else f"[{place}.{name}]"
             for one in stated if isinstance(stated, list) else [stated]:
                 keys = [f"{key} = {in_toml(value)}" for key, value in (one or {}).items()]
-                if not lines:  # the keys that are not stated are shown once
-                    keys = _lines(kind, f"{place}.{name}", one)
-                lines += ["", header, *keys]
+                if every and not lines:  # the keys that are not stated are shown once
+                    keys = _lines(kind, f"{place}.{name}", one, every)
+                lines += [*([""] if keys or every or not lines else []), header, *keys]
         return lines
     header = f"[[{place}]]" if "tuple" in kind_of_table else f"[{place}]"
     about = (kind.__doc__ or "").partition("\n\n    Examples")[0].replace("\n    ", "\n")
-    lines = [f"# {line}".rstrip() for line in about.strip().splitlines()]
+    lines = [f"# {line}".rstrip() for line in about.strip().splitlines() if every]
     sign = "# " if given is None else ""
-    return ["", *lines, f"{sign}{header}", *_lines(kind, place, given)]
+    return ["", *lines, f"{sign}{header}", *_lines(kind, place, given, every)]
 
 
 def _example(field: FieldInfo) -> Any:

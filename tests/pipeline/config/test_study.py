@@ -230,7 +230,7 @@ def test_the_template_is_valid_but_for_the_missing_recordings(tmp_path):
 
 
 def test_the_template_with_every_key_uncommented_is_valid(tmp_path):
-    write_template(tmp_path)
+    write_template(tmp_path, every=True)
     for name in ("study.toml", "sub01.toml"):
         text = (tmp_path / name).read_text(encoding="utf-8")
         uncommented = re.sub(r"^# (?=\w+ = |\[)", "", text, flags=re.MULTILINE)
