@@ -24,6 +24,7 @@ from pipeline.report.figures import rms_over_cycles, study_figures
 from pipeline.report.joints import JointMeans, compensation_tables, joint_figures
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
+from pipeline.report.paper import write_paper
 from pipeline.report.tables import (
     plan_markdown,
     plan_table,
@@ -56,13 +57,18 @@ from pipeline.statistics.reliability import reliability
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 
-SECTIONS: Final = (
-    *("verdict", "residuals", "joints", "choices", "tests", "figures", "trials", "causes"),
-    *("methods", "sources"),
-)
-"""Of the page; each has a template, which begins with its heading."""
-
-
+SECTIONS: Final = {
+    "residuals": "Residuals",
+    "joints": "Joints",
+    "choices": "Does the conclusion depend on the choices?",
+    "tests": "Tests of every residual",
+    "figures": "Figures",
+    "trials": "Trials",
+    "causes": "Causes of the residuals",
+    "methods": "Methods and references",
+    "sources": "Settings, versions and input files",
+}
+"""Folded sections of the page, below the verdict: template -> heading."""
 MAX_PAGES: Final = 60
 """Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
 NO_PAGES: Final = "No pages of single trials were written: hbm report RESULTS --pages writes them."
@@ -197,16 +203,18 @@ def write_report(
     paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
+    verdict = verdict_values(found, results.residuals, tests, states, design, stated=stated)
+    of_residuals = residual_tables(
+        results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
+    )
+    write_paper(folder, question(design), verdict["paragraph"], of_residuals)
     values = dict(
-        question=question(design),
         design=design,
         windows=windows,
         measurement=missing,
         problems=problems(states, source, results, names),
-        verdict=verdict_values(found, results.residuals, design, stated=stated),
-        tables=residual_tables(
-            results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
-        ),
+        verdict=verdict,
+        tables=of_residuals,
         repeatability=reliability_tables(repeated, design),
         choices=sensitivity,
         tests=residual_tests(tests, design),
@@ -239,7 +247,9 @@ def write_report(
             for name, field in Settings.model_fields.items()
         },
     )
-    sections = (Section(part, "", [markup(f"{part}.html", **values)]) for part in SECTIONS)
+    sections = [Section("verdict", question(design), [markup("verdict.html", **values)])]
+    for part, title in SECTIONS.items():
+        sections.append(Section(part, title, [markup(f"{part}.html", **values)], folded=True))
     name = source.name or "Study report"
     write_page(folder / "report.html", name, _scope(results, design), sections)
     return folder / "report.html"
