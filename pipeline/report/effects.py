@@ -28,7 +28,9 @@ def tests_table(statistics: pd.DataFrame) -> Table | None:
         cells = {row.axis: written_test(row) for row in rows_of(group)}
         rows.append([f"{test}: {named(effect)}", *(cells.get(axis, "–") for axis in AXES)])
     uncomputed = statistics[statistics["p_corrected"].isna() & (statistics["test"] != "estimate")]
-    reasons = dict.fromkeys(f"{row.test}: {row.note}." for row in rows_of(uncomputed) if row.note)
+    reasons = dict.fromkeys(
+        f"{row.test}: {row.note}.".removeprefix("all: ") for row in rows_of(uncomputed) if row.note
+    )
     if not (rows or reasons):
         return None
     return Table("Effects of factors", ("", *AXES), rows, "tests", " ".join(reasons))
