@@ -1,8 +1,10 @@
 """What the page of a report is made of: texts, tables, pictures, and templates that place them."""
 
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -62,14 +64,12 @@ Block = str | Text | Table | Drawn | Note
 
 
 class Section(NamedTuple):
-    """A part of a page: its name in the list of sections, its heading, and what is below.
-
-    Without a heading, the first block holds it.
-    """
+    """A part of a page: its name in the list of sections, its heading, and what is below."""
 
     name: str
     title: str
     blocks: Sequence[Block]
+    folded: bool = False
 
 
 def write_page(
@@ -80,7 +80,11 @@ def write_page(
     With a link to its study's page, where there is one; the key is a comment at the end.
     """
     shown = [section for section in sections if any(section.blocks)]
-    page = markup("page.html", name=name, scope=scope, sections=shown, study=study)
+    text = markup("page.js")
+    digest = b64encode(sha256(text.encode()).digest()).decode()  # all that the browser runs
+    script = {"text": text, "digest": f"sha256-{digest}"}
+    values = {"name": name, "scope": scope, "sections": shown, "study": study, "script": script}
+    page = markup("page.html", **values)
     write_text(f"{page}\n{key}", path)
     return path
 

@@ -1,12 +1,17 @@
 """The verdict on the page of a report: one cell per residual and condition."""
 
 from collections.abc import Iterator, Sequence
-from math import isfinite, isnan, nan
+from math import isfinite, isnan
 from typing import Any, Final
 
 import pandas as pd
 
+from hbm.spelling import join_names
 from pipeline.report.blocks import each
+from pipeline.report.effects import named, written_test
+from pipeline.report.tables import numbers
+from pipeline.run.provenance import TrialState
+from pipeline.statistics.comparison import MIXED_ANOVA, MIXED_MODEL, RM_ANOVA
 from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import number
 from pipeline.statistics.verdict import (
@@ -15,9 +20,18 @@ from pipeline.statistics.verdict import (
     Verdict,
     headlines,
     judged_conditions,
+    open_questions,
     within_margin,
 )
-from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY, HEALTHY_RMS, UNITS, expectation
+from pipeline.trial.residuals import (
+    AXES,
+    DIRECTIONS,
+    HEALTHY,
+    HEALTHY_RMS,
+    UNITS,
+    expectation,
+    rows_of,
+)
 
 MAX_AXIS_PERCENT: Final = 100.0
 """Longest half-axis of the graphs [% of the reference]; larger differences end at the border."""
@@ -31,6 +45,9 @@ STYLES: Final[dict[Answer, tuple[str, str]]] = {
     "no data": ("–", "none"),
 }
 """Answer -> symbol, class in the style sheet."""
+SHORT: Final[dict[Answer, str]] = {"within margin": "yes", "above": "no"}
+"""Answer -> the word for it, where it differs."""
+OF_VARIANCE: Final = (RM_ANOVA, MIXED_ANOVA, MIXED_MODEL)
 NO_COMPENSATION: Final = (
     "There is no compensation to assess: the trials were processed with the plates as measured "
     "only. State treadmill.calibration in study.toml and run the study again."
@@ -46,9 +63,15 @@ def question(design: Design) -> str:
 
 
 def verdict_values(
-    found: Sequence[Verdict], residuals: pd.DataFrame, design: Design, *, stated: bool
+    found: Sequence[Verdict],
+    residuals: pd.DataFrame,
+    tests: pd.DataFrame,
+    states: Sequence[TrialState],
+    design: Design,
+    *,
+    stated: bool,
 ) -> dict[str, Any]:
-    """Give what ``verdict.html`` shows: headline, basis, heads of the columns and rows of cells.
+    """Give what ``verdict.html`` shows: paragraph, basis, heads of the columns, rows of cells.
 
     `residuals` says why there is no verdict; `stated` whether the study states the design.
     """
@@ -62,21 +85,42 @@ def verdict_values(
     reach = min(reach, max(MAX_AXIS_PERCENT, margin))
     rows = []
     for axis, direction in zip(AXES, DIRECTIONS, strict=True):
-        own = {v.condition: v for v in found if v.axis == axis}
-        if own and shown:
-            cells = [_cell(own[condition], reach, most, design) for condition in shown]
+        of_axis = {v.condition: v for v in found if v.axis == axis}
+        if of_axis and shown:
+            cells = [_cell(of_axis[condition], reach, most, design) for condition in shown]
             rows.append((axis, direction, cells))
     no_verdict = most < MIN_SUBJECTS
+    open_ones = [_why_none(residuals, design)] if no_verdict else open_questions(found, design)
     return {
-        "headline": [
-            *_beside_reference(residuals, alone=no_verdict),
-            *([_why_none(residuals, design)] if no_verdict else headlines(found, design)),
-        ],
+        "paragraph": "" if no_verdict else _paragraph(found, tests, states, design),
+        "headline": [*_beside_reference(residuals, alone=no_verdict), *open_ones],
         "basis": " ".join(filter(None, ("" if stated else _basis(design), _primary(found)))),
-        "heads": [f"{c}: {label('within margin', c, design)}?" for c in shown],
+        "heads": [
+            c if c in design.others else f"{c}: {label('within margin', c, design)}?" for c in shown
+        ],
         "rows": rows,
         "most": most,
     }
+
+
+def _paragraph(
+    found: Sequence[Verdict], tests: pd.DataFrame, states: Sequence[TrialState], design: Design
+) -> str:
+    """Write the primary analysis as a paper has it: estimates, F tests, subjects, exclusions."""
+    sentences = [*headlines(found, design)]
+    effect = ":".join(design.factors)
+    of_effect = tests[tests["test"].isin(OF_VARIANCE) & (tests["effect"] == effect)]
+    of_effect = of_effect[of_effect["p_corrected"].notna()].drop_duplicates("axis")
+    if len(of_effect):
+        weakest = max(rows_of(of_effect), key=lambda row: (row.p_corrected, -row.effect_size))
+        what = f"{named(effect)} ({weakest.test}), weakest in {weakest.axis}"
+        sentences.append(f"Effect of {what}: {written_test(weakest)}.")
+    if len(design.pairs) > 1:
+        sentences.append(f"CI: simultaneous over {len(design.pairs)} planned pairs (Bonferroni).")
+    absent = [f"{state.name} ({state.state})" for state in states if not state.in_tables]
+    excluded = f"; without {join_names(absent)}" if absent else ", none excluded"
+    subjects = numbers(pd.Series([v.n for v in found if v.n]), "subject")
+    return " ".join([*sentences, f"{subjects}, {len(states)} trials{excluded}."])
 
 
 def _primary(verdicts: Sequence[Verdict]) -> str:
@@ -160,29 +204,25 @@ def _why_none(residuals: pd.DataFrame, design: Design) -> str:
 def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]:
     """Give symbol, label, class, lines and graph of a verdict."""
     symbol, css_class = STYLES[v.answer]
-    cell = {"symbol": symbol, "label": label(v.answer, v.condition, design), "class": css_class}
+    cell = {"symbol": symbol, "label": SHORT.get(v.answer, v.answer), "class": css_class}
     lines = []
     if v.n:
         lines = [f"{v.ic:.1f} {v.unit}"]
         if not isnan(v.no_ic) and design.compensated:
-            change = 100 * (v.ic / v.no_ic - 1) if v.no_ic > 0 else nan
-            relative = "" if isnan(change) else f" ({number(change, '+z.0f')} %)"
-            lines = [f"{number(v.no_ic, '.1f')} → {lines[0]}{relative}"]
-        percent = number(v.percent(v.difference), "+z.0f")
-        difference = number(v.difference, "+z.1f")
-        lines.append(f"from {design.reference} {difference} {v.unit} ({percent} %)")
+            lines = [f"{number(v.no_ic, '.1f')} → {lines[0]}"]
+        lines[0] += f", {number(v.percent(v.difference), '+z.0f')} %"
     known = v.n and not isnan(v.high)
     if known:
-        relative = " (ratio unbounded)"
-        if isfinite(v.low_percent) and isfinite(v.high_percent):
-            relative = f" ({interval(v.low_percent, v.high_percent, '+z.0f')} %)"
-        lines.append(f"CI {interval(v.low, v.high)} {v.unit}{relative}")
+        bounded = isfinite(v.low_percent) and isfinite(v.high_percent)
+        low, high = (number(bound, "+z.0f") for bound in (v.low_percent, v.high_percent))
+        lines[0] += f" [{low}, {high}]" if bounded else " [unbounded]"
     if v.measurement:
         lines.append(f"measurement {interval(*v.measurement)} {v.unit}")
     if known:
         lines += [f"n = {v.n}"] * (v.n < most)
         lines += [f"{v.paired} of {v.n} subjects in both"] * (v.paired < v.n)
-        lines += [_needed(v)] * (v.answer == "inconclusive")
+    if known and v.answer == "inconclusive":
+        cell["label"] += f": {_needed(v)}"
     return cell | {"lines": lines, "graph": _graph(v, reach, design) if known else None}
 
 
@@ -194,10 +234,8 @@ def interval(low: float, high: float, form: str = "+z.1f") -> str:
 def _needed(verdict: Verdict) -> str:
     """Say how many subjects would decide a comparison that is inconclusive."""
     if verdict.needed is None:
-        return f"more than {MAX_SUBJECTS} subjects needed"
-    if verdict.needed > verdict.n:
-        return f"{verdict.needed} subjects needed"
-    return f"{verdict.needed} would do if the difference were zero"
+        return f"needs over {MAX_SUBJECTS} subjects"
+    return f"needs {verdict.needed} subjects" + " if equal" * (verdict.needed <= verdict.n)
 
 
 def _graph(v: Verdict, reach: float, design: Design) -> dict[str, str]:

@@ -19,11 +19,12 @@ from pipeline.figures.style import picture, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.report.blocks import Check, Section, markup, write_page
 from pipeline.report.curves import differing_curves
-from pipeline.report.effects import residual_tests
+from pipeline.report.effects import tests_table
 from pipeline.report.figures import rms_over_cycles, study_figures
 from pipeline.report.joints import JointMeans, compensation_tables, joint_figures
 from pipeline.report.laboratory import page_of_study
 from pipeline.report.methods import bibtex, methods
+from pipeline.report.paper import write_paper
 from pipeline.report.tables import (
     plan_markdown,
     plan_table,
@@ -57,13 +58,18 @@ from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 from pipeline.trial.result import TrialResult
 
-SECTIONS: Final = (
-    *("verdict", "residuals", "joints", "choices", "tests", "figures", "trials", "causes"),
-    *("methods", "sources"),
-)
-"""Of the page; each has a template, which begins with its heading."""
-
-
+SECTIONS: Final = {
+    "residuals": "Residuals",
+    "joints": "Joints",
+    "choices": "Does the conclusion depend on the choices?",
+    "tests": "Tests",
+    "figures": "Figures",
+    "trials": "Trials",
+    "causes": "Causes of the residuals",
+    "methods": "Methods and references",
+    "sources": "Settings, versions and input files",
+}
+"""Folded sections of the page, below the verdict: template -> heading."""
 MAX_PAGES: Final = 60
 """Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
 NO_PAGES: Final = "No pages of single trials were written: hbm report RESULTS --pages writes them."
@@ -194,26 +200,27 @@ def write_report(
     paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
+    verdict = verdict_values(found, results.residuals, tests, states, design, stated=stated)
+    of_residuals = residual_tables(
+        results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
+    )
+    write_paper(folder, question(design), verdict["paragraph"], of_residuals)
     values = dict(
-        question=question(design),
         design=design,
         windows=windows,
         measurement=missing,
         problems=problems(states, source, results, names),
-        verdict=verdict_values(found, results.residuals, design, stated=stated),
-        tables=residual_tables(
-            results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
-        ),
+        verdict=verdict,
+        tables=of_residuals,
         repeatability=reliability_tables(repeated, design),
         choices=sensitivity,
-        tests=residual_tests(tests, design),
+        tests=tests_table(tests),
         joints=pictures(of_joints),
         joint_tables=compensation_tables(results.joints, design),
         pictures=pictures(of_study_figures),
         laboratory=None if study is None else page_of_study(study, folder),
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
-        has_reference=design.reference in {*over_cycles["condition"]},
         trials={str(name): results.trials[name] for name in keys},
         states=states,
         quality=quality_table(
@@ -236,7 +243,9 @@ def write_report(
             for name, field in Settings.model_fields.items()
         },
     )
-    sections = (Section(part, "", [markup(f"{part}.html", **values)]) for part in SECTIONS)
+    sections = [Section("verdict", question(design), [markup("verdict.html", **values)])]
+    for part, title in SECTIONS.items():
+        sections.append(Section(part, title, [markup(f"{part}.html", **values)], folded=True))
     name = source.name or "Study report"
     write_page(folder / "report.html", name, _scope(results, design), sections)
     return folder / "report.html"

@@ -24,6 +24,7 @@ from pipeline.statistics.mixed import (
     judging_comparison,
     recording_values,
 )
+from pipeline.statistics.table_3 import number
 
 POWER: Final = 0.8
 """By convention (Cohen 1988)."""
@@ -310,7 +311,7 @@ def subjects_needed(sd: float, room: float, alpha: float) -> int | None:
 
 
 def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
-    """Summarise the verdicts of a study: a sentence per condition, and what is not decided.
+    """State the verdicts of a study for a paper: a sentence per condition, each with estimates.
 
     Parameters
     ----------
@@ -322,30 +323,35 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     Returns
     -------
     tuple of str
-        The compared conditions first, then the reference; at the end, where verdicts are
-        inconclusive, how many subjects would decide them. So few subjects that no exact test can
-        become significant are called a demonstration there, and only there. Last, where intervals
-        of measurement are known, where they leave open on which side of the margin a residual is.
+        The compared conditions first, then the reference. None of a condition whose verdicts are
+        all inconclusive with so few subjects that no exact test can become significant.
     """
     compared = [v for v in found if v.n >= MIN_SUBJECTS]
-    subjects = max((v.n for v in compared), default=0)
-    undecided = [v for v in compared if v.answer == "inconclusive"]
-    few = len(design.pairs) * 2.0 ** (1 - subjects) > 1 - CONFIDENCE
-    sentences, open_margins = [], []
-    for condition in (*design.others, design.reference):
-        own = [v for v in compared if v.condition == condition]
-        if own and not (few and all(v in undecided for v in own)):
-            sentences.append(_headline(own, design, name_undecided=not few))
-        if named := [v.axis for v in own if v.open_margin]:
-            every = "all residuals" if 1 < len(named) == len(own) else join_names(named)
-            open_margins.append(f"{every} in {condition}")
-    if undecided:
-        start = f"{subjects} subjects are a demonstration: " * few
-        verb = "is" if len(undecided) == 1 else "are"
+    few = _are_few(compared, design)
+    by_condition = (
+        _headline([v for v in compared if v.condition == condition], design, name_undecided=not few)
+        for condition in (*design.others, design.reference)
+    )
+    return tuple(filter(None, by_condition))
+
+
+def open_questions(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
+    """Say what a study leaves open: too few subjects, and errors that could turn a verdict."""
+    compared = [v for v in found if v.n >= MIN_SUBJECTS]
+    sentences = []
+    if count := sum(v.answer == "inconclusive" for v in compared):
+        subjects = max(v.n for v in compared)
+        start = f"{subjects} subjects are a demonstration: " * _are_few(compared, design)
         sentences.append(
-            f"{start}{len(undecided)} of {len(compared)} comparisons {verb} inconclusive; plan.md "
-            "says how many subjects would decide them."
+            f"{start}{count} of {len(compared)} comparisons {'is' if count == 1 else 'are'} "
+            "inconclusive; plan.md says how many subjects would decide them."
         )
+    open_margins = []
+    for condition in (*design.others, design.reference):
+        of_condition = [v for v in compared if v.condition == condition]
+        if named := [v.axis for v in of_condition if v.open_margin]:
+            every = "all residuals" if 1 < len(named) == len(of_condition) else join_names(named)
+            open_margins.append(f"{every} in {condition}")
     if open_margins:
         sentences.append(
             f"For {', and '.join(open_margins)}, errors of usual size alone could turn the "
@@ -355,27 +361,42 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     return tuple(sentences)
 
 
-def _headline(verdicts: Sequence[Verdict], design: Design, *, name_undecided: bool) -> str:
-    """Summarise a condition's verdicts in one sentence: how many are within the margin.
+def _are_few(compared: Sequence[Verdict], design: Design) -> bool:
+    """Whether no exact test of so few subjects can become significant."""
+    subjects = max((v.n for v in compared), default=0)
+    return len(design.pairs) * 2.0 ** (1 - subjects) > 1 - CONFIDENCE
 
-    Residuals above are named, those whose verdict is inconclusive if wanted.
-    """
-    condition = verdicts[0].condition
+
+def _headline(verdicts: Sequence[Verdict], design: Design, *, name_undecided: bool) -> str:
+    """State a condition's verdicts in one sentence; empty where no residual is named."""
+    condition = verdicts[0].condition if verdicts else ""
     within, above = within_margin(design), f"above {design.reference}"
     if condition == design.reference:
         within, above = f"not increased by more than {100 * design.margin:g} %", "increased"
-    named = {a: [v.axis for v in verdicts if v.answer == a] for a in ("above", "inconclusive")}
-    count = sum(v.answer == "within margin" for v in verdicts)
-    compensated = " with compensation" * design.compensated
-    verb = "is" if count == 1 else "are"
-    parts = [f"{count} of {len(verdicts)} residuals {verb} {within}{compensated}"]
-    if named["above"]:
-        verb = "is" if len(named["above"]) == 1 else "are"
-        parts.append(f"{join_names(named['above'])} {verb} {above}")
-    if named["inconclusive"] and name_undecided:
-        result = f"result is inconclusive with {max(v.n for v in verdicts)} subjects"
-        parts.append(f"for {join_names(named['inconclusive'])}, the {result}")
-    return f"In {condition}, {'; '.join(parts)}."
+        if all(v.answer == "within margin" for v in verdicts):
+            return (
+                f"In {condition}, no residual is increased by more than {100 * design.margin:g} %."
+            )
+    answers: dict[Answer, str] = {
+        "within margin": within + " with compensation" * design.compensated,
+        "above": above,
+    }
+    if name_undecided:
+        answers["inconclusive"] = "inconclusive"
+    parts = []
+    for answer, words in answers.items():
+        chosen = [v for v in verdicts if v.answer == answer]
+        if named := [_estimate(v, first=v is chosen[0] and not parts) for v in chosen]:
+            parts.append(f"{join_names(named)} {'is' if len(named) == 1 else 'are'} {words}")
+    return f"In {condition}, {'; '.join(parts)}." if parts else ""
+
+
+def _estimate(verdict: Verdict, *, first: bool) -> str:
+    """Name a residual with its difference from the reference and the interval, as APA has it."""
+    words = ("difference ", "95 % CI ") if first else ("", "")
+    low, high = (number(bound, "z.1f") for bound in (verdict.low, verdict.high))
+    estimate = number(verdict.difference, "z.1f")
+    return f"{verdict.axis} ({words[0]}{estimate} {verdict.unit}, {words[1]}[{low}, {high}])"
 
 
 def within_margin(design: Design) -> str:
