@@ -85,9 +85,8 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
                 panel.fill_between(
                     time, low, high, color="black", alpha=BAND_OPACITY, lw=0, label=meaning
                 )
-            if counts.any():  # what does not count may be far larger
-                size = [np.abs(d.residual[shown[counts], k]).max() for d in result.variants.values()]
-                panel.set_ylim(-1.1 * max(size), 1.1 * max(size))
+            if counts.any():  # plates as measured, and what does not count, may be far larger
+                panel.set_ylim(*(1.1 * np.abs(value[counts]).max() * np.array([-1, 1])))
             panel.set_ylabel(f"{AXES[k]} ({UNITS[k]})")
         for panel in grid:
             panel.axhline(0, color="black", lw=0.5)

@@ -21,6 +21,17 @@ Check = tuple[str, str, str]
 "none" (no limit); the value; what it consists of, such as the worst marker."""
 
 
+class Interval(NamedTuple):
+    """A cell that is drawn: a dot with its interval beside 0 and 100 %; places in its width."""
+
+    low: str
+    middle: str
+    high: str
+    zero: str
+    whole: str
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class Text:
     """A heading or lead, and lines below it."""
@@ -35,7 +46,7 @@ class Table:
 
     caption: str
     heads: Sequence[str]
-    rows: Sequence[Sequence[str | Sequence[Check]]]
+    rows: Sequence[Sequence[str | Interval | Sequence[Check]]]
     css_class: str = ""
     legend: str = ""
     links: Mapping[str, str] = field(default_factory=dict)

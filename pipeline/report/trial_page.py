@@ -1,5 +1,6 @@
 """The page of one trial: its residuals, warnings, joints, causes and provenance."""
 
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -15,12 +16,18 @@ from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import join_names
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
-from pipeline.figures.joints import Curve, joint_figure
+from pipeline.figures.joints import Curve, healthy_bands, joint_figure
 from pipeline.figures.residuals import component_figure, legend_below, residual_figure
 from pipeline.figures.style import COLOURS, PALETTE, STYLE, drawing, picture
 from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
-from pipeline.report.trial_tables import result_tables, scope, verdict_lines
+from pipeline.report.trial_tables import (
+    gait_table,
+    result_tables,
+    scope,
+    verdict_lines,
+    worst_table,
+)
 from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
@@ -42,9 +49,14 @@ MAX_SPANS: Final = 100
 """Of a channel, whose beginnings are drawn."""
 MAX_MARKERS: Final = 6
 """In one figure."""
+FORCES: Final = (
+    "Forces on the feet and pelvis residuals; lines: foot strikes, dotted: foot offs, shaded: "
+    "counted."
+)
 JOINTS: Final = (
     "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot strike. "
-    "Internal moments by body mass, positive in the direction in which the angle grows."
+    "Internal moments by body mass, positive in the direction in which the angle grows. Healthy: "
+    "Pinzone et al. (2014)."
 )
 
 
@@ -100,25 +112,27 @@ def write_trial_page(
     >>> write_trial_page(result, Path("trial.html"), plates=walk.plates).name
     'trial.html'
     """
-    name = str(result.name) if result.key else result.source.stem
+    of_study = result.name
+    name = str(of_study) if result.key else result.source.stem
     bands = explanation.budget.bands if explanation is not None else None
     found: list[Block] = [] if explanation is None else [*causes(name, explanation)]
-    if bands is not None:
-        from pipeline.figures.explained import bands_figure
-
-        text = "Residuals with their 95 % intervals of measurement"
-        found.append(Drawn(text, drawing(bands_figure(bands, name))))
+    viewer = ["hbm", "view", str(path.with_suffix(".parquet"))]
+    if study:
+        viewer = ["hbm", "view", "RESULTS", "--subject", of_study.subject]
+        viewer += ["--condition", of_study.condition]
+        viewer += ["--recording", of_study.recording] * bool(of_study.recording)
     command = command or f"hbm explain {'RESULTS' if study else result.source.name}"
     settings = [(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None]
-    shown = picture(figure) if figure else drawing(residual_figure(result))
+    shown = picture(figure) if figure else drawing(residual_figure(result, bands))
     blocks: dict[str, Sequence[Block]] = {
         "Residuals": [
             markup("headline.html", sentences=[*verdict_lines(result)]),
-            Drawn("Pelvis residuals, six axes", shown),
+            Drawn(FORCES, shown),
+            *worst_table(result, shlex.join(viewer) + " --at {at}" * bool(study)),
             *result_tables(result),
         ],
         "Warnings": [*_warnings(result), *_doubted(result, plates)],
-        "Joints": [*_joints(result)],
+        "Gait": [*gait_table(result), *_joints(result)],
         "Causes": found or [f"Not explained yet: {command} finds the causes."],
         "Provenance": [
             Table("How the result was made", ("Item", "Finding"), provenance(result.notes)),
@@ -159,7 +173,9 @@ def _joints(result: TrialResult) -> Iterator[Drawn]:
         if of_sides
     ]
     if curves:
-        yield Drawn(JOINTS, drawing(joint_figure(curves, "Joints of the legs, mean ± SD")))
+        title = "Joints of the legs, mean ± SD"
+        figure = joint_figure(curves, title, healthy=healthy_bands())
+        yield Drawn(JOINTS, drawing(figure))
 
 
 def findings_table(result: TrialResult) -> Table | None:

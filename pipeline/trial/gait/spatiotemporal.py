@@ -63,7 +63,9 @@ def spatiotemporal(
     measured = {}
     for side, own_spans in spans.items():
         own, (start, stop) = SIDES.index(side), own_spans.T
-        other_strike = _first_within(event_times(events, "foot_strike", OTHER_SIDE[side]), own_spans)
+        other_strike = _first_within(
+            event_times(events, "foot_strike", OTHER_SIDE[side]), own_spans
+        )
         foot_off = _first_within(event_times(events, "foot_off", side), own_spans)
         begin, end = (_interpolate(time, on_ground[:, own], at) for at in (start, stop))
         stride, step = end - begin, end - _interpolate(time, on_ground[:, 1 - own], other_strike)
