@@ -1,18 +1,19 @@
 """The verdict on the page of a report: one cell per residual and condition."""
 
 from collections.abc import Iterator, Sequence
-from math import isfinite, isnan, nan
+from math import isfinite, isnan
 from typing import Any, Final
 
 import pandas as pd
 
 from hbm.spelling import join_names
 from pipeline.report.blocks import each
+from pipeline.report.effects import named, written_test
 from pipeline.report.tables import numbers
 from pipeline.run.provenance import TrialState
 from pipeline.statistics.comparison import MIXED_ANOVA, MIXED_MODEL, RM_ANOVA
 from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
-from pipeline.statistics.table_3 import MIN_PRINTED_P, number
+from pipeline.statistics.table_3 import number
 from pipeline.statistics.verdict import (
     MAX_SUBJECTS,
     Answer,
@@ -112,31 +113,14 @@ def _paragraph(
     of_effect = of_effect[of_effect["p_corrected"].notna()].drop_duplicates("axis")
     if len(of_effect):
         weakest = max(rows_of(of_effect), key=lambda row: (row.p_corrected, -row.effect_size))
-        effect = f"{' × '.join(design.factors)} ({weakest.test}), weakest in {weakest.axis}"
-        sentences.append(f"Effect of {effect}: {_f_test(weakest)}.")
+        what = f"{named(effect)} ({weakest.test}), weakest in {weakest.axis}"
+        sentences.append(f"Effect of {what}: {written_test(weakest)}.")
     if len(design.pairs) > 1:
         sentences.append(f"CI: simultaneous over {len(design.pairs)} planned pairs (Bonferroni).")
     absent = [f"{state.name} ({state.state})" for state in states if not state.in_tables]
     excluded = f"; without {join_names(absent)}" if absent else ", none excluded"
     subjects = numbers(pd.Series([v.n for v in found if v.n]), "subject")
     return " ".join([*sentences, f"{subjects}, {len(states)} trials{excluded}."])
-
-
-def _f_test(row: Any) -> str:
-    """Write an F test as APA has it, with the degrees of freedom that its p-value has."""
-    factor = row.epsilon if row.correction == "Greenhouse-Geisser" else 1.0
-    degrees = ", ".join(f"{factor * df:.2f}".rstrip("0").rstrip(".") for df in (row.df1, row.df2))
-    p = (
-        "< .001"
-        if row.p_corrected < MIN_PRINTED_P
-        else f"= {row.p_corrected:.3f}".replace("0.", ".")
-    )
-    text = f"F({degrees}) = {row.statistic:.2f}, p {p}"
-    if row.effect_size_name != "partial eta squared":
-        return text
-    low, high = (f"{bound:.2f}" for bound in (row.ci_low, row.ci_high))
-    interval_of_size = "" if isnan(row.ci_low) else f" [{low}, {high}]"
-    return f"{text}, ηp² = {row.effect_size:.2f}{interval_of_size}"
 
 
 def _primary(verdicts: Sequence[Verdict]) -> str:

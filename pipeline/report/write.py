@@ -19,7 +19,7 @@ from pipeline.figures.style import picture, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.report.blocks import Section, markup, write_page
 from pipeline.report.curves import differing_curves
-from pipeline.report.effects import residual_tests
+from pipeline.report.effects import tests_table
 from pipeline.report.figures import rms_over_cycles, study_figures
 from pipeline.report.joints import JointMeans, compensation_tables, joint_figures
 from pipeline.report.laboratory import page_of_study
@@ -61,7 +61,7 @@ SECTIONS: Final = {
     "residuals": "Residuals",
     "joints": "Joints",
     "choices": "Does the conclusion depend on the choices?",
-    "tests": "Tests of every residual",
+    "tests": "Tests",
     "figures": "Figures",
     "trials": "Trials",
     "causes": "Causes of the residuals",
@@ -217,14 +217,13 @@ def write_report(
         tables=of_residuals,
         repeatability=reliability_tables(repeated, design),
         choices=sensitivity,
-        tests=residual_tests(tests, design),
+        tests=tests_table(tests),
         joints=pictures(of_joints),
         joint_tables=compensation_tables(results.joints, design),
         pictures=pictures(of_study_figures),
         laboratory=None if study is None else page_of_study(study, folder),
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
-        has_reference=design.reference in {*over_cycles["condition"]},
         trials={str(name): results.trials[name] for name in keys},
         states=states,
         quality=quality_table(

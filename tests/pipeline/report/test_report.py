@@ -2,12 +2,16 @@
 
 import json
 import re
+from base64 import b64encode
 from dataclasses import replace
+from hashlib import sha256
+from html import unescape
 from html.parser import HTMLParser
 
 import numpy as np
 import pandas as pd
 import pytest
+from docx import Document
 
 from pipeline.config.schema import Settings
 from pipeline.report import write as report
@@ -45,7 +49,7 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if "style" not in self.open:
+        if not {"style", "script"} & {*self.open}:
             self.text += data
 
 
@@ -108,27 +112,38 @@ def unsaved(monkeypatch):
     monkeypatch.setattr(report, "save_figure", save)
 
 
-def test_the_page_is_well_formed_and_self_contained(page):
+def test_the_page_is_well_formed_and_self_contained(page, folder):
     assert page.open == []
-    assert "script" not in page.tags
     assert "link" not in page.tags
     for name, value in page.attributes:
-        if name in ("src", "href"):
-            beside = name == "href" and value.endswith("/laboratory.html")
-            assert value.startswith(("data:image/", "#")) or beside, value
+        if name in ("src", "href") and not value.startswith(("data:image/", "#")):
+            assert name == "href"
+            assert (folder / value).is_file(), value
         assert not name.startswith("on")
     assert "default-src 'none'" in page.source
+    (script,) = re.findall("<script>(.*?)</script>", page.source, re.DOTALL)
+    digest = b64encode(sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in page.source
 
 
-def test_the_verdict_comes_first_with_sizes_and_uncertainty(page):
-    after = page.text.index("RMS residuals, mean ± SD")
-    verdict = page.text[:after]
-    assert re.search(
-        r"In baseline, \d of 6 residuals (is|are) not increased by more than 20 %",
-        verdict,
-    )
-    assert verdict.count("4 subjects are a demonstration") == 1
-    assert re.search(r"from baseline [+−]\d+\.\d N \([+−]\d+ %\) CI [+−]\d+\.\d to", verdict)
+def test_the_primary_analysis_comes_first_as_a_paper_has_it(page, folder):
+    """Estimates with intervals, the F test, subjects, exclusions; the same in Word and LaTeX."""
+    before = page.text[: page.text.index("Copy this paragraph")]
+    assert re.search(r"F[\w ]*\([\d.]+, [\d.]+\) = [\d.]+, p [<=] \.\d{3}, ηp² = ", before)
+    assert "12 trials; without sub02 sway (failed) and sub04 pitch (excluded)." in before
+    assert page.text.count("4 subjects are a demonstration") == 1
+    paragraph = re.search('id="result">(.*?)</p>', page.source)[1]
+    document = Document(str(folder / "results.docx"))
+    assert unescape(paragraph) in [block.text for block in document.paragraphs]
+    latex = (folder / "results.tex").read_text(encoding="utf-8")
+    assert paragraph[:20] in latex
+    table = pd.read_csv(folder / "table_3.csv")
+    assert len(document.tables[0].rows) == 1 + len(table)
+    row = table[(table["axis"] == "Fy") & (table["condition"] == "sway")].iloc[0]
+    cells = [cell.text for found in document.tables[0].rows for cell in found.cells]
+    value = f"{row['mean_ic']:.1f} ± {row['sd_ic']:.1f}"
+    assert any(cell.startswith(value) for cell in cells)
+    assert value.replace("±", r"$\pm$") in latex
 
 
 def test_table_3_on_the_page_is_that_on_disk(page, folder):
@@ -141,7 +156,7 @@ def test_table_3_on_the_page_is_that_on_disk(page, folder):
 
 
 def test_failed_and_excluded_trials_are_named_before_the_results(page):
-    banner = page.text[: page.text.index("✔ ")]
+    banner = page.text[: page.text.index("RMS without → with")]
     assert "2 of 12 trials are not in the tables" in banner
     assert "sub02 sway failed: sub02_sway.c3d: marker <b>LHEE</b> & others" in banner
     assert "sub04 pitch excluded: LPSI lost" in banner
@@ -224,7 +239,7 @@ def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick)
     assert found.text.count("Primary analysis:") == 1
     assert "in percent of the reference is at most 10 %" in found.text
     assert "Holm-corrected for 3 planned pairs" in found.text
-    assert "IC × motion × group, p " in found.text
+    assert "mixed ANOVA: IC × motion × group F(" in found.text
     residuals = pd.read_csv(tmp_path / "residuals.csv").query("headline and not compensated")
     own = residuals.query("axis == 'Fx' and condition == 'still' and subject in @BEFORE")["rms"]
     of_group = found.text[found.text.index("group before. RMS residuals") :]
@@ -323,6 +338,9 @@ def test_a_page_without_a_record_of_the_treadmill_says_which_command_writes_one(
 # In a real browser: drawn without errors or requests, readable on every screen
 
 
+NEXT_FRAME = "new Promise(resolve => setTimeout(resolve, 100))"
+
+
 @pytest.fixture(scope="module")
 def browser(folder):
     with open_browser() as browser:
@@ -357,10 +375,21 @@ def test_no_width_needs_horizontal_scrolling(browser, width):
 @needs_chromium
 def test_the_verdict_is_visible_without_scrolling(browser):
     browser.resize(1200, 900)
-    place = "document.querySelector('.headline').getBoundingClientRect()"
+    browser.evaluate("document.querySelectorAll('details').forEach(d => d.open = false)")
+    place = "document.getElementById('result').getBoundingClientRect()"
     assert browser.evaluate(f"{place}.bottom") < 900
-    text = browser.evaluate("document.querySelector('.headline').innerText")
-    assert "4 subjects are a demonstration" in text
+
+
+@needs_chromium
+def test_a_link_unfolds_its_section_and_the_button_copies_the_paragraph(browser):
+    folded = "document.querySelector('#tests > details').open"
+    browser.evaluate("document.querySelector('#tests > details').open = false")
+    browser.evaluate("document.querySelector('nav a[href=\"#tests\"]').click()")
+    browser.call("Runtime.evaluate", expression=NEXT_FRAME, awaitPromise=True)
+    assert browser.evaluate(folded)
+    browser.evaluate("document.querySelector('button[data-copy]').click()")
+    selected = browser.evaluate("getSelection().toString()")
+    assert selected == browser.evaluate("document.getElementById('result').innerText")
 
 
 @needs_chromium

@@ -211,12 +211,14 @@ def test_one_subject_has_an_interval_of_measurement():
     assert half == pytest.approx(1.96 * 5, rel=1e-3)
 
 
-def test_the_headline_counts_the_residuals_within_the_margin_and_names_the_others():
+def test_the_headline_names_each_residual_with_its_estimate():
     answers = {"Fx": "within margin", "Fy": "above", "Fz": "above", "Mx": "inconclusive"}
-    found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
+    sizes = {"difference": -1.26, "low": -3.04, "high": 0.52}
+    found = [Verdict(axis, "N", "sway", answer, n=9, **sizes) for axis, answer in answers.items()]
     assert headlines(found)[0] == (
-        "In sway, 1 of 4 residuals is not more than 20 % above baseline with compensation; "
-        "Fy and Fz are above baseline; for Mx, the result is inconclusive with 9 subjects."
+        "In sway, Fx (difference −1.3 N, 95 % CI [−3.0, 0.5]) is not more than 20 % above baseline "
+        "with compensation; Fy (−1.3 N, [−3.0, 0.5]) and Fz (−1.3 N, [−3.0, 0.5]) are above "
+        "baseline; Mx (−1.3 N, [−3.0, 0.5]) is inconclusive."
     )
 
 
