@@ -81,8 +81,13 @@ def joint_figure(
             draw_differences(panel, differing.get(shown, ()))
             if shown in healthy:
                 usual, sd = healthy[shown]
-                band = {"color": HEALTHY_COLOUR, "lw": 0, "zorder": 0}
-                panel.fill_between(percent, usual - sd, usual + sd, label="healthy ± SD", **band)
+                panel.fill_between(
+                    *(percent, usual - sd, usual + sd),
+                    color=HEALTHY_COLOUR,
+                    lw=0,
+                    zorder=0,
+                    label="healthy ± SD",
+                )
         legend_below(figure, panels[0, 0])
         figure.suptitle(f"{title}{gaps}", fontsize=11)
     return figure

@@ -22,13 +22,9 @@ Check = tuple[str, str, str]
 
 
 class Interval(NamedTuple):
-    """A cell that is drawn: a dot with its interval beside 0 and 100 %; places in its width."""
+    """A cell that is drawn: places of low end, middle, high end, 0 and 100 %; the same in words."""
 
-    low: str
-    middle: str
-    high: str
-    zero: str
-    whole: str
+    places: Sequence[str]
     text: str
 
 

@@ -6,7 +6,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -17,8 +16,8 @@ from hbm.spelling import join_names
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.figures.joints import Curve, healthy_bands, joint_figure
-from pipeline.figures.residuals import component_figure, legend_below, residual_figure
-from pipeline.figures.style import COLOURS, PALETTE, STYLE, drawing, picture
+from pipeline.figures.residuals import component_figure, residual_figure
+from pipeline.figures.style import COLOURS, PALETTE, drawing, picture
 from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
 from pipeline.report.trial_tables import (
@@ -28,7 +27,7 @@ from pipeline.report.trial_tables import (
     verdict_lines,
     worst_table,
 )
-from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
+from pipeline.report.trials import causes
 from pipeline.run.program import program_digest
 from pipeline.run.store import read_trial
 from pipeline.trial.findings.finding import Finding
@@ -36,7 +35,6 @@ from pipeline.trial.findings.judge import LIMIT
 from pipeline.trial.findings.words import note_of, row_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
-from pipeline.trial.residuals import marker_rows
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
 
@@ -47,8 +45,6 @@ MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
 MAX_SPANS: Final = 100
 """Of a channel, whose beginnings are drawn."""
-MAX_MARKERS: Final = 6
-"""In one figure."""
 FORCES: Final = (
     "Forces on the feet and pelvis residuals; lines: foot strikes, dotted: foot offs, shaded: "
     "counted."
@@ -128,7 +124,7 @@ def write_trial_page(
         "Residuals": [
             markup("headline.html", sentences=[*verdict_lines(result)]),
             Drawn(FORCES, shown),
-            *worst_table(result, shlex.join(viewer) + " --at {at}" * bool(study)),
+            *worst_table(result, shlex.join(viewer), timed=bool(study)),
             *result_tables(result),
         ],
         "Warnings": [*_warnings(result), *_doubted(result, plates)],
@@ -213,16 +209,11 @@ def doubted_plates(result: TrialResult) -> set[int]:
 
 
 def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
-    """Draw the channels of doubted plates, and the errors of markers beyond the guideline."""
+    """Draw the channels of doubted plates."""
     if doubted := [plate for plate in plates if plate.number in doubted_plates(result)]:
         names = join_names([f"plate {plate.number}" for plate in doubted])
         figure = plate_figure(doubted, result.findings)
         yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
-    beyond = [row for row in marker_rows(result)[:-1] if row.peak_mm > MAX_MARKER_PEAK_MM]
-    beyond.sort(key=lambda row: row.peak_mm, reverse=True)
-    if far := [row.marker for row in beyond[:MAX_MARKERS]]:
-        text = f"Markers more than {MAX_MARKER_PEAK_MM:g} mm from the model: {join_names(far)}"
-        yield Drawn(text, drawing(_marker_figure(result, far), ".png"))
 
 
 def plate_figure(plates: Sequence[Plate], findings: Sequence[Finding]) -> Figure:
@@ -252,18 +243,3 @@ def _extremes(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarr
     starts = np.arange(0, len(time), step)
     low, high = (each.reduceat(value, starts) for each in (np.fmin, np.fmax))
     return time[starts], low, high
-
-
-def _marker_figure(result: TrialResult, markers: list[str]) -> Figure:
-    """Draw how far markers are from the model over time."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 2.6), layout="constrained")
-        panel = figure.subplots()
-        for name in markers:
-            error_mm = 1000 * result.motion.marker_error[:, result.motion.markers.index(name)]
-            panel.plot(result.motion.time, error_mm, lw=0.8, label=name)
-        panel.set_xlabel("time (s)")
-        panel.set_ylabel("marker error (mm)")
-        panel.set_ylim(bottom=0)
-        legend_below(figure, panel)
-    return figure

@@ -56,8 +56,8 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
     yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
 
 
-def worst_table(result: TrialResult, command: str) -> Iterable[Table]:
-    """Show the gait cycles with the largest residuals; the command has {at} where it takes a time."""
+def worst_table(result: TrialResult, command: str, *, timed: bool) -> Iterable[Table]:
+    """Show the gait cycles with the largest residuals, and what opens the viewer (there: timed)."""
     worst = worst_cycles(result)[:MAX_WORST]
     reference = reference_of(residual_rows(result))[0].lower()
     rows = [
@@ -65,7 +65,7 @@ def worst_table(result: TrialResult, command: str) -> Iterable[Table]:
             f"{cycle.side}, {cycle.start_s:.2f}–{cycle.stop_s:.2f} s",
             f"{cycle.axis}, {cycle.ratio:.1f} × {reference}",
             f"{cycle.rms:.1f} {cycle.unit}",
-            command.format(at=f"{cycle.start_s:.1f}"),
+            command + f" --at {cycle.start_s:.1f}" * timed,
         )
         for cycle in worst
     ]

@@ -230,7 +230,7 @@ def causes(name: str, explanation: "Explanation") -> tuple[Text, Table]:
     def drawn(share: Share) -> Interval:
         ends = share.percent - share.half, share.percent, share.percent + share.half, 0.0, 100.0
         places = (np.clip(np.array(ends), low, high) - low) / (high - low)
-        return Interval(*(f"{3 + 94 * place:.1f}%" for place in places), f"{share} %")
+        return Interval([f"{3 + 94 * place:.1f}%" for place in places], f"{share} %")
 
     table = Table(
         caption=f"{name}: {title}",

@@ -1,7 +1,7 @@
 """Make ``healthy.csv``: bands of healthy adults behind joint angles and moments.
 
-Run as ``python -m tests.virtual_gait.fit_healthy NORMS.csv`` with the norms of Pinzone et al. (2014)
-as published (see `fit_gait`).
+Run as ``python -m tests.virtual_gait.fit_healthy NORMS.csv`` with the norms of Pinzone et al.
+(2014) as published (see `fit_gait`).
 """
 
 import sys
@@ -16,13 +16,13 @@ from tests.virtual_gait.fit_gait import HARMONICS, fourier
 
 HEALTHY_CSV: Final = Path(__file__).parents[2] / "pipeline" / "figures" / "healthy.csv"
 HEADER: Final = """\
-# Healthy adults walking, of two centres: Fourier coefficients of mean and SD over the gait cycle from
-# initial contact [deg, N·m/kg]. The mean is that of both centres; the SD is pooled and has half of
-# the difference between them. Made by tests/virtual_gait/fit_healthy.py from: Pinzone O, Schwartz MH,
-# Thomason P, Baker R (2014) The comparison of normative reference data from different gait analysis
-# services, Gait Posture 40:286-290. Signs are those of pipeline/trial/joints.py. Without rotations,
-# pronation and the ankle's angle, whose zeros differ between models, and without the hip's abduction
-# moment: in one real recording, Plug-in Gait has two thirds of ours.
+# Healthy adults walking, of two centres: Fourier coefficients of mean and SD over the gait cycle
+# from initial contact [deg, N·m/kg]. The mean is that of both centres, the SD is pooled with half of
+# the difference between them. Made by tests/virtual_gait/fit_healthy.py from: Pinzone O,
+# Schwartz MH, Thomason P, Baker R (2014) The comparison of normative reference data from different
+# gait analysis services, Gait Posture 40:286-290. Signs are those of pipeline/trial/joints.py.
+# Without rotations, pronation and the ankle's angle, whose zeros differ between models, and without
+# the hip's abduction moment: in one real recording, Plug-in Gait has two thirds of ours.
 """
 NORM: Final = {
     ("hip_flexion", "angle"): ("Hip Flx/Ext", 1),
