@@ -112,7 +112,7 @@ def write_trial_page(
     name = str(of_study) if result.key else result.source.stem
     bands = explanation.budget.bands if explanation is not None else None
     found: list[Block] = [] if explanation is None else [*causes(name, explanation)]
-    viewer = ["hbm", "view", str(path.with_suffix(".parquet"))]
+    viewer = ["hbm", "view", f"{path.stem}.parquet"]
     if study:
         viewer = ["hbm", "view", "RESULTS", "--subject", of_study.subject]
         viewer += ["--condition", of_study.condition]

@@ -43,7 +43,7 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
         above = [row.axis for row in shown if row.rms > reference[row.axis]]
         lead = "Typical of level walking: all six axes below"
         if above:
-            lead = f"{join_names(above)} above"
+            lead = f"{join_names(above) if len(above) < len(shown) else 'All six axes'} above"
         best = [row for row in threshold_rows(result) if row.compensated == compensated]
         beyond = [row for row in best if not row.passed]
         peaks = "peaks within Hicks et al. (2015) limits"

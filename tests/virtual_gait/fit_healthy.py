@@ -17,8 +17,8 @@ from tests.virtual_gait.fit_gait import HARMONICS, fourier
 HEALTHY_CSV: Final = Path(__file__).parents[2] / "pipeline" / "figures" / "healthy.csv"
 HEADER: Final = """\
 # Healthy adults walking, of two centres: Fourier coefficients of mean and SD over the gait cycle
-# from initial contact [deg, N·m/kg]. The mean is that of both centres, the SD is pooled with half of
-# the difference between them. Made by tests/virtual_gait/fit_healthy.py from: Pinzone O,
+# from initial contact [deg, N·m/kg]. The mean is that of both centres, the SD is pooled with half
+# of the difference between them. Made by tests/virtual_gait/fit_healthy.py from: Pinzone O,
 # Schwartz MH, Thomason P, Baker R (2014) The comparison of normative reference data from different
 # gait analysis services, Gait Posture 40:286-290. Signs are those of pipeline/trial/joints.py.
 # Without rotations, pronation and the ankle's angle, whose zeros differ between models, and without
