@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import Array
@@ -33,8 +33,21 @@ CAPTION: Final = (
     "RMS with 95 % interval of measurement; percentage of the mean square ± 95 % interval. "
     "Negative: without this cause the residual would be larger."
 )
-Column = tuple[str, tuple[str, ...]]
-"""Head and cells of a column."""
+
+
+class Share(NamedTuple):
+    """A cause's part of the mean square of a residual, and half of its 95 % interval [%]."""
+
+    percent: float
+    half: float = 0.0
+
+    def __str__(self) -> str:
+        text = written(self.percent, "z.0f")
+        return f"{text} ± {self.half:.0f}" if self.half >= 0.5 else text
+
+
+Row = tuple[str, tuple[str | Share, ...]]
+"""Head and cells of a row."""
 
 
 SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
@@ -239,7 +252,7 @@ def what_to_do(cause: EstimatedCause, result: TrialResult) -> str:
     return f"{mend[:1].upper()}{mend[1:]}." if mend else ""
 
 
-def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
+def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Row]]:
     """Lay out what a trial's residuals are made of.
 
     Returns
@@ -247,9 +260,9 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
     title
         Which trial, and what of it.
     axes
-        Heads of the rows: the residuals.
-    columns
-        Heads and cells of the others: the RMS, one for each group of causes, the rest.
+        Heads of the columns: the residuals.
+    rows
+        The RMS, its interval, a row for each group of causes, the rest.
     """
     plates = "compensated plates" if budget.compensated else "plates as measured"
     counts = "no gait cycles"
@@ -257,23 +270,20 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Column]]:
         counts = f"{budget.cycles} of {budget.found_cycles} gait cycles of one side"
     title = f"Causes of the pelvis residuals of {budget.source.name}, {plates}, {counts}"
     interval = [f"{low:.1f}–{high:.1f}" for low, high in zip(budget.low, budget.high, strict=True)]
-    columns = [("RMS", tuple(f"{value:.1f}" for value in budget.rms)), ("95 %", tuple(interval))]
+    rows: list[Row] = [("RMS", tuple(f"{value:.1f}" for value in budget.rms))]
+    rows.append(("95 %", tuple(interval)))
     for group in budget.groups:
         head, own = group_name(group.groups), [c for c in budget.causes if c.group in group.groups]
         if len(own) == 1:
             known = own[0].deviation < own[0].usual
             head = f"{head}: {size_in_words(own[0]) if known else 'unknown'}"
-        columns.append((head, tuple(map(_share, group.share, group.deviation))))
-    columns.append(
-        ("not explained", tuple(written(100 * share, "z.0f") for share in budget.unexplained))
-    )
-    return title, tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)), columns
+        rows.append((head, tuple(map(_share, group.share, group.deviation))))
+    rows.append(("not explained", tuple(Share(100 * share) for share in budget.unexplained)))
+    return title, tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)), rows
 
 
-def _share(share: float, deviation: float) -> str:
-    """Write a share with its 95 % interval, where that is not 0."""
-    half, text = 100 * QUANTILE_95 * deviation, written(100 * share, "z.0f")
-    return f"{text} ± {half:.0f}" if half >= 0.5 else text
+def _share(share: float, deviation: float) -> Share:
+    return Share(100 * share, 100 * QUANTILE_95 * deviation)
 
 
 def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:

@@ -175,13 +175,13 @@ def print_explanation(explanation: "Explanation", console: PlainConsole) -> None
 
     from pipeline.budgets.words import CAPTION, budget_table
 
-    title, axes, causes = budget_table(explanation.budget)
+    title, axes, rows = budget_table(explanation.budget)
     table = Table(title=title, caption=CAPTION, box=None, padding=(0, 1, 0, 0))
     table.add_column("", max_width=20)  # six residuals share the other 60 of 80 columns
     for axis in axes:
         table.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
-    for head, cells in causes:
-        table.add_row(head, *cells)
+    for head, cells in rows:
+        table.add_row(head, *map(str, cells))
     print_table(table, console)
     for line in explanation.lines():
         console.print(line)

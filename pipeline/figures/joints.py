@@ -1,6 +1,7 @@
 """Joint angles, moments and powers over the gait cycle: a row each, a column per joint motion."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,9 +22,23 @@ UPPER_BODY: Final = tuple(m for m in JOINT_MOTIONS if m not in LEG)
 PANEL_INCH: Final = (2.2, 1.7)
 GAPS: Final = "; gaps: load of the foot, or pose, unknown in most gait cycles"
 """Moments are unknown where it is uncertain whose foot is on a plate, or none carries it."""
+NORMS: Final = Path(__file__).with_name("healthy.csv")
+HEALTHY_COLOUR: Final = "#D5DAE0"
 
 Curve = tuple[str, str, Any, Array, Array]
 """Label, colour and line style of a curve; mean and standard deviation, (101, 13, 3)."""
+
+
+def healthy_bands() -> dict[tuple[str, str], list[Array]]:
+    """Give mean and SD of healthy adults over 0–100 %, (101,): joint motion and curve -> both."""
+    _, *lines = (line for line in NORMS.read_text(encoding="utf-8").splitlines() if line[0] != "#")
+    bands = dict[tuple[str, str], list[Array]]()
+    for motion, curve, _, *coefficients in (line.split(",") for line in lines):
+        # cosine and sine of each harmonic: a Fourier series
+        angle = np.outer(np.linspace(0, 2 * np.pi, 101), np.arange(len(coefficients) // 2))
+        waves = np.stack([np.cos(angle), np.sin(angle)], axis=2).reshape(101, -1)
+        bands.setdefault((motion, curve), []).append(waves @ np.array(coefficients, float))
+    return bands
 
 
 def joint_figure(
@@ -31,10 +46,12 @@ def joint_figure(
     title: str,
     motions: tuple[JointMotion, ...] = LEG,
     differing: "Mapping[tuple[str, str], Sequence[CurveDifference]]" = MappingProxyType({}),
+    healthy: Mapping[tuple[str, str], Sequence[Array]] = MappingProxyType({}),
 ) -> Figure:
     """Draw means over the gait cycle with one standard deviation as a band.
 
     ``differing`` are parts that differ, drawn as bars: name of a joint motion and curve -> parts.
+    ``healthy`` is as of `healthy_bands`, drawn behind.
     """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
     percent = np.linspace(0, 100, 101)
@@ -60,7 +77,17 @@ def joint_figure(
             if row == len(CURVES) - 1:
                 panel.set_xlabel("gait cycle (%)")
             panel.axhline(0, color="black", lw=0.5)
-            draw_differences(panel, differing.get((motions[column].name, [*CURVES][row]), ()))
+            shown = motions[column].name, [*CURVES][row]
+            draw_differences(panel, differing.get(shown, ()))
+            if shown in healthy:
+                usual, sd = healthy[shown]
+                panel.fill_between(
+                    *(percent, usual - sd, usual + sd),
+                    color=HEALTHY_COLOUR,
+                    lw=0,
+                    zorder=0,
+                    label="healthy ± SD",
+                )
         legend_below(figure, panels[0, 0])
         figure.suptitle(f"{title}{gaps}", fontsize=11)
     return figure

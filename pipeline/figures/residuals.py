@@ -1,27 +1,38 @@
-"""Residuals of one trial, over the gait cycle or over time, and the labels of the panels."""
+"""Forces and residuals of one trial over time, and the labels of the panels of residuals."""
 
 import pickle
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
-from typing import Any, Final, cast
+from itertools import chain
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hbm.spatial import WRENCH_COMPONENTS, Array
-from pipeline.config.schema import NOUNS
-from pipeline.figures.style import COLOURS, STYLE, draw_band
-from pipeline.trial.gait.cycles import mean_and_sd, normalise
+from compensation.inertia.sensors import QUANTILE_95
+from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
+from pipeline.figures.style import BAND_OPACITY, COLOURS, STYLE
+from pipeline.trial.gait.events import event_times
 from pipeline.trial.quality import Quality, free_of
-from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, cycle_residuals, reported
+from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, reported, worst_cycles
 from pipeline.trial.result import TrialResult
 
+if TYPE_CHECKING:
+    from pipeline.explain.budget import Bands
+
 UNCOUNTED: Final = "#BBBBBB"
-"""Colour of frames that do not count, and of the part of the gait cycle that does."""
-UNCERTAINTY_HATCH: Final = "//////"
-"""Of the uncertainty of the compensation, distinct from the spread between gait cycles."""
+"""Colour of the part of the gait cycle that counts."""
+SIDE_COLOURS: Final = {"right": "#E69F00", "left": "#56B4E9"}
+"""Warm and cool, as in the viewer's scene."""
+USED: Final = "#EEF1F4"
+"""Colour behind what counts."""
+SHOWN_S: Final = 12.0
+"""About ten gait cycles: each can be seen in a figure across a page."""
+MAX_SAMPLES: Final = 800
+"""Of a curve: more are finer than the figure."""
+SIZE_INCH: Final = (9.0, 8.0)
 PART_OPACITY: Final = 0.4
 """Curves and their bands remain visible on it."""
 LABEL_INCH: Final = 2.2
@@ -35,51 +46,99 @@ MAX_TICKS: Final = 5
 """Intervals between the ticks of an axis."""
 
 
-def residual_figure(result: TrialResult) -> Figure:
-    """Draw a trial's six residuals over what counts of it.
+def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure:
+    """Draw the forces on both feet over time and, below, the six residuals.
 
     Parameters
     ----------
     result
         The trial.
+    bands
+        Of an explained trial: 95 % intervals of measurement are drawn behind its residuals.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels; forces above, moments below. Mean ± SD over the right foot's gait cycles, or the
-        left foot's where there are none of the right; over time where a span of the recording
-        counts, or nothing does.
+        Eight panels: vertical and forward force, of the plates closest to the truth; Fx … Mz where
+        filters have settled. Vertical lines are foot strikes and, dotted, foot offs; what counts is
+        shaded. Of a long trial 12 s around the gait cycle with the largest residual.
     """
-    if result.span or not any(map(len, result.cycles.values())):
-        return _over_time(result)
-    return _over_cycle(result)
-
-
-def _over_time(result: TrialResult) -> Figure:
-    """Draw residuals over time where filters have settled, grey where frames do not count."""
-    time, counts = result.motion.time, result.counted
-    settled = free_of(result.quality, Quality.SETTLING)[:, None]
+    first, last, around = _shown_span(result)
+    inside = np.flatnonzero((result.motion.time >= first) & (result.motion.time <= last))
+    shown = inside[:: -(-len(inside) // MAX_SAMPLES)]
+    time, counts = result.motion.time[shown], result.counts[shown]
+    settled = free_of(result.quality, Quality.SETTLING)[shown]
+    *_, wrenches = result.ground.values()
+    spread, meaning = _spread(result, bands)
     with mpl.rc_context(STYLE):
-        figure, panels = six_panels()
-        label_panels(panels, (float(time[0]), float(time[-1])), "time (s)")
-        for variant, dynamics in result.variants.items():
-            values = reported(np.where(settled, dynamics.residual, np.nan))
-            for k, panel in enumerate(panels):
-                panel.plot(time, values[:, k], color=UNCOUNTED, lw=0.6)
-                inside = np.where(counts, values[:, k], np.nan)
-                panel.plot(time, inside, color=COLOURS[variant], lw=0.8, label=variant)
-                if variant == "compensated" and result.uncertainty is not None:
-                    spread = np.where(counts, result.uncertainty[:, k], np.nan)
-                    _draw_uncertainty(panel, time, inside, spread)
-        for k, panel in enumerate(panels):
-            largest = [np.abs(reported(d.residual)[counts, k]) for d in result.variants.values()]
-            if counts.any():
-                panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
-        if len(result.variants) > 1:
-            legend_below(figure, panels[0])
-        what = "grey: not used" if counts.any() else "no frame is used"
-        figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
+        figure, grid = panel_grid(2 + len(AXES), 1, SIZE_INCH)
+        grid[0].set_xlim(first, last)  # of all, which share it
+        for panel, k, direction in zip(grid, (2, 0), ("up", "forward"), strict=False):
+            for side, colour in SIDE_COLOURS.items():
+                force = wrenches[f"{side}_foot"][shown, k]
+                panel.plot(time, force, color=colour, lw=1.0, label=f"{side} foot")
+            panel.set_ylabel(f"{direction} (N)")
+        for k, panel in enumerate(grid[2:]):
+            for variant, dynamics in result.variants.items():
+                value = np.where(settled, reported(dynamics.residual)[shown, k], np.nan)
+                panel.plot(time, value, color=COLOURS[variant], lw=0.9, label=variant)
+            if spread is not None:
+                low, high = value - spread[shown, k], value + spread[shown, k]
+                panel.fill_between(
+                    time, low, high, color="black", alpha=BAND_OPACITY, lw=0, label=meaning
+                )
+            if counts.any():  # plates as measured, and what does not count, may be far larger
+                panel.set_ylim(*(1.1 * np.abs(value[counts]).max() * np.array([-1, 1])))
+            panel.set_ylabel(f"{AXES[k]} ({UNITS[k]})")
+        for panel in grid:
+            panel.axhline(0, color="black", lw=0.5)
+            panel.patch.set_visible(False)  # what is behind all panels shows
+            panel.yaxis.set_label_coords(-0.065, 0.5)
+        panel.set_xlabel("time (s)")
+        legend_below(figure, grid[0], panel)
+        _draw_phases(figure, result, time, result.counted[shown])
+        title = f"{result.source.name}: forces on the feet and pelvis residuals{around}"
+        figure.suptitle(title, fontsize=10)
     return figure
+
+
+def _spread(result: TrialResult, bands: "Bands | None") -> tuple[Array | None, str]:
+    """Give how uncertain residuals are, (T, 6) [N, N·m], and what of them that is."""
+    if bands is None:
+        return result.uncertainty, "compensation ± 1σ"
+    half = np.full((len(result.motion.time), len(AXES)), np.nan)
+    half[np.searchsorted(result.motion.time, bands.time)] = QUANTILE_95 * bands.deviation
+    return half, "95 % interval of measurement"
+
+
+def _shown_span(result: TrialResult) -> tuple[float, float, str]:
+    """Give start and stop of what is drawn [s], and in words around what."""
+    first, last = result.motion.time[[0, -1]].tolist()
+    worst, length = worst_cycles(result), last - first
+    if length <= 1.25 * SHOWN_S:
+        return first, last, ""
+    middle, what = first, "from its beginning"
+    if worst:
+        middle, what = (worst[0].start_s + worst[0].stop_s) / 2, "around the worst gait cycle"
+    elif result.span:
+        middle, what = sum(result.span) / 2, "in the middle of what counts"
+    start = min(max(middle - SHOWN_S / 2, first), last - SHOWN_S)
+    return start, start + SHOWN_S, f", {SHOWN_S:g} of {length:.0f} s {what}"
+
+
+def _draw_phases(figure: Figure, result: TrialResult, time: Array, used: Mask) -> None:
+    """Draw events and shade what counts once behind all panels."""
+    top, bottom = figure.axes[0].get_position(), figure.axes[-1].get_position()
+    place = (top.x0, bottom.y0, top.width, top.y1 - bottom.y0)
+    behind = figure.add_axes(place, sharex=figure.axes[0], zorder=-1)
+    behind.set_axis_off()
+    behind.set_ylim(0, 1)
+    behind.fill_between(time, 0, 1, where=used, color=USED, lw=0)
+    for side, colour in SIDE_COLOURS.items():
+        for label, style in (("foot_strike", "-"), ("foot_off", ":")):
+            times = event_times(result.events, label, side)
+            inside = times[(times >= time[0]) & (times <= time[-1])]
+            behind.vlines(inside, 0, 1, color=colour, lw=0.6, ls=style)
 
 
 def six_panels(size_inch: tuple[float, float] = (9, 5)) -> tuple[Figure, Sequence[Axes]]:
@@ -127,54 +186,16 @@ def component_figure(
     return figure
 
 
-def _over_cycle(result: TrialResult) -> Figure:
-    """Draw mean ± SD over the gait cycles of one side."""
-    with mpl.rc_context(STYLE):
-        figure, panels = six_panels()
-        label_panels(panels, label=f"{NOUNS[result.unit]} (%)")
-        side = "right" if len(result.cycles.get("right", ())) else "left"
-        for variant in result.variants:
-            curves, spans = cycle_residuals(result, variant)[side], result.cycles[side]
-            mean, sd = mean_and_sd(curves)
-            percent = np.linspace(0, 100, len(mean))
-            for k, panel in enumerate(panels):
-                draw_band(panel, percent, mean[:, k], sd[:, k], COLOURS[variant], label=variant)
-                if variant == "compensated" and result.uncertainty is not None:
-                    own = normalise(result.motion.time, result.uncertainty[:, [k]], spans)
-                    spread = np.sqrt(np.nanmean(own[..., 0] ** 2, axis=0))
-                    _draw_uncertainty(panel, percent, mean[:, k], spread)
-        draw_part(panels, mean_part([result]))
-        if len(result.variants) > 1:
-            legend_below(figure, panels[0])
-        count, noun = len(result.cycles[side]), NOUNS[result.unit]
-        figure.suptitle(
-            f"{result.source.name}: pelvis residuals, mean ± SD of {count} {side} {noun}s",
-            fontsize=10,
-        )
-    return figure
-
-
-def legend_below(figure: Figure, panel: Axes) -> None:
-    """Name the curves of a panel below all of them, as many in a line as there is room for."""
-    named = panel.get_legend_handles_labels()
+def legend_below(figure: Figure, *panels: Axes) -> None:
+    """Name the curves of panels below all of them, as many in a line as there is room for."""
+    of_panels = [panel.get_legend_handles_labels() for panel in panels]
+    named = [[*chain(*parts)] for parts in zip(*of_panels, strict=True)]
     columns = max(1, min(int(figure.get_figwidth() / LABEL_INCH), len(named[1])))
     if figure.get_layout_engine() is None:
         lines = -(-len(named[1]) // columns)
         bottom_inch = MARGIN_INCH[1] + LINE_INCH * lines
         figure.subplots_adjust(bottom=bottom_inch / figure.get_figheight())
     figure.legend(*named, loc="outside lower center", ncols=columns, frameon=False)
-
-
-def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> None:
-    """Draw the band of one standard deviation that the compensation adds about a curve."""
-    panel.fill_between(
-        *(x, middle - spread, middle + spread),
-        facecolor="none",
-        edgecolor=COLOURS["compensated"],
-        hatch=UNCERTAINTY_HATCH,
-        lw=0,
-        label="compensation ± 1σ",
-    )
 
 
 def mean_part(trials: Iterable[TrialResult]) -> tuple[float, float] | None:
@@ -197,17 +218,15 @@ def axis_label(k: int) -> str:
     return f"{AXES[k]} ({DIRECTIONS[k]})"
 
 
-def label_panels(
-    panels: Sequence[Axes], limits: tuple[float, float] = (0, 100), label: str = "gait cycle (%)"
-) -> None:
-    """Label six panels of residuals, two rows of three, by default over the gait cycle.
+def label_panels(panels: Sequence[Axes]) -> None:
+    """Label six panels of residuals over the gait cycle, two rows of three.
 
     Before anything is drawn: each curve would find the limits anew from all panels.
     """
-    panels[0].set_xlim(*limits)  # of all, which share it
+    panels[0].set_xlim(0, 100)  # of all, which share it
     for k, panel in enumerate(panels):
         panel.set_title(axis_label(k), loc="left")
         panel.set_ylabel(UNITS[k])
         panel.axhline(0, color="black", lw=0.5)
     for panel in panels[3:]:
-        panel.set_xlabel(label)
+        panel.set_xlabel("gait cycle (%)")

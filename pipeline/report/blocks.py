@@ -21,6 +21,13 @@ Check = tuple[str, str, str]
 "none" (no limit); the value; what it consists of, such as the worst marker."""
 
 
+class Interval(NamedTuple):
+    """A cell that is drawn: places of low end, middle, high end, 0 and 100 %; the same in words."""
+
+    places: Sequence[str]
+    text: str
+
+
 @dataclass(frozen=True, slots=True)
 class Text:
     """A heading or lead, and lines below it."""
@@ -35,7 +42,7 @@ class Table:
 
     caption: str
     heads: Sequence[str]
-    rows: Sequence[Sequence[str | Sequence[Check]]]
+    rows: Sequence[Sequence[str | Interval | Sequence[Check]]]
     css_class: str = ""
     legend: str = ""
     links: Mapping[str, str] = field(default_factory=dict)

@@ -1,11 +1,11 @@
 """The page of one trial: its residuals, warnings, joints, causes and provenance."""
 
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,20 +14,24 @@ from hbm.notes import provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import join_names
 from pipeline.config.study import Study
-from pipeline.figures.joints import Curve, joint_figure
-from pipeline.figures.residuals import component_figure, legend_below, residual_figure
-from pipeline.figures.style import COLOURS, PALETTE, STYLE, drawing, picture
+from pipeline.figures.joints import Curve, healthy_bands, joint_figure
+from pipeline.figures.residuals import component_figure, residual_figure
+from pipeline.figures.style import COLOURS, PALETTE, drawing, picture
 from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
-from pipeline.report.trial_tables import result_tables, verdict_lines
-from pipeline.report.trials import MAX_MARKER_PEAK_MM, causes
+from pipeline.report.trial_tables import (
+    gait_table,
+    result_tables,
+    verdict_lines,
+    worst_table,
+)
+from pipeline.report.trials import causes
 from pipeline.run.program import program_digest
 from pipeline.trial.findings.finding import Finding
 from pipeline.trial.findings.judge import LIMIT
 from pipeline.trial.findings.words import note_of, row_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
-from pipeline.trial.residuals import marker_rows
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file
 
@@ -38,11 +42,14 @@ MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
 MAX_SPANS: Final = 100
 """Of a channel, whose beginnings are drawn."""
-MAX_MARKERS: Final = 6
-"""In one figure."""
+FORCES: Final = (
+    "Forces on the feet and pelvis residuals; lines: foot strikes, dotted: foot offs, shaded: "
+    "counted."
+)
 JOINTS: Final = (
     "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot strike. "
-    "Internal moments by body mass, positive in the direction in which the angle grows."
+    "Internal moments by body mass, positive in the direction in which the angle grows. Healthy: "
+    "Pinzone et al. (2014)."
 )
 
 
@@ -98,25 +105,27 @@ def write_trial_page(
     >>> write_trial_page(result, Path("trial.html"), plates=walk.plates).name
     'trial.html'
     """
-    name = str(result.name) if result.key else result.source.stem
+    of_study = result.name
+    name = str(of_study) if result.key else result.source.stem
     bands = explanation.budget.bands if explanation is not None else None
     found: list[Block] = [] if explanation is None else [*causes(name, explanation)]
-    if bands is not None:
-        from pipeline.figures.explained import bands_figure
-
-        text = "Residuals with their 95 % intervals of measurement"
-        found.append(Drawn(text, drawing(bands_figure(bands, name))))
+    viewer = ["hbm", "view", f"{path.stem}.parquet"]
+    if study:
+        viewer = ["hbm", "view", "RESULTS", "--subject", of_study.subject]
+        viewer += ["--condition", of_study.condition]
+        viewer += ["--recording", of_study.recording] * bool(of_study.recording)
     command = command or f"hbm explain {'RESULTS' if study else result.source.name}"
     settings = [(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None]
-    shown = picture(figure) if figure else drawing(residual_figure(result))
+    shown = picture(figure) if figure else drawing(residual_figure(result, bands))
     blocks: dict[str, Sequence[Block]] = {
         "Residuals": [
             markup("headline.html", sentences=[*verdict_lines(result)]),
-            Drawn("Pelvis residuals, six axes", shown),
+            Drawn(FORCES, shown),
+            *worst_table(result, shlex.join(viewer), timed=bool(study)),
             *result_tables(result),
         ],
         "Warnings": [*_warnings(result), *_doubted(result, plates)],
-        "Joints": [*_joints(result)],
+        "Gait": [*gait_table(result), *_joints(result)],
         "Causes": found or [f"Not explained yet: {command} finds the causes."],
         "Provenance": [
             Table("How the result was made", ("Item", "Finding"), provenance(result.notes)),
@@ -155,7 +164,9 @@ def _joints(result: TrialResult) -> Iterator[Drawn]:
         if of_sides
     ]
     if curves:
-        yield Drawn(JOINTS, drawing(joint_figure(curves, "Joints of the legs, mean ± SD")))
+        title = "Joints of the legs, mean ± SD"
+        figure = joint_figure(curves, title, healthy=healthy_bands())
+        yield Drawn(JOINTS, drawing(figure))
 
 
 def findings_table(result: TrialResult) -> Table | None:
@@ -193,16 +204,11 @@ def doubted_plates(result: TrialResult) -> set[int]:
 
 
 def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
-    """Draw the channels of doubted plates, and the errors of markers beyond the guideline."""
+    """Draw the channels of doubted plates."""
     if doubted := [plate for plate in plates if plate.number in doubted_plates(result)]:
         names = join_names([f"plate {plate.number}" for plate in doubted])
         figure = plate_figure(doubted, result.findings)
         yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
-    beyond = [row for row in marker_rows(result)[:-1] if row.peak_mm > MAX_MARKER_PEAK_MM]
-    beyond.sort(key=lambda row: row.peak_mm, reverse=True)
-    if far := [row.marker for row in beyond[:MAX_MARKERS]]:
-        text = f"Markers more than {MAX_MARKER_PEAK_MM:g} mm from the model: {join_names(far)}"
-        yield Drawn(text, drawing(_marker_figure(result, far), ".png"))
 
 
 def plate_figure(plates: Sequence[Plate], findings: Sequence[Finding]) -> Figure:
@@ -232,18 +238,3 @@ def _extremes(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarr
     starts = np.arange(0, len(time), step)
     low, high = (each.reduceat(value, starts) for each in (np.fmin, np.fmax))
     return time[starts], low, high
-
-
-def _marker_figure(result: TrialResult, markers: list[str]) -> Figure:
-    """Draw how far markers are from the model over time."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 2.6), layout="constrained")
-        panel = figure.subplots()
-        for name in markers:
-            error_mm = 1000 * result.motion.marker_error[:, result.motion.markers.index(name)]
-            panel.plot(result.motion.time, error_mm, lw=0.8, label=name)
-        panel.set_xlabel("time (s)")
-        panel.set_ylabel("marker error (mm)")
-        panel.set_ylim(bottom=0)
-        legend_below(figure, panel)
-    return figure

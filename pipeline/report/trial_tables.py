@@ -1,49 +1,90 @@
 """What is said of one trial, on its page and in the terminal: verdict, residuals, quality."""
 
 from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
 
 from hbm.notes import warnings_of
 from hbm.spelling import join_names, written
 from pipeline.report.blocks import Table
 from pipeline.report.trials import NOT_KNOWN, trial_quality
-from pipeline.trial.residuals import (
-    AXES,
-    HEALTHY_RMS,
-    reference_of,
-    residual_rows,
-    threshold_rows,
-    unseen_sentence,
-)
+from pipeline.trial.gait.carried import places_of
+from pipeline.trial.gait.cycles import mean_and_sd
+from pipeline.trial.gait.spatiotemporal import QUANTITIES, spatiotemporal
+from pipeline.trial.joints import joint_spans
+from pipeline.trial.quality import Quality, free_of
+from pipeline.trial.residuals import reference_of, residual_rows, threshold_rows, worst_cycles
 from pipeline.trial.result import TrialResult
+
+MAX_WORST: Final = 5
 
 
 def verdict_lines(result: TrialResult) -> Iterable[str]:
-    """Compare the residuals closest to the truth with others; count the warnings.
+    """Compare the residuals closest to the truth with others, in one sentence; count the warnings.
 
-    The first sentence says what is expected where markers do not show all segments. Else one holds
-    both comparisons: with healthy walking, whose markers showed all, and with published limits.
+    The reference of RMS is healthy walking, or what is expected where markers do not show all
+    segments; that of peaks the limits of Hicks et al. (2015).
     """
     if result.shortage:
         yield f"No residuals: {result.shortage}."
-    rows, compensated = residual_rows(result), result.compensated is not None
-    if unseen := unseen_sentence(result, rows):
-        yield unseen
-    best = [row for row in threshold_rows(result) if row.compensated == compensated]
-    if best:
-        shown = [row for row in rows if row.headline and row.compensated == compensated]
-        healthy = dict(zip(AXES, HEALTHY_RMS, strict=True))
-        above = [row.axis for row in shown if row.rms > healthy[row.axis]]
-        beyond = [row.quantity for row in best if not row.passed]
-        rms = "are below healthy walking in all six axes"
-        if unseen:
-            rms = "have no healthy reference with these markers"
-        elif above:
-            rms = f"exceed healthy walking in {join_names(above)}"
-        peaks = f"peaks of {join_names(beyond)} exceed" if beyond else "peaks are within"
-        limits = "published limits (Hicks et al. 2015)"
-        yield f"RMS residuals{' with compensation' * compensated} {rms}; {peaks} {limits}."
+    compensated = result.compensated is not None
+    shown = [r for r in residual_rows(result) if r.headline and r.compensated == compensated]
+    if shown:
+        title, reference, _ = reference_of(shown)
+        above = [row.axis for row in shown if row.rms > reference[row.axis]]
+        lead = "Typical of level walking: all six axes below"
+        if above:
+            lead = f"{join_names(above) if len(above) < len(shown) else 'All six axes'} above"
+        best = [row for row in threshold_rows(result) if row.compensated == compensated]
+        beyond = [row for row in best if not row.passed]
+        peaks = "peaks within Hicks et al. (2015) limits"
+        if beyond:
+            quantities = join_names([f"{row.quantity}s" for row in beyond])
+            shares = join_names([f"{row.above_percent:.1f}" for row in beyond])
+            peaks = f"{quantities} above Hicks et al. (2015) limits in {shares} % of frames"
+        yield f"{lead} {title.lower()} values; {peaks}."
     warnings = len(warnings_of(result.notes))
     yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
+
+
+def worst_table(result: TrialResult, command: str, *, timed: bool) -> Iterable[Table]:
+    """Show the gait cycles with the largest residuals, and what opens the viewer (there: timed)."""
+    worst = worst_cycles(result)[:MAX_WORST]
+    reference = reference_of(residual_rows(result))[0].lower()
+    rows = [
+        (
+            f"{cycle.side}, {cycle.start_s:.2f}–{cycle.stop_s:.2f} s",
+            f"{cycle.axis}, {cycle.ratio:.1f} × {reference}",
+            f"{cycle.rms:.1f} {cycle.unit}",
+            command + f" --at {cycle.start_s:.1f}" * timed,
+        )
+        for cycle in worst
+    ]
+    if worst:
+        heads = "Gait cycle", "Stands out", "RMS", "In the viewer"
+        yield Table("Worst gait cycles", heads, rows)
+
+
+def gait_table(result: TrialResult) -> Iterable[Table]:
+    """Show speed, cadence, steps and stance of the gait cycles that count, side by side."""
+    feet = places_of(result.body, result.motion.q)[:, 1:]
+    if result.platform is not None:
+        feet = (feet - result.platform.position[:, None]) @ result.platform.rotation
+    posed = free_of(result.quality, Quality.POSE_UNKNOWN | Quality.LIMB_UNSEEN)
+    feet = np.where(posed[:, None, None], feet, np.nan)
+    measured = spatiotemporal(result.motion.time, feet, result.events, joint_spans(result))
+    means = {side: mean_and_sd(values) for side, values in measured.items()}
+    rows = []
+    for k, (quantity, unit) in enumerate(QUANTITIES.items()):
+        digits = 2 if unit.startswith("m") else 0
+        cells = [f"{mean[k]:.{digits}f} ± {sd[k]:.{digits}f}" for mean, sd in means.values()]
+        if not any(np.isnan(mean[k]) for mean, _ in means.values()):
+            rows.append((f"{quantity.capitalize()} ({unit})", *cells))
+    if means and rows:
+        counts = [f"{side.capitalize()}, n = {len(measured[side])}" for side in means]
+        legend = "Against the ground, which the feet that stand on it show; steps by the ankles."
+        yield Table("Gait, mean ± SD over cycles", ("Quantity", *counts), rows, "", legend)
 
 
 def result_tables(result: TrialResult) -> Iterable[Table]:

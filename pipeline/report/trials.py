@@ -10,7 +10,7 @@ import numpy as np
 from hbm.spelling import written
 from pipeline.config.schema import NOUNS, TrialName
 from pipeline.io.write import read_csv
-from pipeline.report.blocks import Check, Table, Text
+from pipeline.report.blocks import Check, Interval, Table, Text
 from pipeline.trial.quality import frames_within
 from pipeline.trial.residuals import (
     MAX_FORCE_SHARE,
@@ -36,6 +36,8 @@ MAX_GAP_PERCENT: Final = 10.0
 """No published limit: above a tenth, much of a marker's path is interpolated or unknown."""
 NOT_KNOWN: Final[Check] = ("none", "–", "")
 """What no trial has is not shown."""
+SCALE_PERCENT: Final = 100.0
+"""Of a mean square, up to which shares are drawn: intervals of what is unknown reach far beyond."""
 LIMITS: Final = {
     "force_percent": f"{100 * MAX_FORCE_SHARE:g}",
     "moment_percent": f"{100 * MAX_MOMENT_SHARE:g}",
@@ -215,16 +217,31 @@ def _delay(delay_s: float, uncertainty_s: float) -> Check:
 
 def causes(name: str, explanation: "Explanation") -> tuple[Text, Table]:
     """Show what a trial's residuals are made of: percentages, sizes, what to fix, what is open."""
-    from pipeline.budgets.words import CAPTION, budget_table
+    from pipeline.budgets.words import Share, budget_table
 
-    title, axes, columns = budget_table(explanation.budget)
-    heads, cells = zip(*columns, strict=True)
+    title, axes, rows = budget_table(explanation.budget)
+    shares = [cell for _, cells in rows for cell in cells if isinstance(cell, Share)]
+    # one scale for all cells, which holds 0 and 100 %; what is beyond ends at the border
+    low = max(min(0.0, *(share.percent - share.half for share in shares)), -SCALE_PERCENT)
+    high = min(max(100.0, *(share.percent + share.half for share in shares)), 2 * SCALE_PERCENT)
+
+    def drawn(share: Share) -> Interval:
+        ends = share.percent - share.half, share.percent, share.percent + share.half, 0.0, 100.0
+        places = (np.clip(np.array(ends), low, high) - low) / (high - low)
+        return Interval([f"{3 + 94 * place:.1f}%" for place in places], f"{share} %")
+
     table = Table(
         caption=f"{name}: {title}",
-        heads=("Residual", *heads),
-        rows=tuple(zip(axes, *cells, strict=True)),
+        heads=("Cause", *axes),
+        rows=[
+            (head, *(drawn(cell) if isinstance(cell, Share) else cell for cell in cells))
+            for head, cells in rows
+        ],
         css_class="budget",
-        legend=CAPTION,
+        legend=(
+            "RMS with 95 % interval of measurement. Dot and line: share of the mean square with 95 "
+            "% interval; dashed: 0 and 100 %. Below 0: without this cause the residual is larger."
+        ),
     )
     notes = (note.text for note in explanation.budget.notes)
     return Text(name, (*explanation.lines(), *notes)), table

@@ -53,6 +53,8 @@ Threshold = namedtuple("Threshold", "compensated quantity unit peak limit passed
 """A row of `threshold_table`."""
 MarkerError = namedtuple("MarkerError", "marker rms_mm peak_mm missing_percent")
 """A row of `marker_rows`."""
+CycleExtreme = namedtuple("CycleExtreme", "side start_s stop_s axis unit rms ratio")
+"""A gait cycle, and the residual in it that is largest for its reference, `ratio` times that."""
 
 
 class Window(NamedTuple):
@@ -174,6 +176,26 @@ def _of_cycles(
                 rms, peak = np.sqrt(np.mean(used**2, axis=0)), np.abs(used).max(axis=0)
             share = len(used) / max(1, int(np.count_nonzero(inside)))
             yield side, number, start, stop, rms, peak, len(used), share
+
+
+def worst_cycles(result: TrialResult) -> list[CycleExtreme]:
+    """Give the gait cycles that count, that with the largest residual for its reference first.
+
+    The plates are those closest to the truth; the reference of each axis is that of `reference_of`.
+    """
+    if not result.counted.any() or result.span:
+        return []
+    headline = [row for row in residual_rows(result) if row.headline]
+    reference, worst = reference_of(headline)[1], list[CycleExtreme]()
+    for side, _, start, stop, rms, *_ in _of_cycles(
+        result, [*result.variants][-1], windows(result)[0]
+    ):
+        ratio = rms / np.array([reference[axis] for axis in AXES])
+        if np.isfinite(ratio).all():
+            k = int(ratio.argmax())
+            row = side, start, stop, AXES[k], UNITS[k], float(rms[k]), float(ratio[k])
+            worst.append(CycleExtreme(*row))
+    return sorted(worst, key=lambda cycle: -cycle.ratio)
 
 
 def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":

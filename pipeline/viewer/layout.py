@@ -55,10 +55,10 @@ def log_text(stream: rr.RecordingStream, entity: str, text: str) -> None:
     stream.log(entity, rr.TextDocument(text, media_type="text/markdown"), static=True)
 
 
-def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
+def trial_layout(pelvis: Array, *, phases: bool) -> rrb.Blueprint:
     """Lay out a trial around the path of the pelvis, (T, 3) [m].
 
-    There may be no states over time (``phases``) and no ``figure`` over the gait cycle.
+    There may be no states over time (``phases``).
     """
     window, whole = _time(-WINDOW_S, WINDOW_S), _time()
     states = rrb.StateTimelineView(
@@ -66,7 +66,6 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
         origin="phases",
         time_view=rrb.archetypes.TimeAxis(view_range=window.range),
     )
-    cycle = rrb.Spatial2DView(name="Over the gait cycle", origin="gait_cycle")
     return _with_panels(
         rrb.Horizontal(
             rrb.Vertical(
@@ -85,7 +84,7 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
                 ),
                 _series("Marker errors (mm)", "marker_error_mm", whole),
             ),
-            rrb.Tabs(_text("summary"), _text("legend"), *([cycle] if figure else [])),
+            rrb.Tabs(_text("summary"), _text("legend")),
             column_shares=[4, 4, 3],
         )
     )

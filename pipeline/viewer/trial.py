@@ -1,6 +1,5 @@
 """A processed trial as a recording for the Rerun viewer."""
 
-from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -16,8 +15,7 @@ from hbm.notes import provenance, warnings_of
 from hbm.spatial import Array
 from pipeline.explain.budget import Bands
 from pipeline.figures.joints import LEG
-from pipeline.figures.residuals import residual_figure
-from pipeline.figures.style import in_style
+from pipeline.figures.residuals import SIDE_COLOURS
 from pipeline.statistics.table_3 import markdown_table
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
@@ -50,8 +48,6 @@ PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
-SIDE_COLOURS: Final = {"right": "#E69F00", "left": "#56B4E9"}
-"""Warm and cool, as in the scene."""
 STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "not used": "#BBBBBB"}
 """Colours of other states."""
 
@@ -121,9 +117,8 @@ def write_recording(
         "plate_split": changes_of(uncertain, motion.time, "uncertain"),
         "residual": changes_of(~counts, motion.time, "not used"),
     }
-    has_cycles = any(len(spans) for spans in result.cycles.values())
     has_phases = bool(result.events or any(states.values()))
-    layout = trial_layout(motion.q[shown, :3], phases=has_phases, figure=has_cycles)
+    layout = trial_layout(motion.q[shown, :3], phases=has_phases)
     with recording_file(path, APPLICATION, _title(result), layout) as stream:
         draw_scene(stream, body, markers.names, result.plates, result.variants)
         residual = {
@@ -157,12 +152,6 @@ def write_recording(
             log_states(stream, clock, row, changes, own)
         log_text(stream, "summary", printable(trial_summary(result)))
         log_text(stream, "legend", LEGEND)
-        if has_cycles:
-            picture = BytesIO()
-            with in_style():
-                residual_figure(result).savefig(picture, format="png", dpi=150)
-            image = rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")
-            stream.log("gait_cycle", image, static=True)
 
 
 def _send_joint_moments(

@@ -8,8 +8,10 @@ import pytest
 
 from pipeline.budgets.explanation import read_bands, write_bands
 from pipeline.explain.budget import Bands
-from pipeline.figures.explained import bands_figure
+from pipeline.figures.residuals import residual_figure
+from pipeline.trial.residuals import AXES
 from pipeline.viewer.trial import write_recording
+from tests.pipeline.fake_results import fake_trial
 from tests.pipeline.viewer.test_trial import Stored
 from tests.pipeline.viewer_trial import viewer_trial
 
@@ -37,12 +39,18 @@ def test_a_damaged_file_is_named(tmp_path):
         read_bands(path)
 
 
-def test_the_band_of_a_figure_is_the_interval_of_measurement_about_the_mean_cycle():
-    panel = bands_figure(BANDS, "walk").axes[2]
-    band = panel.collections[0].get_paths()[0].vertices[:, 1]
-    assert band.max() == pytest.approx(3 + 1.96 * 0.5, rel=0.01)
-    highest = max(np.max(line.get_ydata()) for line in panel.lines)
-    assert highest == pytest.approx(3, rel=0.01)
+def test_the_band_of_the_figure_is_the_interval_of_measurement_about_the_residual():
+    trial = fake_trial(1, "baseline", cycles=4)
+    bands = bands_at(trial.motion.time[50:250])
+    panel = residual_figure(trial, bands).axes[2 + AXES.index("Fz")]
+    (band,) = [drawn for drawn in panel.collections if "95 %" in str(drawn.get_label())]
+    (curve,) = [line for line in panel.lines if line.get_label() == "compensated"]
+    corners = np.concatenate([path.vertices for path in band.get_paths()])
+    assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((0.5, 2.49))
+    inside = np.isin(curve.get_xdata(), corners[:, 0])
+    assert corners[:, 1].max() == pytest.approx(
+        curve.get_ydata()[inside].max() + 1.96 * 0.5, rel=1e-3
+    )
 
 
 def test_the_viewer_has_the_ends_of_the_interval_where_a_trial_is_explained(tmp_path):

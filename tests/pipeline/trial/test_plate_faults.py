@@ -265,9 +265,8 @@ def test_what_unseen_segments_do_is_expected_and_no_fault_of_plates(legs_alone):
     expected = table["expected"] / weight_n * [100, 100, 100, *3 * [100 / stature_m]]
     assert expected.Fx == pytest.approx(4.6, rel=0.05)
     assert expected.Mx == pytest.approx(0.87, rel=0.05)
-    first, second, *_ = verdict_lines(result)
-    assert re.match(r"4\d % of the body's mass has no markers; expected .* Fx 4.\d, ", first)
-    assert "no healthy reference" in second
+    verdict, *_ = verdict_lines(result)
+    assert "expected values" in verdict
 
 
 @pytest.mark.parametrize(

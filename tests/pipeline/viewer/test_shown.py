@@ -42,7 +42,7 @@ PANELS = {
     *("Mx about forward (N·m)", "My about right (N·m)", "Mz about up (N·m)"),
     *("hip flexion (N·m/kg)", "hip abduction (N·m/kg)", "hip internal rotation (N·m/kg)"),
     *("knee flexion (N·m/kg)", "ankle plantarflexion (N·m/kg)", "ankle pronation (N·m/kg)"),
-    *("Gait phases", "Marker errors (mm)", "Over the gait cycle", "Summary", "Legend"),
+    *("Gait phases", "Marker errors (mm)", "Summary", "Legend"),
 }
 
 
