@@ -387,8 +387,7 @@ def explanations(
     for _, failures in recorded_failures(folder / FOLDER):
         reasons |= failures
     for name, trial in trials.items():
-        found = explanation_of(folder, trial)
-        if found is not None:
+        if found := explanation_of(folder, trial):
             explained[name] = found
         elif (folder / FOLDER / f"{name.stem}.json").is_file() and str(name) not in reasons:
             others.append(str(name))

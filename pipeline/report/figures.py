@@ -175,8 +175,7 @@ def gait_cycle_figure(
     order = design.in_order(curves["condition"].cat.categories)
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
     with mpl.rc_context(STYLE):
-        figure, panels = six_panels(SIX_PANELS_INCH)
-        figure.set_layout_engine("constrained")
+        figure, panels = six_panels(SIX_PANELS_INCH, "constrained")
         for name, compensated in cells:
             colour, linestyle = condition_style(order.index(name))
             if design.compensated:
@@ -240,8 +239,7 @@ def marginal_means_figure(
     conditions = design.in_order(residuals["condition"])
     turned = 30 if len("".join(conditions)) > MAX_LABELS else 0
     with mpl.rc_context(STYLE):
-        figure, panels = six_panels(SIX_PANELS_INCH)
-        figure.set_layout_engine("constrained")
+        figure, panels = six_panels(SIX_PANELS_INCH, "constrained")
         for k, panel in enumerate(panels):
             rows = residuals[residuals["axis"] == AXES[k]]
             cells = rows.pivot(index="subject", columns=["compensated", "condition"], values="rms")

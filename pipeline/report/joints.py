@@ -159,14 +159,13 @@ def joint_figures(
     def over(counts: pd.Series) -> str:
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
-    curves = means.mean_and_spread
     best = any(compensated for _, compensated in means.cells)
     for condition in conditions if best else ():
         drawn: list[Curve] = []
         for compensated, variant in VARIANTS.items():
-            if (condition, compensated) in curves:
+            if (condition, compensated) in means.mean_and_spread:
                 look = variant.label, variant.colour, "-"
-                drawn.append((*look, *curves[condition, compensated]))
+                drawn.append((*look, *means.mean_and_spread[condition, compensated]))
         title = f"Joints of the legs, {condition}: mean ± SD over {over(people[[condition]])}"
         compared = f"{design.cell(condition, True)} - {design.cell(condition, False)}"
         parts = {
@@ -177,9 +176,9 @@ def joint_figures(
         title += "; bars: IC differs from no IC" * any(parts.values())
         yield f"joints_{condition}", partial(joint_figure, drawn, title, differing=parts)
     together: list[Curve] = [
-        (name, *condition_style(k), *curves[name, best])
+        (name, *condition_style(k), *means.mean_and_spread[name, best])
         for k, name in enumerate(conditions)
-        if (name, best) in curves
+        if (name, best) in means.mean_and_spread
     ]
     for name, motions in (("joints", LEG), ("upper_body", UPPER_BODY)):
         what = "Joints of the legs" if motions == LEG else "Trunk and arms"

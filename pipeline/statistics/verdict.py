@@ -383,7 +383,7 @@ def _headline(verdicts: Sequence[Verdict], design: Design, *, name_undecided: bo
     }
     if name_undecided:
         answers["inconclusive"] = "inconclusive"
-    parts = []
+    parts = list[str]()
     for answer, words in answers.items():
         chosen = [v for v in verdicts if v.answer == answer]
         if named := [_estimate(v, first=v is chosen[0] and not parts) for v in chosen]:
