@@ -249,7 +249,7 @@ class MarkerTracker:
                     self.left_out[own] = True
             position = self._without_left_out(position)
             solution = self.tracker.solve(position)
-        self.unfit = np.count_nonzero(self.left_out) > MAX_SHARE_LEFT_OUT * len(self.left_out)
+        self.unfit = bool(np.count_nonzero(self.left_out) > MAX_SHARE_LEFT_OUT * len(self.left_out))
         return solution
 
     def _without_left_out(self, position: Array) -> Array:

@@ -233,7 +233,7 @@ class LiveChain:
 
     def _take_frames(self, samples: Samples) -> None:
         every = samples.values.reshape(len(samples.time), len(self.stream.labels), 3)
-        if (gaps := np.isnan(every).any(axis=2)).any():
+        if (gaps := np.asarray(np.isnan(every).any(axis=2))).any():
             every = np.where(gaps[..., None], np.nan, every)
         for time, position in zip(samples.time.tolist(), every, strict=True):
             self.newest_s = time
@@ -329,8 +329,9 @@ class LiveChain:
 
         numbers = tau, reported(residual), loads
         of_variants = (dict(zip(self.ground.variants, each, strict=True)) for each in numbers)
-        known = contact, pose.marker_error, quality, perf_counter() - started
-        return LiveFrame(time, pose.q, *of_variants, *known, pose.position, platform)
+        taus, residuals, by_feet = of_variants
+        known = contact, pose.marker_error, quality, perf_counter() - started, pose.position
+        return LiveFrame(time, pose.q, taus, residuals, by_feet, *known, platform)
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.
