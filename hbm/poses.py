@@ -49,8 +49,7 @@ def joint_positions(body: Body, q: Array, segments: Sequence[str]) -> Array:
     Array
         Positions in the lab, (T, S, 3) [m].
     """
-    own = [MOVING.index(segment) for segment in segments]
-    return segment_frames(body, q)[1].take(own, axis=1)
+    return segment_frames(body, q)[1].take([MOVING.index(segment) for segment in segments], axis=1)
 
 
 def marker_positions(body: Body, q: Array) -> Array:
@@ -69,10 +68,9 @@ def marker_positions(body: Body, q: Array) -> Array:
         Positions in the lab, (T, K, 3) [m].
     """
     rotation, origin = segment_frames(body, q)
-    segments = [MOVING.index(segment) for segment in body.marker_segment]
-    # an index takes up to thirty times as long as `take`
-    from_origin = in_lab_axes(rotation.take(segments, axis=1), body.marker_position)
-    return origin.take(segments, axis=1) + from_origin
+    own = [MOVING.index(segment) for segment in body.marker_segment]
+    # a third of the time of an index
+    return origin.take(own, axis=1) + in_lab_axes(rotation.take(own, axis=1), body.marker_position)
 
 
 def center_of_mass(body: Body, q: Array) -> Array:

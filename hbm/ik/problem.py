@@ -119,13 +119,12 @@ FRAMES_AT_ONCE: Final = 4000
 
 def known_markers(body: Body, markers: Markers) -> list[int]:
     """Give the numbers of the body's markers that are in the trial; a ValueError where none is."""
-    known = [k for k, name in enumerate(body.markers) if name in markers.names]
-    if not known:
-        raise ValueError(
-            f"none of the body's markers is in the trial; the body has "
-            f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
-        )
-    return known
+    if known := [k for k, name in enumerate(body.markers) if name in markers.names]:
+        return known
+    raise ValueError(
+        f"none of the body's markers is in the trial; the body has "
+        f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
+    )
 
 
 class Problem:

@@ -34,7 +34,6 @@ class InputModel(BaseModel):
         extra="forbid",
         frozen=True,
         strict=True,
-        defer_build=True,  # each when first used: a process that works on trials needs few
         allow_inf_nan=False,
         use_attribute_docstrings=True,
     )

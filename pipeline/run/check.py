@@ -163,9 +163,8 @@ class Way:
 
         def corrected(file: str) -> Recording:
             recording = read_study_file(self.study, file, trial, static)
-            # as in memory: every coordinate in one piece
-            position = np.ascontiguousarray(np.moveaxis(recording.markers.position, 0, -1))
-            digest = sha256(position).hexdigest()
+            # every coordinate in one piece, as in memory
+            digest = sha256(np.moveaxis(recording.markers.position, 0, -1).tobytes()).hexdigest()
             self.findings.read[file] = digest, recording.labels_absent
             return with_corrected_plates(recording, self.laboratory.plates)
 

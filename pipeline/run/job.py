@@ -155,9 +155,7 @@ def stored_outcome(job: Job) -> Outcome | None:
 def _stored(job: Job) -> Outcome | None:
     """Give what became of a trial as one study states it."""
     stored = _stored_result(job)
-    if stored is None or stored.key != job.key:
-        return None
-    return _outcome(job, "kept", stored)
+    return None if stored is None or stored.key != job.key else _outcome(job, "kept", stored)
 
 
 class _Stored(NamedTuple):
@@ -305,8 +303,7 @@ def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
 
     Trials are "subject condition recording"; failures of others than the study's are removed.
     """
-    wanted = set(known)
-    failures: dict[str, str] = {}
+    wanted, failures = set(known), dict[str, str]()
     for path, stored in recorded_failures(out / "trials"):
         if wanted.isdisjoint(stored):
             path.unlink(missing_ok=True)

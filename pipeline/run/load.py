@@ -176,7 +176,11 @@ def collect(
         subjects=_subjects(trials),
         trials=trials,
         ratings=dict(zip(trials, ratings, strict=True)),
-        **{name: _joined(part) for name, part in parts.items()},
+        # types of columns are those of tables with rows
+        **{
+            name: pd.concat([t for t in part if len(t)] or part[:1], ignore_index=True)
+            for name, part in parts.items()
+        },
     )
 
 
@@ -223,11 +227,6 @@ def _without_frames(value: Any) -> Any:
             value, **{f.name: _without_frames(getattr(value, f.name)) for f in fields(value)}
         )
     return value
-
-
-def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Put tables below each other; types of columns are those of tables with rows."""
-    return pd.concat([t for t in tables if len(t)] or tables[:1], ignore_index=True)
 
 
 def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:

@@ -223,8 +223,7 @@ def _rounded(rows: Any, share: float) -> Any:
 
 def _peaks(rows: Array) -> Array:
     """Give the largest size in each row, (K, 1)."""
-    sizes = np.abs(rows)
-    return np.asarray(sizes.max(axis=1, where=np.isfinite(rows), initial=0.0, keepdims=True))
+    return np.asarray(np.abs(rows).max(axis=1, where=np.isfinite(rows), initial=0.0, keepdims=True))
 
 
 def _same(found: Array, expected: Array) -> bool:

@@ -42,8 +42,7 @@ def floats(data: bytes, byte_order: str) -> NDArray[np.floating]:
     """
     with np.errstate(invalid="ignore"):
         if byte_order != "dec":
-            numbers = np.frombuffer(data, ">f4" if byte_order == "sgi" else "<f4")
-            return numbers.astype(np.float32, copy=False)
+            return np.frombuffer(data, ">f4" if byte_order == "sgi" else "<f4").astype(np.float32)
         swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1].copy()
         numbers = swapped.view("<f4")[:, 0] / np.float32(4)
         numbers[(swapped[:, 1] & 0x7F80) == 0] = 0
