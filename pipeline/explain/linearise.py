@@ -48,10 +48,6 @@ TOLERANCE: Final = 0.05
 """Of a residual's RMS that a change of all causes together may differ from the sum of their
 effects."""
 ROUNDS: Final = 3
-ONCE: Final = "skin"
-"""Group of causes, the largest, whose effects stay those on the trial as measured. Around the sizes
-found, they change sizes of skin by at most 0.33 of a standard deviation, others by 0.25, all by
-0.06 (root mean square); what causes explain of the other half of the cycles stays."""
 MIN_VARIANCE: Final = 1e-10
 """So that nothing is divided by zero."""
 PATTERNS_SHARE: Final = 0.99
@@ -306,7 +302,7 @@ def left_by_filter(chain: Chain) -> Array:
 def linearised(
     part: ExplainedPart, left: Array, noise: Array | float = 0.0
 ) -> tuple[Array, Linearised, Posterior]:
-    """Estimate the sizes of causes, again around the sizes found until they add up.
+    """Estimate the sizes of causes, again around the sizes found until that changes nothing.
 
     Parameters
     ----------
@@ -327,14 +323,12 @@ def linearised(
         Sizes of the causes.
     """
     chain, causes = part.chain, part.causes
-    frames, size = np.concatenate(part.series.frames), np.zeros(len(causes))
-    without, before = chain, rms(chain.residual[frames])
-    effects = as_measured = np.empty((len(causes), *chain.residual.shape))
-    for number in range(ROUNDS):
+    frames, rounds = np.concatenate(part.series.frames), list[Array]()
+    without, size, before = chain, np.zeros(len(causes)), rms(chain.residual[frames])
+    for _ in range(ROUNDS):
         measured = without.residual - left  # first: chains with effects keep its steps
-        again = [k for k, cause in enumerate(causes) if not number or cause.group != ONCE]
-        effects = effects.copy() if number else as_measured
-        effects[again] = np.nan_to_num([causes[k].effect(without) for k in again])
+        effects = np.nan_to_num([cause.effect(without) for cause in causes])
+        rounds.append(effects)
         model = Linearised(part, measured + np.tensordot(size, effects, 1), effects, noise)
         posterior = model.sizes(part.series)
         size = posterior.size
@@ -343,7 +337,7 @@ def linearised(
         missed = rms((without.residual - left - expected)[frames])
         if (missed < TOLERANCE * before).all():
             break
-    return as_measured, replace(model, residual=chain.residual - left), posterior
+    return rounds[0], replace(model, residual=chain.residual - left), posterior
 
 
 def rms(residual: Array) -> Array:

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.explain.budget import EstimatedCause
-from pipeline.explain.cause import Cause, Prior
-from pipeline.explain.linearise import ExplainedPart, left_by_filter, linearised, rms
-from pipeline.explain.series import cycle_series
+from pipeline.explain.linearise import left_by_filter
 
 
 @pytest.mark.parametrize(
@@ -33,26 +31,3 @@ def test_a_body_that_only_moves_up_and_down_leaves_nothing_to_the_filter(chain):
 def test_a_walking_body_leaves_something_to_the_filter(chain):
     left = left_by_filter(chain)[200:-200]
     assert 0.1 < np.sqrt(np.mean(left[:, 2] ** 2)) < 10
-
-
-def test_a_fault_is_weighed_again_without_what_was_found_of_it_but_skin_as_measured(chain):
-    """Plates that read twice the load: half of it is found at first, exp(-1/2) of it left."""
-
-    def louder(of, size):
-        return of.changed(wrenches=tuple(np.exp(size) * each for each in of.wrenches))
-
-    def pushed_forward(of, size):
-        return of.changed(wrenches=tuple(each * [1 + size, *[1] * 5] for each in of.wrenches))
-
-    causes = (
-        Cause("twice", "gain", Prior(0.3, "1", ""), louder),
-        Cause("skin of a thigh", "skin", Prior(0.01, "1", ""), pushed_forward),
-    )
-    spans = chain.time[0] + np.array([[2, 3], [3, 4], [4, 5], [5, 6]])
-    twice = louder(chain, np.log(2))
-    part = ExplainedPart(twice, causes, cycle_series(chain.time, spans, 6.6), 4)
-    as_measured, model, posterior = linearised(part, np.zeros_like(chain.residual))
-    first, again = (rms(effects[0][part.counts])[2] for effects in (as_measured, model.effects))
-    assert again / first == pytest.approx(np.exp(-1 / 2), rel=0.05)
-    assert posterior.size[0] == pytest.approx(np.log(2), abs=0.05)
-    np.testing.assert_array_equal(model.effects[1], as_measured[1])
