@@ -9,22 +9,14 @@ import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from compensation import PlatformPose, estimate_delay, specific_force
-from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
-from hbm.signals.filtering import low_pass
-from hbm.signals.resampling import resample
-from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
-from hbm.spelling import written
+from compensation import PlatformPose
+from compensation.inertia.model_error import SLOW_HZ
+from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Platform
 from pipeline.figures.residuals import component_figure
 from pipeline.figures.style import COLOURS, PALETTE
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.accelerometers import (
-    accelerations,
-    fastest_belt,
-    mean_belt_speed,
-    setup_of,
-)
+from pipeline.trial.ground.accelerometers import fastest_belt, mean_belt_speed, setup_of
 from pipeline.trial.ground.calibrations import plate_samples
 from pipeline.trial.ground.laboratory import Laboratory, bind, with_corrected_plates
 from pipeline.trial.ground.platform import empty_pose, turned_rad
@@ -35,20 +27,8 @@ PITCH: Final = "pitch_deg"
 """Keys of a calibration's provenance: largest sway [m] and pitch [°] of its recording."""
 SEGMENT_S: Final = 8.0
 """Of a spectrum: lines 0.125 Hz wide."""
-AROUND_HZ: Final = 3.0
-"""Width of the band whose median is the background of a line."""
-LINE_FACTOR: Final = 10.0
-"""Of the background, above which a line is one of the rollers."""
-ROLLER_M: Final = (0.03, 0.15)
-"""Smallest and largest radius of a treadmill's rollers."""
-BASE_HZ: Final = (7.0, 60.0)
-"""Above commanded motion; below the modes of load cells."""
-BASE_FACTOR: Final = 1.2
-"""Of the power of a broad peak over the valleys beside it, mean over all components."""
-SMOOTH_HZ: Final = 2.0
-"""Over which spectra are smoothed for broad peaks: lines of rollers and drives go."""
-PLACE_HZ: Final = 3.0
-"""Low-pass for the places of accelerometers: markers differentiated twice are noise above."""
+HIGHEST_HZ: Final = 60.0
+"""Of spectra: below the modes of load cells."""
 MIN_PITCH_RAD: Final = np.radians(1.0)
 """Below, a platform does not pitch: markers and commands are not exact to less."""
 SHOWN_S: Final = 30.0
@@ -63,18 +43,6 @@ class Spectrum:
     frequency_hz: Array
     before: Array
     after: Array
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where an accelerometer is on the platform by its readings: along the belts and up [m]."""
-
-    along: float
-    up: float
-
-    def __str__(self) -> str:
-        along, up = written(self.along, "+.2f"), written(self.up, "+.2f")
-        return f"{along} m along the belts, {up} m up"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,12 +62,6 @@ class EmptyTreadmill:
         Plate -> spectrum without any filter.
     belts_mps
         Speed of the belts [m/s]; None where unknown.
-    rollers_hz
-        Frequency of the rollers [Hz]; None where no line shows it.
-    base_hz
-        Frequencies of the base [Hz].
-    places
-        Accelerometer -> its place; empty where the pose of the platform is unknown.
     motion
         Largest sway and pitch, for the provenance of a calibration; empty where unknown.
     """
@@ -110,9 +72,6 @@ class EmptyTreadmill:
     after: Mapping[str, Array]
     spectra: Mapping[str, Spectrum]
     belts_mps: float | None
-    rollers_hz: float | None
-    base_hz: tuple[float, ...]
-    places: Mapping[str, Place]
     motion: Mapping[str, str]
 
 
@@ -121,7 +80,7 @@ def measure_empty(
     laboratory: Laboratory,
     platform: Platform | None = None,
 ) -> EmptyTreadmill:
-    """Compensate a recording of the empty treadmill, and find what shakes it.
+    """Compensate a recording of the empty treadmill.
 
     Parameters
     ----------
@@ -135,7 +94,7 @@ def measure_empty(
     Returns
     -------
     EmptyTreadmill
-        What is measured, what remains, and where the accelerometers are.
+        What is measured, and what remains.
 
     Raises
     ------
@@ -159,28 +118,13 @@ def measure_empty(
         name = f"plate {plate.number}"
         spectra[name] = _spectrum(wrench[is_known], (wrench - artefact)[is_known], rate_hz)
     belts_mps = mean_belt_speed(fastest_belt(recording, treadmill))
-    rollers_hz = _rollers(list(spectra.values()), belts_mps)
-    pose, places, motion = empty_pose(recording, platform), dict[str, Place](), dict[str, str]()
+    pose, motion = empty_pose(recording, platform), dict[str, str]()
     if pose is not None:
         is_known = np.isfinite(pose.position).all(axis=1)
         pose = PlatformPose(pose.rotation[is_known], pose.position[is_known])
-        times = recording.markers.time[is_known]
-        rate, sensors = recording.markers.rate_hz, setup_of(recording, treadmill).sensors
-        places = _places(times, rate, pose, *accelerations(recording, treadmill), sensors)
         sway_m = np.abs(pose.position @ _axis(pose)).max()
         motion = {SWAY: f"{sway_m:.4f}", PITCH: f"{np.degrees(turned_rad(pose).max()):.2f}"}
-    return EmptyTreadmill(
-        recording,
-        rate_hz,
-        before,
-        after,
-        spectra,
-        belts_mps,
-        rollers_hz,
-        _base(list(spectra.values())),
-        places,
-        motion,
-    )
+    return EmptyTreadmill(recording, rate_hz, before, after, spectra, belts_mps, motion)
 
 
 def _spectrum(before: Array, after: Array, rate_hz: float) -> Spectrum:
@@ -190,89 +134,12 @@ def _spectrum(before: Array, after: Array, rate_hz: float) -> Spectrum:
     return Spectrum(frequency, *np.sqrt(power))
 
 
-def _rollers(spectra: Sequence[Spectrum], belts_mps: float | None) -> float | None:
-    """Find the line of unbalanced rollers, at a turn for each circumference of the belt's way."""
-    if belts_mps is None or belts_mps < RUNNING_MPS:
-        return None
-    slowest, fastest = (belts_mps / (2 * np.pi * radius) for radius in reversed(ROLLER_M))
-    frequency = spectra[0].frequency_hz
-    inside = (frequency >= slowest) & (frequency <= fastest)
-    if not inside.any():
-        return None
-    # power over the median of the frequencies around each
-    width = max(round(AROUND_HZ / (frequency[1] - frequency[0])), 3)
-    power = np.stack([s.after**2 for s in spectra])
-    background = scipy.ndimage.median_filter(power, size=(1, width, 1), mode="nearest")
-    excess = np.max(power / np.maximum(background, 1e-12), axis=(0, 2))
-    peak = int(np.argmax(np.where(inside, excess, 0.0)))
-    return float(frequency[peak]) if excess[peak] > LINE_FACTOR else None
-
-
-def _base(spectra: Sequence[Spectrum]) -> tuple[float, ...]:
-    """Find the broad peaks of what remains, at most two, where the base vibrates."""
-    frequency = spectra[0].frequency_hz
-    every = np.hstack([np.log(np.maximum(s.after**2, 1e-12)) for s in spectra])
-    step = frequency[1] - frequency[0]
-    width = max(round(SMOOTH_HZ / step), 3)
-    smooth = scipy.ndimage.uniform_filter1d(
-        scipy.ndimage.median_filter(every, size=(width, 1)).mean(axis=1), width
-    )
-    inside = np.flatnonzero((frequency >= BASE_HZ[0]) & (frequency <= BASE_HZ[1]))
-    if len(inside) < 3:
-        return ()
-    peaks, _ = scipy.signal.find_peaks(
-        smooth[inside], prominence=np.log(BASE_FACTOR), plateau_size=1
-    )
-    order = np.argsort(-scipy.signal.peak_prominences(smooth[inside], peaks)[0])
-    found = [float(frequency[inside[peak]]) for peak in peaks[order]]
-    return tuple(sorted(found[:2]))
-
-
 def _axis(pose: PlatformPose) -> Array:
     """Give the axis of pitch, along which the platform sways, (3,), in any axes of the file."""
     skew = pose.rotation - np.swapaxes(pose.rotation, 1, 2)
     turn = skew[:, [2, 0, 1], [1, 2, 0]]
     vectors = turn if np.abs(turn).max() > 2 * MIN_PITCH_RAD else pose.position
     return np.asarray(np.linalg.eigh(vectors.T @ vectors)[1][:, -1])
-
-
-def _places(
-    time: Array,
-    rate_hz: float,
-    pose: PlatformPose,
-    clock: Array,
-    readings: Array,
-    sensors: Sequence[str],
-) -> dict[str, Place]:
-    """Find where accelerometers are: pitch adds to readings in proportion to the distance.
-
-    Sway and pitch do not show how far to the left one is. Empty where the platform hardly pitches.
-    """
-    axis = _axis(pose)
-    if len(time) < rate_hz or turned_rad(pose).max() < MIN_PITCH_RAD:
-        return {}
-    force = low_pass(specific_force(pose, rate_hz), rate_hz, PLACE_HZ, "zero_phase")
-    slow = low_pass(readings, clock, PLACE_HZ, "zero_phase")
-    back = np.swapaxes(pose.rotation, 1, 2) @ np.gradient(pose.rotation, 1 / rate_hz, axis=0)
-    speed = back[:, [2, 0, 1], [1, 2, 0]] @ axis
-    speed = low_pass(speed, rate_hz, PLACE_HZ, "zero_phase")
-    felt = resample(clock, slow, time)
-    inside = np.isfinite(felt).all(axis=1)
-    try:
-        late_s = estimate_delay(felt[inside], force[inside], rate_hz).seconds
-    except ValueError:
-        return {}
-    felt = resample(clock, slow, time - late_s)
-    inside = np.isfinite(felt).all(axis=1)
-    design = np.column_stack([force[:, :3], force[:, 3:] @ axis, speed**2])[inside]
-    forward = np.cross(axis, [0.0, 0.0, 1.0])
-    forward *= np.sign(forward[np.argmax(np.abs(forward))]) or 1.0
-    places = {}
-    for sensor, measured in zip(sensors, np.split(felt[inside], len(sensors), axis=1), strict=True):
-        gains = np.linalg.lstsq(design, measured)[0].T
-        arm = np.cross(fit_rotation(gains[:, :3]).T @ gains[:, 3], axis)
-        places[sensor] = Place(float(arm @ forward), float(arm[2]))
-    return places
 
 
 def time_figure(
@@ -298,16 +165,13 @@ def time_figure(
     return component_figure(components, draw)
 
 
-def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float | None) -> Figure:
-    """Draw a plate's spectra with the low-passes, and the frequencies of base and rollers."""
+def spectrum_figure(spectrum: Spectrum, cutoff_hz: float | None) -> Figure:
+    """Draw a plate's spectra with the low-passes."""
     frequency = spectrum.frequency_hz
-    inside = (frequency > 0.2) & (frequency <= BASE_HZ[1])
+    inside = (frequency > 0.2) & (frequency <= HIGHEST_HZ)
     marks = [("trial filter, 6 Hz", SLOW_HZ, "black", "-")]
     if cutoff_hz is not None:
         marks.append((f"calibration filter, {cutoff_hz:g} Hz", cutoff_hz, "black", ":"))
-    if empty.rollers_hz is not None:
-        marks.append((f"rollers, {empty.rollers_hz:.2f} Hz", empty.rollers_hz, PALETTE[1], "--"))
-    marks += [(f"base, {hz:.0f} Hz", hz, PALETTE[2], "-.") for hz in empty.base_hz]
 
     def draw(panel: Axes, k: int) -> None:
         panel.axvspan(0.2, SLOW_HZ, color="#f0f2f4", lw=0)
@@ -316,7 +180,7 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
             panel.loglog(frequency[inside], values[inside, k], color=colour, lw=0.9, label=label)
         for label, hz, colour, dashes in marks:
             panel.axvline(hz, color=colour, ls=dashes, lw=0.9, label=label)
-        panel.set_xlim(0.2, BASE_HZ[1])
+        panel.set_xlim(0.2, HIGHEST_HZ)
         panel.yaxis.set_major_formatter("{x:g}")
         panel.set_xticks([0.2, 1, 6, 20, 60], ["0.2", "1", "6", "20", "60"])
         panel.minorticks_off()

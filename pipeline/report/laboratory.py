@@ -181,7 +181,7 @@ def calibration_part(
     notes
         What was found in the fit.
     """
-    tables = [component_table(calibration), frequency_table(empty)]
+    tables = [component_table(calibration)]
     tables.append(Table("Provenance", ("Item", "Finding"), provenance(notes), "folded"))
     verdict, drawn = calibration_in_use(calibration, file), _of_recording(calibration, empty)
     return replace(verdict, tables=tables, figures=drawn, warnings=warnings_of(notes))
@@ -303,28 +303,6 @@ def rated(
     return [[("fail" if beyond else "pass", text, detail)] for text, beyond, detail in cells]
 
 
-def frequency_table(empty: EmptyTreadmill) -> Table:
-    """Give belt speed, frequencies of rollers and base, and places of accelerometers."""
-    rows = [("Belt speed", "–" if empty.belts_mps is None else f"{empty.belts_mps:.2f} m/s")]
-    if empty.rollers_hz is not None and empty.belts_mps is not None:
-        radius = empty.belts_mps / (2 * np.pi * empty.rollers_hz)
-        rows.append(("Rollers", f"{empty.rollers_hz:.2f} Hz (radius {1000 * radius:.0f} mm)"))
-    else:
-        rows.append(("Rollers", "no line found"))
-    base = ", ".join(f"{hz:.1f} Hz" for hz in empty.base_hz)
-    rows.append(("Base", base or "no peak found"))
-    rows += [(f"Accelerometer {name}", str(place)) for name, place in empty.places.items()]
-    legend = "Places of accelerometers unknown: name markers on the platform (--platform-markers)."
-    if empty.places:
-        axis = "to the front" if empty.recording.axes else "as the file's axis (front: --axes)"
-        legend = (
-            "Accelerometers: by their readings; sway and pitch do not show the distance across. "
-            f"Along the belts: positive {axis}."
-        )
-    title = f"Recording {empty.recording.source.name}"
-    return Table(title, ("Item", "Value"), rows, "answers", legend)
-
-
 def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn]:
     """Draw plates over time and spectra of a recording."""
     drawn, file = [], empty.recording.source.name
@@ -334,7 +312,7 @@ def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn
         drawn.append(Drawn(caption, drawing(figure, ".png")))
     setup = next(iter(calibration.plates.values())).setup
     for name, spectrum in empty.spectra.items():
-        figure = spectrum_figure(spectrum, empty, None if setup is None else setup.cutoff_hz)
+        figure = spectrum_figure(spectrum, None if setup is None else setup.cutoff_hz)
         caption = f"Spectra of {name} in {file}, unfiltered; shaded: below the filter of trials."
         drawn.append(Drawn(caption, drawing(figure, ".png")))
     return drawn

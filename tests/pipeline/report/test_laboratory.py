@@ -11,35 +11,23 @@ from html.parser import HTMLParser
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from compensation import from_json
 from compensation.inertia.quality import MAX_GAIN, MAX_LEFT
-from compensation.protocol import pitch_and_sway_signals
 from hbm.spatial import WRENCH_COMPONENTS, rotation_about
 from pipeline.cli.app import main
-from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_study
-from pipeline.io.stated import Stated
 from pipeline.report.blocks import Table
-from pipeline.report.empty_treadmill import measure_empty
 from pipeline.report.laboratory import (
     CHECKS,
     PAGE,
     STATE,
     Part,
     calibration_verdict,
-    frequency_table,
     page_of_study,
     read_checks,
     write_laboratory,
 )
-from pipeline.trial.ground.calibrations import fit_calibration, read_empty
-from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.protocol.walking_study import write_recording
-from pipeline.virtual_lab.protocol.walking_trial import run_signal
 from tests.pipeline import lab
 from tests.pipeline.browser import needs_chromium, open_browser
 
@@ -256,67 +244,6 @@ def test_a_dead_sensor_is_a_check_that_failed(fitted, tmp_path):
     assert main(["calibration", "check", str(folder / "lab.json"), str(path)]) == 1
     assert list(read_checks(folder / "lab.json")["valid"]) == [False]
     assert "✖ not valid any more" in Rows(page_of(folder)).answer("Calibration")
-
-
-CHANNELS = {name: list(channels) for name, channels in lab.CHANNELS.items()}
-
-
-def measured(recording, channels=None):
-    treadmill = Treadmill(accelerometers=channels or CHANNELS)
-    calibration = fit_calibration(recording, treadmill)
-    return measure_empty(recording, Laboratory(treadmill, calibration))
-
-
-def test_unbalanced_rollers_are_found_at_their_frequency():
-    """A roller of 14 cm at 3 m/s turns at 3.4 Hz."""
-    recording = empty(1)
-    clock, line_hz = recording.plates[0].time, 3.0 / (2 * np.pi * 0.14)
-    shaken = np.zeros((len(clock), 6))
-    shaken[:, 3] = 2 * np.sin(2 * np.pi * line_hz * clock)
-    plates = tuple(
-        replace(plate, wrench_in_plate=plate.wrench_in_plate + shaken) for plate in recording.plates
-    )
-    analog = recording.analog
-    speed = replace(
-        analog,
-        names=(*analog.names, "Belt"),
-        units=(*analog.units, "m/s"),
-        values=np.column_stack([analog.values, np.full(len(clock), 3.0)]),
-    )
-    assert measured(recording).rollers_hz is None  # no belts, no rollers
-    found = measured(replace(recording, plates=plates, analog=speed))
-    assert found.rollers_hz == pytest.approx(line_hz, abs=0.07)
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("axes", [None, "left,back,up"])
-def test_accelerometers_are_where_they_are_and_the_front_is_known_by_stated_axes_alone(
-    seed, axes, tmp_path
-):
-    """Four anywhere on the frame and turned anyhow; the file's y axis points back."""
-    rng = np.random.default_rng(seed)
-    treadmill = make_treadmill(Faults(accelerometers=AccelerometerFaults(sensors=4)), seed)
-    sensors = tuple(
-        replace(
-            sensor,
-            place=rng.uniform([-1.1, -0.7, -0.5], [1.1, 0.7, 0.1]),
-            sensitivity=sensor.sensitivity @ Rotation.random(random_state=rng).as_matrix(),
-        )
-        for sensor in treadmill.sensors
-    )
-    signal = pitch_and_sway_signals(0, 1.3)[0]
-    recording = run_signal(replace(treadmill, sensors=sensors), signal, rng)
-    write_recording(tmp_path / "empty.c3d", recording)
-    stated = Stated(axes=axes)
-    channels = {s.name: [f"{s.name}.{x}" for x in "XYZ"] for s in sensors}
-    found = measured(read_empty(tmp_path / "empty.c3d", stated), channels)
-    sign = 1 if axes else -1  # the file's y axis points back
-    for sensor in sensors:
-        place = found.places[sensor.name]
-        assert place.along == pytest.approx(sign * sensor.place[0], abs=0.05)
-        assert place.up == pytest.approx(sensor.place[2], abs=0.05)
-    assert bool(found.recording.axes) == bool(axes)
-    assert ("positive to the front" in frequency_table(found).legend) == bool(axes)
 
 
 def test_the_report_of_a_study_links_to_the_page_beside_its_calibration(moving_study, tmp_path):
