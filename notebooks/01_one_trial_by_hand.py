@@ -83,7 +83,7 @@ panel.set(xlim=(10, 14), xlabel="time (s)", ylabel="N", title="Vertical force")
 panel.legend(frameon=False, ncols=2)
 
 # %% [markdown]
-# ## 5. The residuals over the gait cycle
+# ## 5. The residuals
 #
 # A few newtons and about one newton metre remain. They oscillate a few times per step, mostly
 # because of the filter: it is applied to angles on one side of the equations and to forces on the
