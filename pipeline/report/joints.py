@@ -165,7 +165,8 @@ def joint_figures(
         for compensated, variant in VARIANTS.items():
             if (condition, compensated) in means.mean_and_spread:
                 look = variant.label, variant.colour, "-"
-                drawn.append((*look, *means.mean_and_spread[condition, compensated]))
+                mean, spread = means.mean_and_spread[condition, compensated]
+                drawn.append((*look, mean, spread))
         title = f"Joints of the legs, {condition}: mean ± SD over {over(people[[condition]])}"
         compared = f"{design.cell(condition, True)} - {design.cell(condition, False)}"
         parts = {
