@@ -1,5 +1,7 @@
 """The style of all figures, and how they are written."""
 
+import re
+import textwrap
 import warnings
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
@@ -13,13 +15,16 @@ import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
+from matplotlib.text import Text
 from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
 from hbm.spatial import Array
+from pipeline.config.schema import FIGURE_FORMATS, Figures
 from pipeline.io.write import whole_file
 
 if TYPE_CHECKING:
@@ -32,16 +37,21 @@ PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Of conditions, so that no two differ by colour alone."""
 MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
-LINE_WIDTH_PT: Final = 1.5
+THIN_LINE_PT: Final = 1.0
+"""Of curves in a journal; elsewhere 1.5 as in matplotlib."""
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
 BAR: Final = (1.01, 1.035)
 """Lower and upper edge of a bar over a part of the gait cycle, as shares of the panel's height."""
 MIN_RATIO: Final = 10.0
 """Of the ends of a logarithmic axis: what hardly differs looks so, and there are three ticks."""
-DPI: Final = 150
-"""Resolution of PNG files: 1400 pixels for a figure across a page."""
-
+PAGE: Final = Figures()
+"""Figures on the pages of a report; all others where nothing is stated of them."""
+DPI: Final = 150, 300
+"""Resolution of PNG on a page, 1400 pixels across it, and the least that journals take."""
+P_VALUE: Final = re.compile(r"\b(p [=<] ?0?)\.(?=\d)")
+LETTER: Final = 0.58
+"""Mean width of a letter, of its size."""
 FAST: Final = 1
 """Compression of PNG files: default ones are 7 % smaller, and take three times as long."""
 
@@ -53,9 +63,11 @@ STYLE: Final[Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "font.size": 9,
-    "axes.titlesize": 9,
+    "axes.titlesize": "medium",
     "axes.titlepad": 9,
     "axes.titley": 1.0,  # no panel has ticks above it, which each drawing would measure
+    "figure.titlesize": "large",
+    "pdf.fonttype": 42,  # letters that can be edited, as journals ask
     "svg.fonttype": "none",
     "svg.hashsalt": "hbm",
     "text.parse_math": False,
@@ -68,9 +80,16 @@ def condition_style(k: int) -> tuple[str, Any]:
 
 
 @contextmanager
-def in_style() -> Iterator[None]:
-    """Draw in the style; in PNG, a letter that no font has is a box, of which nothing is said."""
-    with mpl.rc_context(STYLE), warnings.catch_warnings():
+def in_style(look: Figures = PAGE) -> Iterator[None]:
+    """Draw in the style; but in SVG, a letter that no font has is a box, of which nothing is said.
+
+    Letters are as large as stated or, in a journal, as fit between its columns.
+    """
+    size = look.font_pt or (9 if look.width_mm is None else 7 if look.of_one_column else 8)
+    own = {"font.size": size}
+    if look.width_mm is not None:
+        own |= {"figure.titlesize": "medium", "lines.linewidth": THIN_LINE_PT}
+    with mpl.rc_context(STYLE | own), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
 
@@ -84,7 +103,7 @@ def draw_band(
     *,
     label: str | None = None,
     linestyle: Any = "-",
-    linewidth: float = LINE_WIDTH_PT,
+    linewidth: float | None = None,
 ) -> None:
     """Draw a mean as a line and its spread on both sides as a band.
 
@@ -115,7 +134,7 @@ def draw_differences(panel: Axes, parts: "Iterable[CurveDifference]") -> None:
         smallest = min(smallest, part.p)
     if smallest < 1.0:
         text = "p < 0.001" if smallest < 0.001 else f"p = {smallest:.3f}"
-        panel.set_title(text, loc="right", fontsize=7)
+        panel.set_title(text, loc="right", fontsize="small")
 
 
 def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
@@ -130,20 +149,47 @@ def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
     panel.yaxis.set_minor_formatter("")
 
 
-def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG and SVG, each completely or not at all; give the SVG."""
+def letters_in(inch: float) -> int:
+    """Say how many letters of the style fit in a width."""
+    return int(inch * 72 / (LETTER * mpl.rcParams["font.size"]))
+
+
+def head(figure: Figure, title: str) -> None:
+    """Put a title above all panels, in as many lines as it needs."""
+    figure.suptitle(textwrap.fill(title, letters_in(figure.get_figwidth() / 1.2)))
+
+
+def save_figure(figure: Figure, path: Path, look: Figures = PAGE) -> Path:
+    """Write a figure in the stated formats, each completely or not at all; give the path of SVG.
+
+    Files of other formats would be of another time, and go.
+    """
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
-    for suffix in (".png", ".svg"):
-        with whole_file(Path(f"{bare}{suffix}")) as temporary:
-            _print(figure, suffix, temporary)
-        figure.set_layout_engine("none")  # the same layout in both files
+    if look.decimals == "comma":
+        _write_commas(figure)
+    for kind in FIGURE_FORMATS:
+        file = Path(f"{bare}.{kind}")
+        if kind not in look.formats:
+            file.unlink(missing_ok=True)
+            continue
+        with whole_file(file) as temporary:
+            _print(figure, f".{kind}", temporary, look)
+        figure.set_layout_engine("none")  # the same layout in all files
     return Path(f"{bare}.svg")
 
 
-def drawing(figure: Figure, suffix: str = ".svg") -> str:
+def _write_commas(figure: Figure) -> None:
+    """Write numbers at ticks, and p, with a comma; names of conditions keep their points."""
+    for panel in figure.axes:
+        panel.yaxis.set_major_formatter(lambda y, _: f"{y:g}".replace(".", ",").replace("-", "−"))
+    for text in figure.findobj(Text):
+        text.set_text(P_VALUE.sub(r"\1,", text.get_text()))
+
+
+def drawing(figure: Figure, suffix: str = ".svg", look: Figures = PAGE) -> str:
     """Give a figure as a source inside the page, without a file; .png where lines are many."""
     target = BytesIO()
-    _print(figure, suffix, target)
+    _print(figure, suffix, target, look)
     return _source(target.getvalue(), suffix)
 
 
@@ -152,17 +198,18 @@ def picture(path: Path) -> str:
     return _source(path.read_bytes(), path.suffix)
 
 
-def _print(figure: Figure, suffix: str, target: Path | BytesIO) -> None:
+def _print(figure: Figure, suffix: str, target: Path | BytesIO, look: Figures) -> None:
     """Draw a figure into a file; savefig() would draw it twice, once for its layout."""
-    figure.dpi = DPI
-    canvas: Any
-    with in_style():
-        if suffix == ".png":
-            canvas = FigureCanvasAgg(figure)
-            canvas.print_png(target, pil_kwargs={"compress_level": FAST})
+    figure.dpi = look.dpi or DPI[look != PAGE]
+    with in_style(look):
+        if suffix == ".svg":
+            FigureCanvasSVG(figure).print_svg(target, metadata={"Date": None})
+        elif suffix == ".pdf":
+            FigureCanvasPdf(figure).print_pdf(target, metadata={"CreationDate": None})
+        elif suffix == ".png":
+            FigureCanvasAgg(figure).print_png(target, pil_kwargs={"compress_level": FAST})
         else:
-            canvas = FigureCanvasSVG(figure)
-            canvas.print_svg(target, metadata={"Date": None})
+            FigureCanvasAgg(figure).print_tif(target, pil_kwargs={"compression": "tiff_lzw"})
 
 
 def _source(content: bytes, suffix: str) -> str:

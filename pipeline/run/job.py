@@ -211,7 +211,9 @@ def trial_key(study: Study, name: TrialName) -> str:
     names = [trial.file, trial.forces, trial.record, *treadmill.files]
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
     stated = {
-        "study": study.file.model_dump(exclude={"name", "conditions", "comparison", "variants"}),
+        "study": study.file.model_dump(
+            exclude={"name", "conditions", "comparison", "variants", "figures"}
+        ),
         "trial": (name.recording, trial.session, trial.mend_plates, trial.rename),
         "condition": study.rule(name).model_dump(),
         "subject": person.person.model_dump(),
