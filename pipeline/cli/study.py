@@ -233,11 +233,9 @@ def report(
     from pipeline.run.store import recorded_study_folder
 
     console = PlainConsole()
-    typed = [name.strip().lower() for name in figures.split(",") if name.strip()]
-    for name in typed:
-        if name not in FIGURE_FORMATS:
-            raise ValueError(f"--figures {name}: no such format{nearest(name, FIGURE_FORMATS)}")
-    formats = tuple(known for known in FIGURE_FORMATS if known in typed)
+    formats = tuple(filter(None, figures.split(",")))
+    for unknown in {*formats}.difference(FIGURE_FORMATS):
+        raise ValueError(f"--figures {unknown}: no such format{nearest(unknown, FIGURE_FORMATS)}")
     with StepProgress(console, "report", "steps") as progress:
 
         def announce(step: str, done: int = 0, steps: int = 0) -> None:

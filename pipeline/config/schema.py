@@ -493,7 +493,7 @@ class Figures(InputModel):
     True
     """
 
-    formats: Annotated[tuple[FigureFormat, ...], Field(strict=False, min_length=1)] = ("png", "svg")
+    formats: Annotated[tuple[FigureFormat, ...], Field(strict=False)] = ("png", "svg")
     """Files of each figure: pdf, svg, png, tiff."""
     width_mm: Annotated[float, Field(ge=80, le=300)] | None = Field(None, examples=[85.0])
     """One column of a journal is about 85, two are 180; default: a page on the screen."""

@@ -55,6 +55,8 @@ def joint_figure(
     ``healthy`` is as of `healthy_bands`, drawn behind.
     """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
+    heads = [f"{motion.joint} {motion.direction}" for motion in motions]
+    quantities = [f"{name} ({unit})" for name, unit in CURVES.items()]
     percent = np.linspace(0, 100, 101)
     with in_style(look):
         gaps = ""
@@ -65,19 +67,17 @@ def joint_figure(
                 gaps = GAPS
             for (row, column), panel in np.ndenumerate(panels):
                 band = mean[:, columns[column], row], spread[:, columns[column], row]
-                draw_band(panel, percent, *band, colour, label=label, linestyle=linestyle)
+                draw_band(panel, percent, *band, colour, label=label, ls=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
-            motion = f"{motions[column].joint} {motions[column].direction}"
-            quantity = "{} ({})".format(*[*CURVES.items()][row])
-            above, beside = (quantity, motion) if look.of_one_column else (motion, quantity)
-            place = panel.get_subplotspec()
-            below = "gait cycle (%)"
+            above, beside, below = heads[column], quantities[row], "gait\N{NO-BREAK SPACE}cycle (%)"
+            if look.of_one_column:
+                above, beside = beside, above
             if look.width_mm is not None:  # a panel is as wide as a word; p has its own line
-                above, beside = above.replace(" ", "\n"), beside.replace(" ", "\n")
-                above, below = above + "\n" * any(differing.values()), "gait cycle\n(%)"
-            if place.is_first_row():
+                above, beside, below = (text.replace(" ", "\n") for text in (above, beside, below))
+                above += "\n" * any(differing.values())
+            if panel.get_subplotspec().is_first_row():
                 panel.set_title(above, loc="left")
-            if place.is_first_col():
+            if panel.get_subplotspec().is_first_col():
                 panel.set_ylabel(beside)
             else:  # the place of an empty label would be found from the ticks
                 panel.yaxis.set_label_coords(0, 0)

@@ -22,8 +22,6 @@ from pipeline.trial.result import TrialResult
 if TYPE_CHECKING:
     from pipeline.explain.budget import Bands
 
-UNCOUNTED: Final = "#BBBBBB"
-"""Colour of the part of the gait cycle that counts."""
 SIDE_COLOURS: Final = {"right": "#E69F00", "left": "#56B4E9"}
 """Warm and cool, as in the viewer's scene."""
 USED: Final = "#EEF1F4"
@@ -36,8 +34,6 @@ PANEL_INCH: Final = (9.0, 0.9)
 SIX_PANELS_INCH: Final = (3.2, 2.35)
 OTHERS_INCH: Final = 0.9, 1.5
 """Height of title, legend and labels together, on a page and where lines are short."""
-PART_OPACITY: Final = 0.4
-"""Curves and their bands remain visible on it."""
 KEY_LETTERS: Final = 8
 """Width of a line and of gaps beside its label in a legend, in letters."""
 LINE_INCH: Final = 0.2
@@ -84,7 +80,7 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
             for side, colour in SIDE_COLOURS.items():
                 force = wrenches[f"{side}_foot"][shown, k]
                 panel.plot(time, force, color=colour, lw=1.0, label=f"{side} foot")
-            panel.set_ylabel(f"force (N),\n{direction}")
+            panel.set_ylabel(f"force (N),\n{direction}", fontsize="small")
         for k, panel in enumerate(grid[2:]):
             for variant, dynamics in result.variants.items():
                 value = np.where(settled, reported(dynamics.residual)[shown, k], np.nan)
@@ -96,7 +92,7 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
                 )
             if counts.any():  # plates as measured, and what does not count, may be far larger
                 panel.set_ylim(*(1.1 * np.abs(value[counts]).max() * np.array([-1, 1])))
-            panel.set_ylabel(axis_label(k))
+            panel.set_ylabel(axis_label(k), fontsize="small")
         for panel in grid:
             panel.axhline(0, color="black", lw=0.5)
             panel.patch.set_visible(False)  # what is behind all panels shows
@@ -226,13 +222,6 @@ def mean_part(trials: Iterable[TrialResult]) -> tuple[float, float] | None:
     known = np.concatenate([np.empty((0, 2)), *parts])
     known = known[np.isfinite(known).all(axis=1)]
     return (float(known[:, 0].mean()), float(known[:, 1].mean())) if len(known) else None
-
-
-def draw_part(panels: Sequence[Axes], percent: tuple[float, float] | None) -> None:
-    """Mark the part of the gait cycle that counts [%] by a grey band; nothing where it is None."""
-    start, stop = percent or (0.0, 0.0)
-    for panel in panels if percent else ():
-        panel.axvspan(start, stop, color=UNCOUNTED, alpha=PART_OPACITY, lw=0, zorder=0)
 
 
 def axis_label(k: int) -> str:

@@ -24,7 +24,7 @@ from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
 from hbm.spatial import Array
-from pipeline.config.schema import FIGURE_FORMATS, Figures
+from pipeline.config.schema import FIGURE_FORMATS, FigureFormat, Figures
 from pipeline.io.write import whole_file
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """All others of the colour-blind safe palette of Okabe and Ito but yellow: conditions, plates …"""
 LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Of conditions, so that no two differ by colour alone."""
-MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
 THIN_LINE_PT: Final = 1.0
 """Of curves in a journal; elsewhere 1.5 as in matplotlib."""
 BAND_OPACITY: Final = 0.2
@@ -102,8 +101,7 @@ def draw_band(
     colour: str,
     *,
     label: str | None = None,
-    linestyle: Any = "-",
-    linewidth: float | None = None,
+    **style: Any,
 ) -> None:
     """Draw a mean as a line and its spread on both sides as a band.
 
@@ -115,10 +113,10 @@ def draw_band(
         (N,) each; no band where `spread` is NaN.
     colour
         Of line and band.
-    label, linestyle, linewidth
-        Of the line; its width in points.
+    label, style
+        Of the line.
     """
-    panel.plot(x, mean, color=colour, label=label, ls=linestyle, lw=linewidth)
+    panel.plot(x, mean, color=colour, label=label, **style)
     panel.fill_between(x, mean - spread, mean + spread, color=colour, alpha=BAND_OPACITY, lw=0)
 
 
@@ -159,23 +157,23 @@ def head(figure: Figure, title: str) -> None:
     figure.suptitle(textwrap.fill(title, letters_in(figure.get_figwidth() / 1.2)))
 
 
-def save_figure(figure: Figure, path: Path, look: Figures = PAGE) -> Path:
-    """Write a figure in the stated formats, each completely or not at all; give the path of SVG.
+def save_figure(figure: Figure, path: Path, look: Figures = PAGE) -> str:
+    """Write a figure in the stated formats, each completely or not at all, path without suffix.
 
-    Files of other formats would be of another time, and go.
+    Files of other formats, which would be of another time, go. Gives its source inside a page.
     """
-    bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
     if look.decimals == "comma":
         _write_commas(figure)
+    kinds = dict.fromkeys(("svg", *look.formats))
+    drawn = {kind: _printed(figure, kind, look) for kind in kinds}
     for kind in FIGURE_FORMATS:
-        file = Path(f"{bare}.{kind}")
-        if kind not in look.formats:
+        file = path.with_name(f"{path.name}.{kind}")
+        if kind in look.formats:
+            with whole_file(file) as temporary:
+                temporary.write_bytes(drawn[kind])
+        else:
             file.unlink(missing_ok=True)
-            continue
-        with whole_file(file) as temporary:
-            _print(figure, f".{kind}", temporary, look)
-        figure.set_layout_engine("none")  # the same layout in all files
-    return Path(f"{bare}.svg")
+    return _source(drawn["svg"], "svg+xml")
 
 
 def _write_commas(figure: Figure) -> None:
@@ -186,31 +184,27 @@ def _write_commas(figure: Figure) -> None:
         text.set_text(P_VALUE.sub(r"\1,", text.get_text()))
 
 
-def drawing(figure: Figure, suffix: str = ".svg", look: Figures = PAGE) -> str:
-    """Give a figure as a source inside the page, without a file; .png where lines are many."""
-    target = BytesIO()
-    _print(figure, suffix, target, look)
-    return _source(target.getvalue(), suffix)
+def drawing(figure: Figure, kind: FigureFormat = "svg") -> str:
+    """Give a figure as a source inside the page, without a file; png where lines are many."""
+    return _source(_printed(figure, kind, PAGE), {"svg": "svg+xml"}.get(kind, kind))
 
 
-def picture(path: Path) -> str:
-    """Give a figure's file as a source inside the page."""
-    return _source(path.read_bytes(), path.suffix)
-
-
-def _print(figure: Figure, suffix: str, target: Path | BytesIO, look: Figures) -> None:
-    """Draw a figure into a file; savefig() would draw it twice, once for its layout."""
+def _printed(figure: Figure, kind: FigureFormat, look: Figures) -> bytes:
+    """Draw a figure as a file; savefig() would draw it twice, once for its layout."""
     figure.dpi = look.dpi or DPI[look != PAGE]
+    target = BytesIO()
     with in_style(look):
-        if suffix == ".svg":
+        if kind == "svg":
             FigureCanvasSVG(figure).print_svg(target, metadata={"Date": None})
-        elif suffix == ".pdf":
+        elif kind == "pdf":
             FigureCanvasPdf(figure).print_pdf(target, metadata={"CreationDate": None})
-        elif suffix == ".png":
+        elif kind == "png":
             FigureCanvasAgg(figure).print_png(target, pil_kwargs={"compress_level": FAST})
         else:
             FigureCanvasAgg(figure).print_tif(target, pil_kwargs={"compression": "tiff_lzw"})
+    figure.set_layout_engine("none")  # the same layout in all files
+    return target.getvalue()
 
 
-def _source(content: bytes, suffix: str) -> str:
-    return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(content).decode()}"
+def _source(content: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{b64encode(content).decode()}"

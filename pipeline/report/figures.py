@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from math import nan
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -18,7 +19,6 @@ from pipeline.config.schema import Figures
 from pipeline.figures.residuals import (
     SIX_PANELS_INCH,
     axis_label,
-    draw_part,
     legend_below,
     mean_part,
     panel_grid,
@@ -43,6 +43,8 @@ from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES
 
+GREY: Final = "#BBBBBB"
+"""Colour of the part of the gait cycle that counts."""
 MIDDLE_LINE: Final = 0.6
 """Width of curves that are not compared, of that of the others."""
 THIN_LINE_PT: Final = 0.7
@@ -175,6 +177,7 @@ def gait_cycle_figure(
     keys = ["condition", "compensated", "axis", "percent"]
     of_subjects = shown.groupby(keys, observed=True)["value"]
     mean, sd = of_subjects.mean().unstack("percent"), of_subjects.std().unstack("percent")
+    percent = mean.columns.to_numpy(float)
     order = design.in_order(curves["condition"].cat.categories)
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
     with in_style(look):
@@ -182,25 +185,19 @@ def gait_cycle_figure(
         panels = grid.ravel()
         panels[0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for name, compensated in cells:
-            colour, linestyle = condition_style(order.index(name))
+            colour, style = condition_style(order.index(name))
             if design.compensated:
                 colour = VARIANTS[compensated].colour
             cell = design.cell(name, compensated)
             compared = cell in (design.judged(condition), design.reference_cell)
+            width = mpl.rcParams["lines.linewidth"] * (1 if compared else MIDDLE_LINE)
             for axis, panel in zip(AXES, panels, strict=True):
                 key = name, compensated, axis
-                draw_band(
-                    panel,
-                    mean.columns.to_numpy(float),
-                    mean.xs(key).to_numpy(),
-                    sd.xs(key).to_numpy() if compared else np.full(len(mean.columns), np.nan),
-                    colour,
-                    label=cell,
-                    linestyle=linestyle,
-                    linewidth=mpl.rcParams["lines.linewidth"] * (1 if compared else MIDDLE_LINE),
-                )
-        draw_part(panels, grey)
+                band = mean.xs(key).to_numpy(), sd.xs(key).to_numpy() * (1 if compared else nan)
+                draw_band(panel, percent, *band, colour, label=cell, ls=style, lw=width)
         for k, (axis, panel) in enumerate(zip(AXES, panels, strict=True)):
+            if grey is not None:
+                panel.axvspan(*grey, color=GREY, alpha=0.4, lw=0, zorder=0)
             draw_logarithmic(panel, mean.xs(axis, level="axis").to_numpy())
             panel.set_xlabel("gait cycle (%)")
             panel.set_ylabel(f"RMS {axis_label(k)}")
@@ -209,14 +206,10 @@ def gait_cycle_figure(
         counts = shown.groupby("condition", observed=True)["subject"].nunique()
         over = f", mean ± SD over {numbers(counts, 'subject')}"
         over = over if counts.max() > 1 else " of one subject"
-        pair = f"{design.judged(condition)} differs from {design.reference_cell}"
-        remarks = {
-            "grey: the part that is used": grey is not None,
-            f"black bars: {pair}": any(differing.values()),
-        }
-        extra = "; ".join(remark for remark, holds in remarks.items() if holds)
         title = f"Pelvis residuals, {condition}: RMS over gait cycles{over}"
-        head(figure, "; ".join(filter(None, (title, extra))))
+        title += "; grey: the part that is used" * (grey is not None)
+        pair = f"{design.judged(condition)} differs from {design.reference_cell}"
+        head(figure, title + f"; black bars: {pair}" * any(differing.values()))
     return figure
 
 

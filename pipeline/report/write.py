@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from pipeline.budgets.explanation import explanation_of, explanations
 from pipeline.budgets.measurement import study_covariances
 from pipeline.config.comparison import groups, study_design
-from pipeline.config.schema import MAIN, FigureFormat, Figures, Settings, TrialName
+from pipeline.config.schema import MAIN, Figures, Settings, TrialName
 from pipeline.config.study import Study, read_study
-from pipeline.figures.style import PAGE, drawing, picture, save_figure
+from pipeline.figures.style import PAGE, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.report.blocks import Check, Section, markup, write_page
 from pipeline.report.curves import differing_curves
@@ -82,7 +82,7 @@ def write_report(
     announce: Announce = lambda step, done=0, steps=0: None,
     *,
     pages: bool | None = False,
-    formats: tuple[FigureFormat, ...] = (),
+    formats: tuple[str, ...] = (),
 ) -> Path:
     """Write tables, statistics, figures and ``report.html`` into a results folder.
 
@@ -197,8 +197,8 @@ def write_report(
     ]
     least = 1 if len(results.ratings) >= 2 * MIN_TASKS else MIN_TASKS  # processes have started
     drawn = dict[str, str]()
-    for name, source in in_processes(tasks, least=least):
-        drawn[name] = source
+    for name, figure in in_processes(tasks, least=least):
+        drawn[name] = figure
         announce(f"drawing: {name}", len(drawn), len(tasks))
     paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
@@ -271,9 +271,7 @@ def _with_page(
 
 def _draw(path: Path, draw: Callable[..., Figure], look: Figures) -> tuple[str, str]:
     """Draw a figure into its files, without suffix; give its name, and its source in a page."""
-    figure = draw(look=look)
-    file = save_figure(figure, path, look)
-    return path.name, picture(file) if "svg" in look.formats else drawing(figure, look=look)
+    return path.name, save_figure(draw(look=look), path, look)
 
 
 def _design(residuals: pd.DataFrame, study: Study | None) -> Design:
