@@ -220,7 +220,7 @@ def test_every_file_is_as_wide_as_stated_in_mm_at_300_dpi_or_more(every, width_m
 def test_letters_have_the_stated_size_and_p_values_little_less(every):
     figure = every["joints_sway"](look=Figures(width_mm=180.0, font_pt=6.5))
     sizes = sorted({text.get_fontsize() for text in seen_texts(figure)})
-    assert sizes == pytest.approx([6.5 / 1.2, 6.5])
+    assert sizes == pytest.approx([0.833 * 6.5, 6.5])
 
 
 def test_decimals_have_a_comma_where_stated_and_names_keep_their_points(every, tmp_path):
