@@ -222,9 +222,7 @@ def report(
         bool | None,
         Option("--pages/--no-pages", help="A page of every trial; default: up to 60 trials."),
     ] = None,
-    figures: Annotated[
-        str, Option(help="Formats: pdf, svg, png, tiff; default: as [figures] in study.toml.")
-    ] = "",
+    figures: Annotated[str, Option(help="Formats, e.g. pdf,tiff; default: [figures].")] = "",
 ) -> None:
     """They are made from the results of 'hbm run', and written beside them."""
     from pipeline.config.schema import FIGURE_FORMATS

@@ -23,7 +23,7 @@ PANEL_INCH: Final = (2.2, 1.7)
 GAPS: Final = "; gaps: load of the foot, or pose, unknown in most gait cycles"
 """Moments are unknown where it is uncertain whose foot is on a plate, or none carries it."""
 NORMS: Final = Path(__file__).with_name("healthy.csv")
-HEALTHY_COLOUR: Final = "#D5DAE0"
+HEALTHY: Final[Any] = {"color": "#D5DAE0", "lw": 0, "zorder": 0, "label": "healthy ± SD"}
 
 Curve = tuple[str, str, Any, Array, Array]
 """Label, colour and line style of a curve; mean and standard deviation, (101, 13, 3)."""
@@ -87,13 +87,7 @@ def joint_figure(
             draw_differences(panel, differing.get(shown, ()))
             if shown in healthy:
                 usual, sd = healthy[shown]
-                panel.fill_between(
-                    *(percent, usual - sd, usual + sd),
-                    color=HEALTHY_COLOUR,
-                    lw=0,
-                    zorder=0,
-                    label="healthy ± SD",
-                )
+                panel.fill_between(percent, usual - sd, usual + sd, **HEALTHY)
         legend_below(figure, panels[0, 0])
         head(figure, title + gaps)
     return figure

@@ -4,7 +4,7 @@ import pickle
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -39,10 +39,11 @@ KEY_LETTERS: Final = 8
 LINE_INCH: Final = 0.2
 """Height of a line of a legend."""
 MARGIN_INCH: Final = (0.8, 0.55, 0.2, 0.6)
-"""Left, below, right and above panels whose places are fixed: to find them by their texts takes as
-long as to draw them."""
+"""Left, below, right and above panels whose places are fixed."""
 MAX_TICKS: Final = 5
 """Intervals between the ticks of an axis."""
+FEW_PANELS: Final = 6
+"""More would take longer to place by their texts than to draw."""
 LETTERS_PER_TICK: Final = 8
 """Width of a narrow panel, with its margin, for each interval."""
 MM_PER_INCH: Final = 25.4
@@ -100,8 +101,7 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
         panel.set_xlabel("time (s)")
         legend_below(figure, grid[0], panel)
         _draw_phases(figure, result, time, result.counted[shown])
-        title = f"{result.source.name}: forces on the feet and pelvis residuals{around}"
-        head(figure, title)
+        head(figure, f"{result.source.name}: forces on the feet and pelvis residuals{around}")
     return figure
 
 
@@ -145,43 +145,36 @@ def _draw_phases(figure: Figure, result: TrialResult, time: Array, used: Mask) -
 
 
 def panel_grid(
-    rows: int,
-    columns: int,
-    panel_inch: tuple[float, float],
-    look: Figures = PAGE,
-    layout: Literal["constrained"] | None = None,
+    rows: int, columns: int, panel_inch: tuple[float, float], look: Figures = PAGE
 ) -> tuple[Figure, Any]:
     """Give a figure of rows and columns of panels; the lowest ones show the axis of all.
 
     In one column of a journal the rows stand beside each other.
     """
     shape = (columns, rows) if look.of_one_column else (rows, columns)
-    width = panel_inch[0] * shape[1]
-    size = np.array([width, panel_inch[1] * shape[0]])
+    size = np.multiply(panel_inch, shape[::-1])
     if look.width_mm is not None:
-        layout, size = "constrained", size * look.width_mm / (MM_PER_INCH * width)
-    size_inch = float(size[0]), float(size[1]) + OTHERS_INCH[look.width_mm is not None]
-    figure, panels = pickle.loads(_stored_grid(*shape, size_inch, layout, look))
+        size *= look.width_mm / MM_PER_INCH / size[0]
+    size_inch = float(size[0]), float(size[1]) + OTHERS_INCH[look != PAGE]
+    figure, panels = pickle.loads(_stored_grid(*shape, size_inch, look))
     return figure, panels.T if look.of_one_column else panels
 
 
 @cache
-def _stored_grid(
-    rows: int, columns: int, size_inch: tuple[float, float], layout: Any, look: Figures
-) -> bytes:
+def _stored_grid(rows: int, columns: int, size_inch: tuple[float, float], look: Figures) -> bytes:
     """Give such a figure with the ticks that it may need: a copy takes a fifth of the time."""
-    figure = Figure(figsize=size_inch, layout=layout)
+    fixed = look == PAGE and rows * columns > FEW_PANELS
+    figure = Figure(figsize=size_inch, layout=None if fixed else "constrained")
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    most = (MAX_TICKS, MAX_TICKS)  # a tick takes as long to draw as a curve
-    if look.width_mm is not None:
-        most = (max(1, letters_in(size_inch[0] / columns) // LETTERS_PER_TICK), MAX_TICKS - 1)
-    for panel in panels.flat:
-        panel.locator_params("x", nbins=most[0])
-        panel.locator_params("y", nbins=most[1])
+    room = letters_in(size_inch[0] / columns) // LETTERS_PER_TICK
+    intervals = (MAX_TICKS, MAX_TICKS) if look.width_mm is None else (max(1, room), MAX_TICKS - 1)
+    for panel in panels.flat:  # a tick takes as long to draw as a curve
+        panel.locator_params("x", nbins=intervals[0])
+        panel.locator_params("y", nbins=intervals[1])
         panel.yaxis.get_major_ticks(MAX_TICKS + 3)
     for panel in panels[:-1].flat:
         panel.xaxis.set_visible(False)
-    if layout is None:
+    if fixed:
         left, bottom, right, top = np.divide(MARGIN_INCH, (*size_inch, *size_inch))
         figure.subplots_adjust(left, bottom, 1 - right, 1 - top, wspace=0.3, hspace=0.2)
     return pickle.dumps((figure, panels))

@@ -36,8 +36,6 @@ PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """All others of the colour-blind safe palette of Okabe and Ito but yellow: conditions, plates …"""
 LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Of conditions, so that no two differ by colour alone."""
-THIN_LINE_PT: Final = 1.0
-"""Of curves in a journal; elsewhere 1.5 as in matplotlib."""
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
 BAR: Final = (1.01, 1.035)
@@ -61,7 +59,6 @@ STYLE: Final[Any] = {
     "font.family": [font for font in FONTS if font in fontManager.get_font_names()],
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "font.size": 9,
     "axes.titlesize": "medium",
     "axes.titlepad": 9,
     "axes.titley": 1.0,  # no panel has ticks above it, which each drawing would measure
@@ -71,6 +68,8 @@ STYLE: Final[Any] = {
     "svg.hashsalt": "hbm",
     "text.parse_math": False,
 }
+IN_JOURNAL: Final[Any] = {"figure.titlesize": "medium", "lines.linewidth": 1.0}
+"""What is smaller there."""
 
 
 def condition_style(k: int) -> tuple[str, Any]:
@@ -85,10 +84,8 @@ def in_style(look: Figures = PAGE) -> Iterator[None]:
     Letters are as large as stated or, in a journal, as fit between its columns.
     """
     size = look.font_pt or (9 if look.width_mm is None else 7 if look.of_one_column else 8)
-    own = {"font.size": size}
-    if look.width_mm is not None:
-        own |= {"figure.titlesize": "medium", "lines.linewidth": THIN_LINE_PT}
-    with mpl.rc_context(STYLE | own), warnings.catch_warnings():
+    own = {} if look.width_mm is None else IN_JOURNAL
+    with mpl.rc_context({**STYLE, **own, "font.size": size}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
 

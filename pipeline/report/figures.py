@@ -181,7 +181,7 @@ def gait_cycle_figure(
     order = design.in_order(curves["condition"].cat.categories)
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
     with in_style(look):
-        figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look, "constrained")
+        figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
         panels = grid.ravel()
         panels[0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for name, compensated in cells:
@@ -236,7 +236,7 @@ def marginal_means_figure(
     """
     conditions = design.in_order(residuals["condition"])
     with in_style(look):
-        figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look, "constrained")
+        figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
         panels = grid.ravel()
         room = letters_in(figure.get_figwidth() / panels[0].get_gridspec().ncols) * MAX_LABELS
         turned = 30 if len("".join(conditions)) > room else 0
@@ -276,15 +276,8 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
     panel.add_collection(
         LineCollection(lines, colors=variant.colour, linewidths=THIN_LINE_PT, alpha=0.3)
     )
-    panel.errorbar(
-        *(x, rms.mean()),
-        yerr=half.fillna(0),
-        color=variant.colour,
-        marker=variant.marker,
-        ms=4,
-        capsize=3,
-        label=variant.label,
-    )
+    drawn = {"color": variant.colour, "marker": variant.marker, "label": variant.label}
+    panel.errorbar(x, rms.mean(), half.fillna(0), ms=4, capsize=3, **drawn)
     return np.asarray(rms.mean() + half)
 
 
