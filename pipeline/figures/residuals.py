@@ -74,15 +74,14 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
     *_, wrenches = result.ground.values()
     spread, meaning = _spread(result, bands)
     with in_style():
-        figure, panels = panel_grid(2 + len(AXES), 1, PANEL_INCH)
-        grid = panels.ravel()
-        grid[0].set_xlim(first, last)  # of all, which share it
-        for panel, k, direction in zip(grid, (2, 0), ("up", "forward"), strict=False):
+        figure, grid = panel_grid(2 + len(AXES), 1, PANEL_INCH)
+        grid[0, 0].set_xlim(first, last)  # of all, which share it
+        for panel, k, direction in zip(grid.flat, (2, 0), ("up", "forward"), strict=False):
             for side, colour in SIDE_COLOURS.items():
                 force = wrenches[f"{side}_foot"][shown, k]
                 panel.plot(time, force, color=colour, lw=1.0, label=f"{side} foot")
             panel.set_ylabel(f"force (N),\n{direction}", fontsize="small")
-        for k, panel in enumerate(grid[2:]):
+        for k, panel in enumerate(grid[2:].flat):
             for variant, dynamics in result.variants.items():
                 value = np.where(settled, reported(dynamics.residual)[shown, k], np.nan)
                 panel.plot(time, value, color=COLOURS[variant], lw=0.9, label=variant)
@@ -94,12 +93,12 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
             if counts.any():  # plates as measured, and what does not count, may be far larger
                 panel.set_ylim(*(1.1 * np.abs(value[counts]).max() * np.array([-1, 1])))
             panel.set_ylabel(axis_label(k), fontsize="small")
-        for panel in grid:
+        for panel in grid.flat:
             panel.axhline(0, color="black", lw=0.5)
             panel.patch.set_visible(False)  # what is behind all panels shows
             panel.yaxis.set_label_coords(-0.058, 0.5)
         panel.set_xlabel("time (s)")
-        legend_below(figure, grid[0], panel)
+        legend_below(figure, grid[0, 0], panel)
         _draw_phases(figure, result, time, result.counted[shown])
         head(figure, f"{result.source.name}: forces on the feet and pelvis residuals{around}")
     return figure

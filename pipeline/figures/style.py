@@ -161,16 +161,15 @@ def save_figure(figure: Figure, path: Path, look: Figures = PAGE) -> str:
     """
     if look.decimals == "comma":
         _write_commas(figure)
-    kinds = dict.fromkeys(("svg", *look.formats))
-    drawn = {kind: _printed(figure, kind, look) for kind in kinds}
+    svg = _printed(figure, "svg", look)
     for kind in FIGURE_FORMATS:
         file = path.with_name(f"{path.name}.{kind}")
         if kind in look.formats:
             with whole_file(file) as temporary:
-                temporary.write_bytes(drawn[kind])
+                temporary.write_bytes(svg if kind == "svg" else _printed(figure, kind, look))
         else:
             file.unlink(missing_ok=True)
-    return _source(drawn["svg"], "svg+xml")
+    return _source(svg, "svg+xml")
 
 
 def _write_commas(figure: Figure) -> None:

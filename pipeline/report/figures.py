@@ -182,8 +182,7 @@ def gait_cycle_figure(
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
     with in_style(look):
         figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
-        panels = grid.ravel()
-        panels[0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
+        grid[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for name, compensated in cells:
             colour, style = condition_style(order.index(name))
             if design.compensated:
@@ -191,18 +190,18 @@ def gait_cycle_figure(
             cell = design.cell(name, compensated)
             compared = cell in (design.judged(condition), design.reference_cell)
             width = mpl.rcParams["lines.linewidth"] * (1 if compared else MIDDLE_LINE)
-            for axis, panel in zip(AXES, panels, strict=True):
+            for axis, panel in zip(AXES, grid.flat, strict=True):
                 key = name, compensated, axis
                 band = mean.xs(key).to_numpy(), sd.xs(key).to_numpy() * (1 if compared else nan)
                 draw_band(panel, percent, *band, colour, label=cell, ls=style, lw=width)
-        for k, (axis, panel) in enumerate(zip(AXES, panels, strict=True)):
+        for k, (axis, panel) in enumerate(zip(AXES, grid.flat, strict=True)):
             if grey is not None:
                 panel.axvspan(*grey, color=GREY, alpha=0.4, lw=0, zorder=0)
             draw_logarithmic(panel, mean.xs(axis, level="axis").to_numpy())
             panel.set_xlabel("gait cycle (%)")
             panel.set_ylabel(f"RMS {axis_label(k)}")
             draw_differences(panel, differing.get(axis, ()))
-        legend_below(figure, panels[0])
+        legend_below(figure, grid[0, 0])
         counts = shown.groupby("condition", observed=True)["subject"].nunique()
         over = f", mean ± SD over {numbers(counts, 'subject')}"
         over = over if counts.max() > 1 else " of one subject"
@@ -237,10 +236,9 @@ def marginal_means_figure(
     conditions = design.in_order(residuals["condition"])
     with in_style(look):
         figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
-        panels = grid.ravel()
-        room = letters_in(figure.get_figwidth() / panels[0].get_gridspec().ncols) * MAX_LABELS
+        room = letters_in(figure.get_figwidth() / grid[0, 0].get_gridspec().ncols) * MAX_LABELS
         turned = 30 if len("".join(conditions)) > room else 0
-        for k, panel in enumerate(panels):
+        for k, panel in enumerate(grid.flat):
             rows = residuals[residuals["axis"] == AXES[k]]
             cells = rows.pivot(index="subject", columns=["compensated", "condition"], values="rms")
             compared = [column for column in cells.columns if column[1] in design.conditions]
@@ -256,7 +254,7 @@ def marginal_means_figure(
             panel.set_xticks(range(len(conditions)), conditions, rotation=turned)
             panel.set_xlim(-0.3, len(conditions) - 0.7)
         if design.compensated:
-            legend_below(figure, panels[0])
+            legend_below(figure, grid[0, 0])
         over = f", mean and 95 % CI over {numbers(cells.count(), 'subject')}"
         of_one = len(cells) == 1
         head(figure, f"RMS residuals{' of one subject' if of_one else over}")
@@ -283,12 +281,9 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
 
 def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
     """Give the p-value of the effect that the lines show."""
-    row = statistics[
-        statistics["test"].isin((RM_ANOVA, MIXED_ANOVA))
-        & (statistics["effect"] == ":".join(design.factors))
-        & (statistics["axis"] == axis)
-    ]
-    p = row["p_corrected"].dropna()
+    of_axis = statistics[statistics["axis"] == axis]
+    of_effect = of_axis[of_axis["effect"] == ":".join(design.factors)]
+    p = of_effect[of_effect["test"].isin((RM_ANOVA, MIXED_ANOVA))]["p_corrected"].dropna()
     if p.empty:
         return ""
     written, name = format_p(float(p.iloc[0])), "".join(design.factors[:1])

@@ -220,7 +220,7 @@ def write_report(
         tests=tests_table(tests),
         joints={name: drawn[name] for name in of_joints},
         joint_tables=compensation_tables(results.joints, design),
-        pictures={name: drawn[name] for name in of_study_figures},
+        pictures=drawn,
         laboratory=None if study is None else page_of_study(study, folder),
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
