@@ -495,11 +495,11 @@ class Figures(InputModel):
 
     formats: Annotated[tuple[FigureFormat, ...], Field(strict=False)] = ("png", "svg")
     """Files of each figure: pdf, svg, png, tiff."""
-    width_mm: Annotated[float, Field(ge=80, le=300)] | None = Field(None, examples=[85.0])
+    width_mm: Annotated[float, Field(ge=80, le=300)] | None = Field(default=None, examples=[85.0])
     """One column of a journal is about 85, two are 180; default: a page on the screen."""
-    font_pt: Annotated[float, Field(ge=5, le=14)] | None = Field(None, examples=[8.0])
+    font_pt: Annotated[float, Field(ge=5, le=14)] | None = Field(default=None, examples=[8.0])
     """Size of the letters; default: 7 in one column, 8 in two, else 9."""
-    dpi: Annotated[int, Field(ge=300, le=1200)] | None = Field(None, examples=[600])
+    dpi: Annotated[int, Field(ge=300, le=1200)] | None = Field(default=None, examples=[600])
     """Resolution of PNG and TIFF; default: 300, or 150 if nothing is stated of figures."""
     decimals: Literal["point", "comma"] = "point"
     """Sign before decimals: point or comma."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from math import nan
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -274,7 +274,7 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
     panel.add_collection(
         LineCollection(lines, colors=variant.colour, linewidths=THIN_LINE_PT, alpha=0.3)
     )
-    drawn = {"color": variant.colour, "marker": variant.marker, "label": variant.label}
+    drawn: Any = {"color": variant.colour, "marker": variant.marker, "label": variant.label}
     panel.errorbar(x, rms.mean(), half.fillna(0), ms=4, capsize=3, **drawn)
     return np.asarray(rms.mean() + half)
 
