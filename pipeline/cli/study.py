@@ -249,13 +249,14 @@ def view(
         str | None, Option("--recording", help="Of several, such as 02; default: the first.")
     ] = None,
     web: Annotated[bool, Option("--web", help="In a browser on this machine.")] = False,
+    at: Annotated[float | None, Option(help="Where to open [s]; default: worst cycle.")] = None,
     save: Annotated[Path | None, Option(help="Only write the recording (.rrd).")] = None,
 ) -> None:
-    """Show markers, body, plates, forces, and residuals over time."""
+    """Show markers, body, plates, forces, and residuals over time, from the worst gait cycle on."""
     from pipeline.budgets.explanation import bands_of
     from pipeline.run.store import read_trial
     from pipeline.viewer.serve import view as show
-    from pipeline.viewer.trial import write_recording
+    from pipeline.viewer.trial import opening_s, write_recording
 
     console = PlainConsole()
     result = (
@@ -265,12 +266,13 @@ def view(
     recording = save or folder / "viewer" / f"{result.stem}.rrd"
     with console.status(Text(f"preparing {result.stem}")):
         trial = read_trial(result)
+        at = opening_s(trial, at)
         recording.parent.mkdir(parents=True, exist_ok=True)
         write_recording(trial, recording, bands=bands_of(result, trial))
     if save:
         console.say(f"recording: {save}")
     else:
-        show(recording, web=web, announce=console.say)
+        show(recording, web=web, cursor=("time", round(at * 1e9)), announce=console.say)
 
 
 def _result_of(folder: Path, *wanted: str | None) -> Path:

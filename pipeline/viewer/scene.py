@@ -110,12 +110,11 @@ def _look(colour: str, radius_m: float, names: Sequence[str]) -> dict[str, Any]:
 def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any]]:
     """Give a segment's bones, joint to joint, and the hull of its joints and own markers."""
     if segment == "head":
-        yield "bones", _ellipsoid(body.segments["head"], segment, "solid")
-        return
+        yield "skull", _ellipsoid(body.segments["head"], segment, "solid")
     colour = BODY_COLOURS.get(segment.partition("_")[0], BODY_COLOURS["middle"])
     children = [body.offsets[child] for child, parent in PARENT.items() if parent == segment]
     if not children and segment in body.segments:
-        children = [2 * body.segments[segment].center]
+        children = [(1 if segment == "head" else 2) * body.segments[segment].center]
     ends = np.array([end for end in children if np.linalg.norm(end) > MIN_BONE_LENGTH_M])
     if not len(ends):
         return
@@ -129,7 +128,7 @@ def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any
     yield "bones", bones
     points = np.vstack([np.zeros(3), ends, body.marker_position[own]])
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if len(points) > 3 and spread[2] > MIN_HULL_THICKNESS_M:
+    if segment != "head" and len(points) > 3 and spread[2] > MIN_HULL_THICKNESS_M:
         hull = ConvexHull(points)
         surface = rr.Mesh3D(
             vertex_positions=points[hull.simplices].reshape(-1, 3),
@@ -188,15 +187,16 @@ def send_scene(
     The surface of the plates is so high with the platform in neutral; a foot with less vertical
     force than the threshold has no arrow.
     """
-    rotation, origin = segment_frames(body, q)
+    known = np.isfinite(q).all(axis=1, keepdims=True)
+    rotation, origin = segment_frames(body, np.where(known, q, np.nan))  # whole, or not at all
     for k, segment in enumerate(MOVING):
         _send_pose(stream, f"lab/body/{segment}", timelines, rotation[:, k], origin[:, k])
     everything = np.ones(markers.position.shape[:2], bool)
     entity = "lab/markers/measured"
     send(stream, entity, timelines, rr.Points3D, everything, positions=markers.position)
-    known = [k for k, name in enumerate(body.markers) if name in markers.names]
-    lines = np.empty((len(q), len(known), 2, 3))
-    for i, k in enumerate(known):
+    measured = [k for k, name in enumerate(body.markers) if name in markers.names]
+    lines = np.empty((len(q), len(measured), 2, 3))
+    for i, k in enumerate(measured):
         own = MOVING.index(body.marker_segment[k])
         lines[:, i, 0] = markers.position[:, markers.names.index(body.markers[k])]
         lines[:, i, 1] = rotation[:, own] @ body.marker_position[k] + origin[:, own]

@@ -24,6 +24,7 @@ from urllib.parse import urlsplit
 from urllib.request import ProxyHandler, build_opener
 
 import rerun_cli  # type: ignore[import-untyped]
+from rerun.experimental import ViewerClient
 
 LOOPBACK: Final = "127.0.0.1"
 VIEWER_FILES: Final = {"/re_viewer.js": "text/javascript", "/re_viewer_bg.wasm": "application/wasm"}
@@ -68,12 +69,22 @@ async function start() {
     persist: false,
   });
   await window.viewer.start(document.getElementById("canvas"));
+  const cursor = new Uint8Array(CURSOR);
+  while (cursor.length)
+    try {
+      await window.viewer.viewer_control(cursor);
+      break;
+    } catch {  // the recording has not come yet
+      await new Promise((later) => setTimeout(later, 100));
+    }
 }
 start().catch((error) => {
   document.getElementById("canvas").remove();
   document.getElementById("state").textContent = `The viewer did not start: ${error}`;
 });
 """
+Cursor = tuple[str, int]
+"""Timeline and value on it: nanoseconds of "time", else a whole number."""
 Content = Callable[[], Iterable[bytes]]
 """Gives what is served, in pieces, whenever it is asked for."""
 MAX_START_S: Final = 30.0
@@ -89,10 +100,17 @@ SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
 
 
-def view(path: Path, *, web: bool = False, announce: Callable[[str], object] = print) -> None:
-    """Show a recording, ``.rrd``; until Ctrl-C if it is served (``web``).
+def view(
+    path: Path,
+    *,
+    web: bool = False,
+    cursor: Cursor | None = None,
+    announce: Callable[[str], object] = print,
+) -> None:
+    """Show a recording, ``.rrd``, from a cursor on; until Ctrl-C if it is served (``web``).
 
-    A window is open until it is closed. What is served is announced in a sentence.
+    A window is open until it is closed. What is served is announced in a sentence. The cursor is
+    set in the running viewer, since Rerun 0.41 has no place for it in a file.
 
     Notes
     -----
@@ -106,16 +124,41 @@ def view(path: Path, *, web: bool = False, announce: Callable[[str], object] = p
     before = signal.signal(signal.SIGTERM, _exit)
     try:
         if web:
-            page = page_server(viewer_files(), lambda: [path.read_bytes()])
+            page = page_server(viewer_files(), lambda: [path.read_bytes()], cursor)
             with page as address, suppress(KeyboardInterrupt):
                 announce(f"serving {path.name} at {address} (stop with Ctrl-C)")
                 while True:
                     time.sleep(1)
         else:
-            with running_viewer(["--port", "auto", str(path)]) as process:
+            port = free_port()
+            with running_viewer(["--port", str(port), str(path)], port) as process:
+                if cursor is not None:
+                    _move_cursor(cursor, port, process)
                 process.wait()
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _move_cursor(cursor: Cursor, port: int, process: subprocess.Popen[bytes]) -> None:
+    """Move the cursor of a window as soon as it has the recording, unless it is closed before."""
+    deadline = time.monotonic() + MAX_START_S
+    while process.poll() is None and time.monotonic() < deadline:
+        with suppress(RuntimeError, ConnectionError):
+            viewer = ViewerClient.connect(data_address(port))
+            viewer.set_time(cursor[0], sequence=cursor[1], play_state="paused")
+            return
+        time.sleep(POLL_S)
+
+
+def _cursor_request(timeline: str, value: int) -> bytes:
+    """Give the request that pauses a page at a cursor, in the viewer's Protocol Buffers."""
+    rest, moment = value % 2**64, b"\x08"
+    while rest > 127:
+        rest, moment = rest >> 7, moment + bytes([rest & 127 | 128])
+    name = timeline.encode()
+    fields = ((0x12, bytes([0x0A, len(name)]) + name), (0x1A, moment + bytes([rest])))
+    request = b"".join(bytes([tag, len(content)]) + content for tag, content in fields)
+    return bytes([0x32, len(request) + 2]) + request + b"\x28\x01"
 
 
 def data_address(port: int) -> str:
@@ -254,11 +297,15 @@ class GrowingRecording:
 
 
 @contextmanager
-def page_server(viewer: Mapping[str, bytes], recording: Content) -> Iterator[str]:
+def page_server(
+    viewer: Mapping[str, bytes], recording: Content, cursor: Cursor | None = None
+) -> Iterator[str]:
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
+    request = [*_cursor_request(*cursor)] if cursor else []
+    start = START.replace(b"CURSOR", str(request).encode())
     files: dict[str, tuple[str, Content]] = {
         "/": ("text/html", [PAGE].__iter__),
-        "/start.js": ("text/javascript", [START].__iter__),
+        "/start.js": ("text/javascript", [start].__iter__),
         "/recording.rrd": ("application/octet-stream", recording),
     } | {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
     with _Server(files) as server:

@@ -12,7 +12,7 @@ from compensation.inertia.sensors import QUANTILE_95
 from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from hbm.notes import provenance, warnings_of
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from pipeline.explain.budget import Bands
 from pipeline.figures.joints import LEG
 from pipeline.figures.residuals import SIDE_COLOURS
@@ -21,10 +21,15 @@ from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
+    HEALTHY_RMS,
+    CycleExtreme,
+    cycle_measures,
     reported,
     residual_rows,
     threshold_rows,
     unseen_sentence,
+    windows,
+    worst_cycles,
 )
 from pipeline.trial.result import TrialResult
 from pipeline.viewer.file import Timelines, printable, recording_file
@@ -44,6 +49,8 @@ from pipeline.viewer.serve import view
 APPLICATION: Final = "hbm_residuals_trial"
 VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
+CYCLE: Final = "gait cycle"
+"""Timeline whose steps are gait cycles, each shown where it stands out, with its RMS residuals."""
 PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
@@ -54,6 +61,8 @@ STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "not used": 
 
 def view_result(result: TrialResult, *, web: bool = False) -> None:
     """Show a trial in the viewer's window, or in a browser (``web``), until it is closed.
+
+    It opens where the residual of the worst gait cycle is largest.
 
     Parameters
     ----------
@@ -75,7 +84,7 @@ def view_result(result: TrialResult, *, web: bool = False) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "trial.rrd"
         write_recording(result, path)
-        view(path, web=web)
+        view(path, web=web, cursor=("time", round(opening_s(result) * 1e9)))
 
 
 def write_recording(
@@ -94,12 +103,8 @@ def write_recording(
     bands
         How sure the residuals are, where the trial is explained.
     """
-    motion, markers, body = result.motion, result.markers, result.body
+    motion, markers = result.motion, result.markers
     shown = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
-    pose = result.platform and PlatformPose(
-        result.platform.rotation[shown], result.platform.position[shown]
-    )
-    surface = float(np.mean([plate.center[2] for plate in result.plates]))
 
     def clock(time: Array) -> Timelines:
         frame = np.rint((time - motion.time[0]) * markers.rate_hz).astype(int)
@@ -120,28 +125,17 @@ def write_recording(
     has_phases = bool(result.events or any(states.values()))
     layout = trial_layout(motion.q[shown, :3], phases=has_phases)
     with recording_file(path, APPLICATION, _title(result), layout) as stream:
-        draw_scene(stream, body, markers.names, result.plates, result.variants)
-        residual = {
-            name: np.where(counts[:, None], dynamics.residual, np.nan)
+        draw_scene(stream, result.body, markers.names, result.plates, result.variants)
+        _send_frames(stream, view, result, shown)
+        curves = {
+            name: np.where(counts[:, None], reported(dynamics.residual), np.nan)
             for name, dynamics in result.variants.items()
         }
-        send_scene(
-            stream,
-            view,
-            body,
-            motion.q[shown],
-            Markers(markers.time[shown], markers.names, markers.position[shown]),
-            pose,
-            {n: np.stack(list(result.ground[n].values()), 1)[shown] for n in residual},
-            {name: value[shown] for name, value in residual.items()},
-            surface_m=surface,
-            threshold_n=result.settings.contact_threshold_n,
-        )
-        curves = {name: reported(value) for name, value in residual.items()}
         if bands is not None:
             curves |= _ends_of_bands(bands, motion.time)
         draw_residual_curves(stream, curves)
         send_residual_curves(stream, whole, curves)
+        _send_cycles(stream, result)
         _send_joint_moments(stream, whole, result)
         log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
         for side in ("left", "right"):
@@ -152,6 +146,74 @@ def write_recording(
             log_states(stream, clock, row, changes, own)
         log_text(stream, "summary", printable(trial_summary(result)))
         log_text(stream, "legend", LEGEND)
+
+
+def side_cycles(result: TrialResult) -> list[CycleExtreme]:
+    """Give the gait cycles of the side with the worst one, the worst first; they may be none."""
+    worst = worst_cycles(result)
+    return [cycle for cycle in worst if cycle.side == worst[0].side]
+
+
+def opening_s(result: TrialResult, at_s: float | None = None) -> float:
+    """Give where a trial opens [s]: where stated, else in the worst gait cycle."""
+    first, last = result.motion.time[[0, -1]]
+    if at_s is None:
+        return worst_instant(result, next(iter(side_cycles(result)), None))
+    if not first <= at_s <= last:
+        raise ValueError(f"--at {at_s:g}: {_title(result)} lasts from {first:.2f} to {last:.2f} s")
+    return at_s
+
+
+def worst_instant(result: TrialResult, cycle: CycleExtreme | None = None) -> float:
+    """Give when the residual is largest for that of healthy people [s].
+
+    In a gait cycle, in the axis that stands out, or in all that counts.
+    """
+    time, best = result.motion.time, [*result.variants.values()][-1]
+    size, counts = np.abs(best.residual) / HEALTHY_RMS, result.counted
+    if cycle is not None:
+        size = size[:, AXES.index(cycle.axis), None]
+        counts = result.counts & (time >= cycle.start_s) & (time < cycle.stop_s)
+    return float(time[np.argmax(np.where(counts, size.max(axis=1), -1))])
+
+
+def _send_cycles(stream: rr.RecordingStream, result: TrialResult) -> None:
+    """Send the instant at which each gait cycle stands out, and its RMS residuals."""
+    cycles = sorted(side_cycles(result), key=lambda cycle: cycle.number)
+    if cycles:
+        numbers = [cycle.number for cycle in cycles]
+        instants = [worst_instant(result, cycle) for cycle in cycles]
+        frames = np.searchsorted(result.motion.time, instants)
+        rms = {
+            name: np.array([
+                rms
+                for side, number, _, _, rms, *_ in cycle_measures(result, name, windows(result)[0])
+                if side == cycles[0].side and number in numbers
+            ])
+            for name in result.variants
+        }
+        _send_frames(stream, {CYCLE: np.array(numbers)}, result, frames)
+        send_residual_curves(stream, {CYCLE: np.array(numbers)}, rms)
+
+
+def _send_frames(
+    stream: rr.RecordingStream, timelines: Timelines, result: TrialResult, at: slice | Indices
+) -> None:
+    """Send the scene of some frames."""
+    markers, counts = result.markers, result.counts[at, None]
+    pose = result.platform
+    send_scene(
+        stream,
+        timelines,
+        result.body,
+        result.motion.q[at],
+        Markers(markers.time[at], markers.names, markers.position[at]),
+        pose and PlatformPose(pose.rotation[at], pose.position[at]),
+        {n: np.stack(list(result.ground[n].values()), 1)[at] for n in result.variants},
+        {n: np.where(counts, each.residual[at], np.nan) for n, each in result.variants.items()},
+        surface_m=float(np.mean([plate.center[2] for plate in result.plates])),
+        threshold_n=result.settings.contact_threshold_n,
+    )
 
 
 def _send_joint_moments(

@@ -75,7 +75,8 @@ def served(path):
     """Serve a recording in a process of its own; give it and the address of the page."""
     program = (
         "import sys; from pathlib import Path; from pipeline.viewer.serve import view; "
-        "view(Path(sys.argv[1]), web=True, announce=lambda line: print(line, flush=True))"
+        "view(Path(sys.argv[1]), web=True, cursor=('time', 2_500_000_000), "
+        "announce=lambda line: print(line, flush=True))"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program, str(path)],
@@ -92,7 +93,7 @@ def served(path):
 
 @pytest.mark.slow
 @needs_chromium
-def test_the_page_shows_the_trial_at_its_start_and_requests_only_what_is_served_here(
+def test_the_page_shows_the_trial_where_it_is_told_to_and_requests_only_what_is_served_here(
     recording, tmp_path
 ):
     with served(recording) as (_, address), open_browser() as browser:
@@ -101,7 +102,7 @@ def test_the_page_shows_the_trial_at_its_start_and_requests_only_what_is_served_
         state = settled_page(browser)
         browser.screenshot(tmp_path / "page.png")
     assert state.active.startswith("Recording:hbm_residuals_trial:")
-    assert (state.timeline, state.time, state.playing) == ("time", 0, PAUSED)
+    assert (state.timeline, state.time, state.playing) == ("time", 2_500_000_000, PAUSED)
     assert {name for name in state.views if not name.startswith("Arrows: ")} == PANELS
     for variant in ("measured", "compensated"):
         assert count_pixels((tmp_path / "page.png").read_bytes(), COLOURS[variant]) > PIXELS
@@ -181,13 +182,13 @@ def headless(*paths):
 
 
 @needs_vulkan
-def test_the_window_opens_with_the_trial_and_every_view_is_without_fault(recording):
+def test_the_window_opens_where_it_is_told_to_and_every_view_is_without_fault(recording):
     port = free_port()
     program = (
         "import sys; from pathlib import Path; from pipeline.viewer import serve; "
-        "run = serve.running_viewer; serve.running_viewer = lambda words: run("
-        "['--headless', *(sys.argv[1] if word == 'auto' else word for word in words)]); "
-        "serve.view(Path(sys.argv[2]))"
+        "run = serve.running_viewer; serve.free_port = lambda: int(sys.argv[1]); "
+        "serve.running_viewer = lambda words, port: run(['--headless', *words], port); "
+        "serve.view(Path(sys.argv[2]), cursor=('time', 2_500_000_000))"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program, str(port), str(recording)],
@@ -199,7 +200,7 @@ def test_the_window_opens_with_the_trial_and_every_view_is_without_fault(recordi
             (shown,) = state.recordings
             views = {one.name for one in state.views if one.visible}
             assert views <= PANELS | {name for name in views if name.startswith("Arrows: ")}
-            assert (shown.current_timeline, shown.current_time) == ("time", 0)
+            assert (shown.current_timeline, shown.current_time) == ("time", 2_500_000_000)
             for second in (2.2, 4.9):
                 viewer.set_time("time", duration=second, play_state="paused")
                 time.sleep(1)

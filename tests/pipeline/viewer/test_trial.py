@@ -6,18 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from hbm.coordinates import MOVING
+from hbm.coordinates import INDEX, MOVING
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import shift_wrench
 from pipeline.trial.quality import Quality
-from pipeline.trial.residuals import AXES, reported
+from pipeline.trial.residuals import AXES, CYCLE_COLUMNS, cycle_rows, reported
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
-from pipeline.viewer.trial import write_recording
+from pipeline.viewer.trial import opening_s, write_recording
 from tests.pipeline.stored_recording import Stored
 from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, ONSETS_S, sway_and_pitch, viewer_trial
 
@@ -232,6 +233,69 @@ def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
     markers = np.array(stored.rows("lab/markers/measured", "positions"))
     np.testing.assert_array_equal(markers, single(result.markers.position[::STEP]))
     subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
+
+
+def pushed(trial, frame):
+    """The trial with 400 N to the left on the pelvis in one frame that compensation leaves."""
+    residual = trial.compensated.residual.copy()
+    residual[frame, 1] += 400
+    variants = trial.variants | {"compensated": replace(trial.compensated, residual=residual)}
+    return replace(trial, variants=variants)
+
+
+@pytest.mark.parametrize("frame", [180, 310, 377])
+def test_a_trial_opens_at_the_largest_residual_of_its_worst_gait_cycle(trial, frame):
+    assert opening_s(pushed(trial, frame)) == trial.motion.time[frame]
+
+
+def test_a_trial_without_gait_cycles_opens_at_the_largest_residual_that_counts(trial):
+    span = replace(pushed(trial, 310), span=(2.0, 4.0))
+    assert opening_s(span) == trial.motion.time[310]
+    assert opening_s(replace(span, span=(0.0, 2.0))) < 2.0
+
+
+def test_a_trial_opens_where_it_is_told_to_and_only_within_its_recording(trial):
+    assert opening_s(trial, 2.5) == 2.5
+    with pytest.raises(ValueError, match=r"^--at 9: .* lasts from 0.00 to 4.99 s$"):
+        opening_s(trial, 9.0)
+
+
+def test_gait_cycles_have_a_timeline_of_their_own_with_their_worst_instants_and_rms(
+    trial, tmp_path
+):
+    frame = 310
+    write_recording(pushed(trial, frame), tmp_path / "pushed.rrd")
+    stored = Stored(tmp_path / "pushed.rrd")
+    table = pd.DataFrame(cycle_rows(pushed(trial, frame), "walk"), columns=CYCLE_COLUMNS)
+    table = table[table.compensated & (table.axis == "Fy")]
+    worst = table.loc[table.rms.idxmax()]
+    numbers = stored.times("residual/Fy", "gait cycle")
+    curves = np.array(stored.rows("residual/Fy", "scalars", timeline="gait cycle"))
+    mine = table[table.side == worst.side]
+    assert numbers.tolist() == mine.cycle.tolist()
+    np.testing.assert_allclose(curves[:, 1], mine.rms, rtol=1e-12)
+    markers = stored.rows("lab/markers/measured", "positions", timeline="gait cycle")
+    expected = single(trial.markers.position[frame])
+    np.testing.assert_array_equal(markers[numbers.tolist().index(worst.cycle)], expected)
+
+
+def test_a_body_of_which_a_joint_is_unknown_is_hidden_whole(trial, tmp_path):
+    q = trial.motion.q.copy()
+    q[200:300, INDEX["LKneeFlexion"]] = np.nan
+    partly = replace(trial, motion=replace(trial.motion, q=q))
+    write_recording(partly, tmp_path / "partly.rrd")
+    stored = Stored(tmp_path / "partly.rrd")
+    hidden = np.zeros(FRAMES // STEP, bool)
+    hidden[100:150] = True
+    for segment in MOVING:
+        place = np.array(stored.rows(f"lab/body/{segment}", "translation"))[:, 0]
+        np.testing.assert_array_equal(np.isnan(place).all(axis=1), hidden, segment)
+
+
+def test_the_head_is_joined_to_the_trunk(stored, trial):
+    """By a bone from the neck, where the head begins, to the centre of its ellipsoid."""
+    (length,) = stored.rows("lab/body/head/bones", "lengths", static=True)[0]
+    assert length == single(np.linalg.norm(trial.body.segments["head"].center))
 
 
 def test_no_residual_is_shown_where_filters_have_not_settled(trial, tmp_path):
