@@ -20,16 +20,16 @@ from hbm.segments import Inertia
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.figures.style import COLOURS
 from pipeline.io.recording import Plate
-from pipeline.viewer.file import Timelines, printable, rgba, send
+from pipeline.viewer.file import Stream, Timelines, printable, rgba, send
 
 GROUND_N_PER_M: Final = 1000.0
 """The arrow of body weight is about as long as a leg."""
 RESIDUAL_N_PER_M: Final = 500.0
 RESIDUAL_NM_PER_M: Final = 250.0
 """Residuals of uncompensated perturbations, some 500 N and 250 N·m, are a metre long."""
-GROUND_SCALE: Final = f"ground reaction 1 m = {GROUND_N_PER_M:.0f} N"
-RESIDUAL_SCALES: Final = (
-    f"residual force 1 m = {RESIDUAL_N_PER_M:.0f} N, moment 1 m = {RESIDUAL_NM_PER_M:.0f} N·m"
+ARROWS: Final = (
+    f"Arrows: 1 m = {GROUND_N_PER_M:.0f} N; residual {RESIDUAL_N_PER_M:.0f} N, "
+    f"{RESIDUAL_NM_PER_M:.0f} N·m"
 )
 MOMENT_COLOURS: Final = {"measured": "#E69F00", "compensated": "#56B4E9"}
 MEASURED_COLOUR: Final = "#009E73"
@@ -52,7 +52,7 @@ AXIS_LENGTH_M, LAB_AXIS_LENGTH_M = 0.05, 0.2
 
 
 def draw_scene(
-    stream: rr.RecordingStream,
+    stream: Stream,
     body: Body,
     markers: Sequence[str],
     plates: Iterable[Plate],
@@ -155,7 +155,7 @@ def _ellipsoid(part: Inertia, segment: str, fill: Any) -> rr.Ellipsoids3D:
 
 
 def _send_pose(
-    stream: rr.RecordingStream, entity: str, timelines: Timelines, rotation: Array, origin: Array
+    stream: Stream, entity: str, timelines: Timelines, rotation: Array, origin: Array
 ) -> None:
     """Give an entity, and all attached to it, a pose in the lab, (T, 3, 3) and (T, 3) [m].
 
@@ -168,7 +168,7 @@ def _send_pose(
 
 
 def send_scene(
-    stream: rr.RecordingStream,
+    stream: Stream,
     timelines: Timelines,
     body: Body,
     q: Array,

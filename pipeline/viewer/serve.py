@@ -37,52 +37,6 @@ HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
-PAGE: Final = b"""<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<title>Residuals</title>
-<link rel="icon" href="data:,">
-<style>
-  html, body, canvas { margin: 0; width: 100%; height: 100%; overflow: hidden; }
-  p { position: absolute; margin: 2em; font-family: sans-serif; }
-  canvas { position: absolute; }
-</style>
-<p id="state">Loading the viewer</p>
-<canvas id="canvas"></canvas>
-<script src="re_viewer.js"></script>
-<script src="start.js"></script>
-</html>
-"""
-START: Final = b"""
-const here = window.fetch.bind(window);
-window.fetch = (asked, ...more) =>
-  new URL(asked.url ?? asked, location).origin === location.origin
-    ? here(asked, ...more)
-    : Promise.resolve(new Response());
-async function start() {
-  await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
-  window.viewer = new wasm_bindgen.WebHandle({
-    url: [new URL("recording.rrd", location.origin).href],
-    render_backend: new URLSearchParams(location.search).get("renderer"),
-    hide_welcome_screen: true,
-    check_for_updates_on_startup: false,
-    persist: false,
-  });
-  await window.viewer.start(document.getElementById("canvas"));
-  const cursor = new Uint8Array(CURSOR);
-  while (cursor.length)
-    try {
-      await window.viewer.viewer_control(cursor);
-      break;
-    } catch {  // the recording has not come yet
-      await new Promise((later) => setTimeout(later, 100));
-    }
-}
-start().catch((error) => {
-  document.getElementById("canvas").remove();
-  document.getElementById("state").textContent = `The viewer did not start: ${error}`;
-});
-"""
 Cursor = tuple[str, int]
 """Timeline and value on it: nanoseconds of "time", else a whole number."""
 Content = Callable[[], Iterable[bytes]]
@@ -302,9 +256,12 @@ def page_server(
 ) -> Iterator[str]:
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
     request = [*_cursor_request(*cursor)] if cursor else []
-    start = START.replace(b"CURSOR", str(request).encode())
+    page, start = (
+        Path(__file__).with_name(name).read_bytes() for name in ("page.html", "start.js")
+    )
+    start = start.replace(b"CURSOR", str(request).encode())
     files: dict[str, tuple[str, Content]] = {
-        "/": ("text/html", [PAGE].__iter__),
+        "/": ("text/html", [page].__iter__),
         "/start.js": ("text/javascript", [start].__iter__),
         "/recording.rrd": ("application/octet-stream", recording),
     } | {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}

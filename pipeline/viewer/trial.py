@@ -32,8 +32,15 @@ from pipeline.trial.residuals import (
     worst_cycles,
 )
 from pipeline.trial.result import TrialResult
-from pipeline.viewer.file import Timelines, printable, recording_file
-from pipeline.viewer.layout import LEGEND, log_text, trial_layout
+from pipeline.viewer.file import Clock, Folder, Stream, Timelines, printable, recording_file, send
+from pipeline.viewer.layout import (
+    CYCLE,
+    PERCENT,
+    beside_layout,
+    log_legend,
+    log_text,
+    trial_layout,
+)
 from pipeline.viewer.plots import (
     changes_of,
     draw_curves,
@@ -44,19 +51,21 @@ from pipeline.viewer.plots import (
     send_residual_curves,
 )
 from pipeline.viewer.scene import draw_scene, send_scene
-from pipeline.viewer.serve import view
+from pipeline.viewer.serve import Cursor, view
 
 APPLICATION: Final = "hbm_residuals_trial"
 VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
-CYCLE: Final = "gait cycle"
-"""Timeline whose steps are gait cycles, each shown where it stands out, with its RMS residuals."""
+FAR: Final = 1e4
+"""Gait cycles by which their numbers go on before the first and after the last one."""
 PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
-PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
-STATES: Final = {"perturbation": "#E69F00", "uncertain": "#CC79A7", "not used": "#BBBBBB"}
-"""Colours of other states."""
+STATES: Final = {
+    **{"stance": "#009E73", "swing": "#3A4A45", "perturbation": "#E69F00"},
+    **{"uncertain": "#CC79A7", "not used": "#BBBBBB"},
+}
+"""Colours of states."""
 
 
 def view_result(result: TrialResult, *, web: bool = False) -> None:
@@ -84,11 +93,17 @@ def view_result(result: TrialResult, *, web: bool = False) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "trial.rrd"
         write_recording(result, path)
-        view(path, web=web, cursor=("time", round(opening_s(result) * 1e9)))
+        view(path, web=web, cursor=opening(result))
 
 
 def write_recording(
-    result: TrialResult, path: Path, *, view_hz: float = VIEW_RATE_HZ, bands: Bands | None = None
+    result: TrialResult,
+    path: Path,
+    *,
+    view_hz: float = VIEW_RATE_HZ,
+    bands: Bands | None = None,
+    beside: TrialResult | None = None,
+    video: tuple[Path, float] | None = None,
 ) -> None:
     """Write a trial for the viewer, with its layout.
 
@@ -102,66 +117,148 @@ def write_recording(
         Rate of the scene and of the marker errors; residual curves keep the full rate.
     bands
         How sure the residuals are, where the trial is explained.
+    beside
+        Another trial, shown next to it at the same percentage of the same gait cycle.
+    video
+        An MP4 file of the trial, and when in the trial it begins [s].
+
+    Raises
+    ------
+    ValueError
+        If one of two trials has no gait cycle that counts, or the video cannot be read.
     """
-    motion, markers = result.motion, result.markers
+    cycles, film = side_cycles(result), video is not None
+    if beside is None:
+        states = any(changes for changes in _states(result).values())
+        layout = trial_layout(result.motion.q[:, :3], phases=states, video=film)
+    else:
+        if not (cycles and side_cycles(beside, cycles[0].side)):
+            raise ValueError(f"{path.stem}: side by side needs gait cycles that count in both")
+        trials = result, beside
+        curves = [curve for trial in trials for curve in _residuals(trial).values()]
+        scales = np.nanmax(np.abs(np.concatenate(curves)), axis=0)
+        pelvis = [(_title(trial), trial.motion.q[:, :3]) for trial in trials]
+        layout = beside_layout(pelvis, scales, video=film)
+    with recording_file(path, APPLICATION, _title(result), layout) as stream:
+        folder = stream if beside is None else Folder(stream, "trial_0")
+        _send_trial(folder, result, cycles, view_hz, bands)
+        if beside is not None:
+            others = side_cycles(beside, cycles[0].side)
+            _send_trial(Folder(stream, "trial_1"), beside, others, view_hz, None)
+        if video is not None:
+            _send_video(stream, _clock(result, cycles), *video)
+        log_legend(stream)
+
+
+def _send_trial(
+    stream: Stream,
+    result: TrialResult,
+    cycles: list[CycleExtreme],
+    view_hz: float,
+    bands: Bands | None,
+) -> None:
+    """Send all of a trial; its gait cycles are those given."""
+    motion, markers, clock = result.motion, result.markers, _clock(result, cycles)
     shown = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
+    whole, view = clock(motion.time), clock(motion.time[shown])
+    draw_scene(stream, result.body, markers.names, result.plates, result.variants)
+    _send_frames(stream, view, result, shown)
+    curves = _residuals(result)
+    if bands is not None:
+        curves |= _ends_of_bands(bands, motion.time)
+    draw_residual_curves(stream, curves)
+    send_residual_curves(stream, whole, curves)
+    _send_cycles(stream, result, cycles)
+    # moments of both legs by body mass [N·m/kg], of the plates closest to the truth
+    tau = [*result.variants.values()][-1].tau / result.body.mass
+    for motion_of_leg in LEG:
+        entity = f"joints/{motion_of_leg.name}"
+        columns = [motion_of_leg.column(side)[0] for side in SIDE_COLOURS]
+        draw_curves(stream, entity, [*SIDE_COLOURS], [*SIDE_COLOURS.values()])
+        send_curves(stream, whole, entity, tau[:, columns])
+    log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
+    for row, changes in _states(result).items():
+        log_states(stream, clock, row, changes, STATES)
+    log_text(stream, "summary", printable(trial_summary(result)))
+
+
+def _clock(result: TrialResult, cycles: list[CycleExtreme]) -> Clock:
+    """Give the clock of a trial; on one timeline a gait cycle is 100 long, if there are any."""
+    start, rate_hz = result.motion.time[0], result.markers.rate_hz
+    spans = result.cycles[cycles[0].side] if cycles else np.empty((0, 2))
+    knots = np.ravel(spans)
+    percent = 100.0 * np.ravel(np.arange(len(spans))[:, None] + [1, 2])
+    if cycles:  # before and after all gait cycles, one takes their mean time
+        far = FAR * np.mean(spans[:, 1] - spans[:, 0])
+        knots = np.array([knots[0] - far, *knots, knots[-1] + far])
+        percent = np.array([percent[0] - 100 * FAR, *percent, percent[-1] + 100 * FAR])
 
     def clock(time: Array) -> Timelines:
-        frame = np.rint((time - motion.time[0]) * markers.rate_hz).astype(int)
-        return {"time": time, "frame": frame + result.first_frame}
+        frame = np.rint((time - start) * rate_hz).astype(int) + result.first_frame
+        of_cycles = (
+            {PERCENT: np.rint(np.interp(time, knots, percent)).astype(int)} if cycles else {}
+        )
+        return {"time": time, "frame": frame, **of_cycles}
 
-    whole, view = clock(motion.time), clock(motion.time[shown])
-    counts, uncertain = result.counts, ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
-    pushed = [
-        change
-        for onset in result.onsets.tolist()
-        for change in ((onset, "perturbation"), (onset + PERTURBATION_S, ""))
-    ]
-    states = {
-        "perturbation": pushed,
-        "plate_split": changes_of(uncertain, motion.time, "uncertain"),
-        "residual": changes_of(~counts, motion.time, "not used"),
+    return clock
+
+
+def _residuals(result: TrialResult) -> dict[str, Array]:
+    """Give the residuals of each variant in the reported axes, (T, 6); NaN where none counts."""
+    counts = result.counts[:, None]
+    return {
+        name: np.where(counts, reported(dynamics.residual), np.nan)
+        for name, dynamics in result.variants.items()
     }
-    has_phases = bool(result.events or any(states.values()))
-    layout = trial_layout(motion.q[shown, :3], phases=has_phases)
-    with recording_file(path, APPLICATION, _title(result), layout) as stream:
-        draw_scene(stream, result.body, markers.names, result.plates, result.variants)
-        _send_frames(stream, view, result, shown)
-        curves = {
-            name: np.where(counts[:, None], reported(dynamics.residual), np.nan)
-            for name, dynamics in result.variants.items()
-        }
-        if bands is not None:
-            curves |= _ends_of_bands(bands, motion.time)
-        draw_residual_curves(stream, curves)
-        send_residual_curves(stream, whole, curves)
-        _send_cycles(stream, result)
-        _send_joint_moments(stream, whole, result)
-        log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
-        for side in ("left", "right"):
-            phases = [(e.time, PHASES[e.label]) for e in result.events if e.side == side]
-            log_states(stream, clock, f"foot_{side}", phases, PHASE_COLOURS)
-        for row, changes in states.items():
-            own = {state: STATES[state] for _, state in changes if state}
-            log_states(stream, clock, row, changes, own)
-        log_text(stream, "summary", printable(trial_summary(result)))
-        log_text(stream, "legend", LEGEND)
 
 
-def side_cycles(result: TrialResult) -> list[CycleExtreme]:
-    """Give the gait cycles of the side with the worst one, the worst first; they may be none."""
+def _states(result: TrialResult) -> dict[str, list[tuple[float, str]]]:
+    """Give the states of each row: from which time on [s] which one; "" is none."""
+    time, uncertain = result.motion.time, ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
+    onsets = result.onsets.tolist()
+    return {
+        side + "_foot": [(e.time, PHASES[e.label]) for e in result.events if e.side == side]
+        for side in ("left", "right")
+    } | {
+        "perturbation": [
+            change
+            for onset in onsets
+            for change in ((onset, "perturbation"), (onset + PERTURBATION_S, ""))
+        ],
+        "feet_on_plates": changes_of(uncertain, time, "uncertain"),
+        "residuals": changes_of(~result.counts, time, "not used"),
+    }
+
+
+def _send_video(stream: rr.RecordingStream, clock: Clock, path: Path, start_s: float) -> None:
+    """Send a video that begins at a time of the trial [s]; the viewer decodes it."""
+    try:
+        video = rr.AssetVideo(contents=path.read_bytes(), media_type="video/mp4")
+        shown_ns = video.read_frame_timestamps_nanos()
+    except RuntimeError as error:
+        raise ValueError(f"{path}: no MP4 video that can be read ({error})") from error
+    stream.log("video", video, static=True)
+    timelines = clock(start_s + shown_ns / 1e9)
+    there = np.ones((len(shown_ns), 1), bool)
+    send(stream, "video", timelines, rr.VideoFrameReference, there, timestamp=shown_ns[:, None])
+
+
+def side_cycles(result: TrialResult, side: str = "") -> list[CycleExtreme]:
+    """Give the gait cycles of a side, or of that of the worst one, the worst first, if any."""
     worst = worst_cycles(result)
-    return [cycle for cycle in worst if cycle.side == worst[0].side]
+    return [cycle for cycle in worst if cycle.side == (side or worst[0].side)]
 
 
-def opening_s(result: TrialResult, at_s: float | None = None) -> float:
-    """Give where a trial opens [s]: where stated, else in the worst gait cycle."""
-    first, last = result.motion.time[[0, -1]]
+def opening(result: TrialResult, at_s: float | None = None, *, beside: bool = False) -> Cursor:
+    """Give where a trial opens: where stated [s], else in the worst gait cycle."""
+    (first, last), cycles = result.motion.time[[0, -1]], side_cycles(result)
     if at_s is None:
-        return worst_instant(result, next(iter(side_cycles(result)), None))
+        at_s = worst_instant(result, cycles[0] if cycles else None)
     if not first <= at_s <= last:
         raise ValueError(f"--at {at_s:g}: {_title(result)} lasts from {first:.2f} to {last:.2f} s")
-    return at_s
+    if beside:
+        return PERCENT, int(_clock(result, cycles)(np.array([at_s]))[PERCENT][0])
+    return "time", round(at_s * 1e9)
 
 
 def worst_instant(result: TrialResult, cycle: CycleExtreme | None = None) -> float:
@@ -177,19 +274,23 @@ def worst_instant(result: TrialResult, cycle: CycleExtreme | None = None) -> flo
     return float(time[np.argmax(np.where(counts, size.max(axis=1), -1))])
 
 
-def _send_cycles(stream: rr.RecordingStream, result: TrialResult) -> None:
+def _send_cycles(stream: Stream, result: TrialResult, cycles: list[CycleExtreme]) -> None:
     """Send the instant at which each gait cycle stands out, and its RMS residuals."""
-    cycles = sorted(side_cycles(result), key=lambda cycle: cycle.number)
     if cycles:
+        cycles = sorted(cycles, key=lambda cycle: cycle.number)
         numbers = [cycle.number for cycle in cycles]
         instants = [worst_instant(result, cycle) for cycle in cycles]
         frames = np.searchsorted(result.motion.time, instants)
         rms = {
-            name: np.array([
-                rms
-                for side, number, _, _, rms, *_ in cycle_measures(result, name, windows(result)[0])
-                if side == cycles[0].side and number in numbers
-            ])
+            name: np.array(
+                [
+                    rms
+                    for side, number, _, _, rms, *_ in cycle_measures(
+                        result, name, windows(result)[0]
+                    )
+                    if side == cycles[0].side and number in numbers
+                ]
+            )
             for name in result.variants
         }
         _send_frames(stream, {CYCLE: np.array(numbers)}, result, frames)
@@ -197,7 +298,7 @@ def _send_cycles(stream: rr.RecordingStream, result: TrialResult) -> None:
 
 
 def _send_frames(
-    stream: rr.RecordingStream, timelines: Timelines, result: TrialResult, at: slice | Indices
+    stream: Stream, timelines: Timelines, result: TrialResult, at: slice | Indices
 ) -> None:
     """Send the scene of some frames."""
     markers, counts = result.markers, result.counts[at, None]
@@ -214,17 +315,6 @@ def _send_frames(
         surface_m=float(np.mean([plate.center[2] for plate in result.plates])),
         threshold_n=result.settings.contact_threshold_n,
     )
-
-
-def _send_joint_moments(
-    stream: rr.RecordingStream, timelines: Timelines, result: TrialResult
-) -> None:
-    """Send the moments of both legs by body mass [N·m/kg], of the plates closest to the truth."""
-    tau = [*result.variants.values()][-1].tau / result.body.mass
-    for motion in LEG:
-        columns = [motion.column(side)[0] for side in SIDE_COLOURS]
-        draw_curves(stream, f"joints/{motion.name}", [*SIDE_COLOURS], [*SIDE_COLOURS.values()])
-        send_curves(stream, timelines, f"joints/{motion.name}", tau[:, columns])
 
 
 def _ends_of_bands(bands: Bands, time: Array) -> dict[str, Array]:

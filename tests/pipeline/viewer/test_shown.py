@@ -99,7 +99,7 @@ def test_the_page_shows_the_trial_where_it_is_told_to_and_requests_only_what_is_
     with served(recording) as (_, address), open_browser() as browser:
         browser.resize(*WINDOW)
         browser.open(address)
-        state = settled_page(browser)
+        state = settled_page(browser, seconds=8.0)
         browser.screenshot(tmp_path / "page.png")
     assert state.active.startswith("Recording:hbm_residuals_trial:")
     assert (state.timeline, state.time, state.playing) == ("time", 2_500_000_000, PAUSED)

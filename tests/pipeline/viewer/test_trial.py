@@ -18,7 +18,7 @@ from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, CYCLE_COLUMNS, cycle_rows, reported
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
-from pipeline.viewer.trial import opening_s, write_recording
+from pipeline.viewer.trial import opening, write_recording
 from tests.pipeline.stored_recording import Stored
 from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, ONSETS_S, sway_and_pitch, viewer_trial
 
@@ -189,7 +189,7 @@ def test_platform_moves_with_its_pose_and_carries_the_plates(stored, trial):
 def test_phases_change_at_the_events_and_perturbations_begin_at_their_onsets(stored, trial):
     for side in ("left", "right"):
         mine = [event for event in trial.events if event.side == side]
-        entity = f"phases/foot_{side}"
+        entity = f"phases/{side}_foot"
         states = [row[0] for row in stored.rows(entity, "state")]
         phase = {"foot_strike": "stance", "foot_off": "swing"}
         assert states == [phase[event.label] for event in mine]
@@ -245,19 +245,19 @@ def pushed(trial, frame):
 
 @pytest.mark.parametrize("frame", [180, 310, 377])
 def test_a_trial_opens_at_the_largest_residual_of_its_worst_gait_cycle(trial, frame):
-    assert opening_s(pushed(trial, frame)) == trial.motion.time[frame]
+    assert opening(pushed(trial, frame))[1] == round(trial.motion.time[frame] * 1e9)
 
 
 def test_a_trial_without_gait_cycles_opens_at_the_largest_residual_that_counts(trial):
     span = replace(pushed(trial, 310), span=(2.0, 4.0))
-    assert opening_s(span) == trial.motion.time[310]
-    assert opening_s(replace(span, span=(0.0, 2.0))) < 2.0
+    assert opening(span)[1] == round(trial.motion.time[310] * 1e9)
+    assert opening(replace(span, span=(0.0, 2.0)))[1] < 2e9
 
 
 def test_a_trial_opens_where_it_is_told_to_and_only_within_its_recording(trial):
-    assert opening_s(trial, 2.5) == 2.5
+    assert opening(trial, 2.5) == ("time", 2_500_000_000)
     with pytest.raises(ValueError, match=r"^--at 9: .* lasts from 0.00 to 4.99 s$"):
-        opening_s(trial, 9.0)
+        opening(trial, 9.0)
 
 
 def test_gait_cycles_have_a_timeline_of_their_own_with_their_worst_instants_and_rms(
