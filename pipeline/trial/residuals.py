@@ -53,7 +53,7 @@ Threshold = namedtuple("Threshold", "compensated quantity unit peak limit passed
 """A row of `threshold_table`."""
 MarkerError = namedtuple("MarkerError", "marker rms_mm peak_mm missing_percent")
 """A row of `marker_rows`."""
-CycleExtreme = namedtuple("CycleExtreme", "side number start_s stop_s axis unit rms ratio")
+CycleExtreme = namedtuple("CycleExtreme", "side start_s stop_s axis unit rms ratio")
 """A gait cycle, and the residual in it that is largest for its reference, `ratio` times that."""
 
 
@@ -149,7 +149,7 @@ def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
     for name in result.variants:
         for window in () if result.span else windows(result):
             of_window = name == "compensated", window.name, window.headline
-            for *cycle, rms, peak, count, share in cycle_measures(result, name, window):
+            for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
                 before = *trial_columns(result, condition), *of_window, *cycle
                 measures = zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True)
                 rows += [(*before, *measure, count, share) for measure in measures]
@@ -161,7 +161,7 @@ def trial_columns(result: TrialResult, condition: str) -> tuple[str, str, str, s
     return result.subject.id, condition, result.recording, result.session
 
 
-def cycle_measures(
+def _of_cycles(
     result: TrialResult, variant: str, window: Window
 ) -> Iterator[tuple[str, int, float, float, Array, Array, int, float]]:
     """Give of each gait cycle side, number, start, stop, RMS, peak, (6,), used frames, share."""
@@ -187,13 +187,13 @@ def worst_cycles(result: TrialResult) -> list[CycleExtreme]:
         return []
     headline = [row for row in residual_rows(result) if row.headline]
     reference, worst = reference_of(headline)[1], list[CycleExtreme]()
-    for side, number, start, stop, rms, *_ in cycle_measures(
+    for side, _, start, stop, rms, *_ in _of_cycles(
         result, [*result.variants][-1], windows(result)[0]
     ):
         ratio = rms / np.array([reference[axis] for axis in AXES])
         if np.isfinite(ratio).all():
             k = int(ratio.argmax())
-            row = side, number, start, stop, AXES[k], UNITS[k], float(rms[k]), float(ratio[k])
+            row = side, start, stop, AXES[k], UNITS[k], float(rms[k]), float(ratio[k])
             worst.append(CycleExtreme(*row))
     return sorted(worst, key=lambda cycle: -cycle.ratio)
 
@@ -284,7 +284,7 @@ def _summary(result: TrialResult, window: Window, variant: str) -> Iterator[tupl
     percent = result.body.mass * GRAVITY_MPS2 * np.repeat([1.0, result.body.height_m], 3) / 100
     value = reported(result.variants[variant].residual[counts])
     rms = np.sqrt(np.mean(value**2, axis=0))
-    cycles = () if result.span else cycle_measures(result, variant, window)
+    cycles = () if result.span else _of_cycles(result, variant, window)
     of_cycles = [rms_of_one**2 for *_, rms_of_one, _, count, _ in cycles if count]
     unknown = np.full(len(AXES), np.nan)
     rms_of_cycles = np.sqrt(np.mean(of_cycles, axis=0)) if of_cycles else unknown

@@ -71,9 +71,7 @@ def trial_layout(pelvis: Array, *, phases: bool, video: bool) -> rrb.Blueprint:
                 _panels(
                     "Joint moments",
                     {
-                        f"{motion.joint.capitalize()} {motion.direction} moment (N·m/kg)": (
-                            f"joints/{motion.name}"
-                        )
+                        f"{motion.joint} {motion.direction} (N·m/kg)": f"joints/{motion.name}"
                         for motion in LEG
                     },
                     window,
@@ -81,7 +79,7 @@ def trial_layout(pelvis: Array, *, phases: bool, video: bool) -> rrb.Blueprint:
                 _series("Marker errors (mm)", "marker_error_mm", whole),
             ),
             rrb.Tabs(_text("summary"), _text("legend")),
-            column_shares=[6, 10, 6],
+            column_shares=[5, 10, 5],
         )
     )
 
@@ -147,11 +145,10 @@ def _text(entity: str) -> rrb.TextDocumentView:
 
 
 def _series(name: str, origin: str, shown: rrb.VisibleTimeRange, **more: Any) -> rrb.TimeSeriesView:
-    axis = rrb.archetypes.TimeAxis(view_range=shown.range)
-    return rrb.TimeSeriesView(name=name, origin=origin, time_ranges=shown, axis_x=axis, **more)
+    return rrb.TimeSeriesView(name=name, origin=origin, time_ranges=shown, **more)
 
 
-def _scene(pelvis: Array, folder: str = "", name: str = ARROWS) -> rrb.Spatial3DView:
+def _scene(pelvis: Array, folder: str = "", name: str = "Body and forces") -> rrb.Spatial3DView:
     middle = np.nanmedian(pelvis, axis=0)
     path = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
     eye = middle + (1 + path / PATH_IN_VIEW_M) * EYE_FROM_TARGET_M
@@ -184,14 +181,13 @@ def _panels(
     scales: Sequence[float] = (),
 ) -> rrb.Grid:
     """Give panels of curves, title -> entity, of fixed scales if any; the first has the legend."""
-    fixed = [{"axis_y": rrb.ScalarAxis(range=(-scale, scale))} for scale in scales]
     panels = [
         _series(
             title,
             entity,
             shown,
             plot_legend=rrb.PlotLegend(visible=k == 0),
-            **(fixed[k] if fixed else {}),
+            axis_y=rrb.ScalarAxis(range=(-scales[k], scales[k])) if scales else None,
         )
         for k, (title, entity) in enumerate(entities.items())
     ]

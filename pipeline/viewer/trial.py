@@ -11,8 +11,8 @@ import rerun as rr
 from compensation.inertia.sensors import QUANTILE_95
 from compensation.platform import PlatformPose
 from hbm.markers import Markers
-from hbm.notes import provenance, warnings_of
-from hbm.spatial import Array, Indices
+from hbm.notes import warnings_of
+from hbm.spatial import Array, Indices, Mask
 from pipeline.explain.budget import Bands
 from pipeline.figures.joints import LEG
 from pipeline.figures.residuals import SIDE_COLOURS
@@ -22,13 +22,11 @@ from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
     HEALTHY_RMS,
+    UNITS,
     CycleExtreme,
-    cycle_measures,
     reported,
     residual_rows,
-    threshold_rows,
     unseen_sentence,
-    windows,
     worst_cycles,
 )
 from pipeline.trial.result import TrialResult
@@ -56,8 +54,6 @@ from pipeline.viewer.serve import Cursor, view
 APPLICATION: Final = "hbm_residuals_trial"
 VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
-FAR: Final = 1e4
-"""Gait cycles by which their numbers go on before the first and after the last one."""
 PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
@@ -128,11 +124,12 @@ def write_recording(
         If one of two trials has no gait cycle that counts, or the video cannot be read.
     """
     cycles, film = side_cycles(result), video is not None
+    side = cycles[0].side if cycles else ""
     if beside is None:
         states = any(changes for changes in _states(result).values())
         layout = trial_layout(result.motion.q[:, :3], phases=states, video=film)
     else:
-        if not (cycles and side_cycles(beside, cycles[0].side)):
+        if not (cycles and side_cycles(beside, side)):
             raise ValueError(f"{path.stem}: side by side needs gait cycles that count in both")
         trials = result, beside
         curves = [curve for trial in trials for curve in _residuals(trial).values()]
@@ -143,10 +140,10 @@ def write_recording(
         folder = stream if beside is None else Folder(stream, "trial_0")
         _send_trial(folder, result, cycles, view_hz, bands)
         if beside is not None:
-            others = side_cycles(beside, cycles[0].side)
+            others = side_cycles(beside, side)
             _send_trial(Folder(stream, "trial_1"), beside, others, view_hz, None)
         if video is not None:
-            _send_video(stream, _clock(result, cycles), *video)
+            _send_video(stream, _clock(result, side), result.motion.time[0], *video)
         log_legend(stream)
 
 
@@ -158,7 +155,8 @@ def _send_trial(
     bands: Bands | None,
 ) -> None:
     """Send all of a trial; its gait cycles are those given."""
-    motion, markers, clock = result.motion, result.markers, _clock(result, cycles)
+    motion, markers = result.motion, result.markers
+    clock = _clock(result, cycles[0].side if cycles else "")
     shown = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
     whole, view = clock(motion.time), clock(motion.time[shown])
     draw_scene(stream, result.body, markers.names, result.plates, result.variants)
@@ -168,7 +166,8 @@ def _send_trial(
         curves |= _ends_of_bands(bands, motion.time)
     draw_residual_curves(stream, curves)
     send_residual_curves(stream, whole, curves)
-    _send_cycles(stream, result, cycles)
+    if cycles:
+        _send_cycles(stream, result, cycles)
     # moments of both legs by body mass [N·m/kg], of the plates closest to the truth
     tau = [*result.variants.values()][-1].tau / result.body.mass
     for motion_of_leg in LEG:
@@ -182,25 +181,27 @@ def _send_trial(
     log_text(stream, "summary", printable(trial_summary(result)))
 
 
-def _clock(result: TrialResult, cycles: list[CycleExtreme]) -> Clock:
-    """Give the clock of a trial; on one timeline a gait cycle is 100 long, if there are any."""
-    start, rate_hz = result.motion.time[0], result.markers.rate_hz
-    spans = result.cycles[cycles[0].side] if cycles else np.empty((0, 2))
-    knots = np.ravel(spans)
-    percent = 100.0 * np.ravel(np.arange(len(spans))[:, None] + [1, 2])
-    if cycles:  # before and after all gait cycles, one takes their mean time
-        far = FAR * np.mean(spans[:, 1] - spans[:, 0])
-        knots = np.array([knots[0] - far, *knots, knots[-1] + far])
-        percent = np.array([percent[0] - 100 * FAR, *percent, percent[-1] + 100 * FAR])
+def _clock(result: TrialResult, side: str) -> Clock:
+    """Give the clock of a trial; one timeline counts the gait cycles of a side, if there are any."""
 
     def clock(time: Array) -> Timelines:
-        frame = np.rint((time - start) * rate_hz).astype(int) + result.first_frame
-        of_cycles = (
-            {PERCENT: np.rint(np.interp(time, knots, percent)).astype(int)} if cycles else {}
-        )
-        return {"time": time, "frame": frame, **of_cycles}
+        frame = np.rint((time - result.motion.time[0]) * result.markers.rate_hz).astype(int)
+        lines = {"time": time, "frame": frame + result.first_frame}
+        return lines | ({PERCENT: _percent(result, side, time)} if side else {})
 
     return clock
+
+
+def _percent(result: TrialResult, side: str, time: Array) -> Indices:
+    """Give 100 times the number of the gait cycle, plus its percentage, at instants [s].
+
+    Foot strikes of a side are counted; what is before the first one is in its place, so that no
+    trial begins later than another, which would show its segments without their poses.
+    """
+    strike = side, "foot_strike"
+    strikes = sorted(e.time for e in result.events if (e.side, e.label) == strike)
+    numbers = np.arange(1.0, len(strikes) + 1)
+    return np.rint(100 * np.interp(time, strikes, numbers)).astype(int)
 
 
 def _residuals(result: TrialResult) -> dict[str, Array]:
@@ -217,7 +218,7 @@ def _states(result: TrialResult) -> dict[str, list[tuple[float, str]]]:
     time, uncertain = result.motion.time, ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
     onsets = result.onsets.tolist()
     return {
-        side + "_foot": [(e.time, PHASES[e.label]) for e in result.events if e.side == side]
+        f"foot_{side}": [(e.time, PHASES[e.label]) for e in result.events if e.side == side]
         for side in ("left", "right")
     } | {
         "perturbation": [
@@ -225,12 +226,14 @@ def _states(result: TrialResult) -> dict[str, list[tuple[float, str]]]:
             for onset in onsets
             for change in ((onset, "perturbation"), (onset + PERTURBATION_S, ""))
         ],
-        "feet_on_plates": changes_of(uncertain, time, "uncertain"),
+        "plates": changes_of(uncertain, time, "uncertain"),
         "residuals": changes_of(~result.counts, time, "not used"),
     }
 
 
-def _send_video(stream: rr.RecordingStream, clock: Clock, path: Path, start_s: float) -> None:
+def _send_video(
+    stream: rr.RecordingStream, clock: Clock, first_s: float, path: Path, start_s: float
+) -> None:
     """Send a video that begins at a time of the trial [s]; the viewer decodes it."""
     try:
         video = rr.AssetVideo(contents=path.read_bytes(), media_type="video/mp4")
@@ -238,63 +241,56 @@ def _send_video(stream: rr.RecordingStream, clock: Clock, path: Path, start_s: f
     except RuntimeError as error:
         raise ValueError(f"{path}: no MP4 video that can be read ({error})") from error
     stream.log("video", video, static=True)
-    timelines = clock(start_s + shown_ns / 1e9)
-    there = np.ones((len(shown_ns), 1), bool)
-    send(stream, "video", timelines, rr.VideoFrameReference, there, timestamp=shown_ns[:, None])
+    seconds = start_s + shown_ns / 1e9
+    during = seconds >= first_s  # before a trial, its segments have no poses yet
+    send_video = clock(seconds[during]), rr.VideoFrameReference, np.ones((during.sum(), 1), bool)
+    send(stream, "video", *send_video, timestamp=shown_ns[during, None])
 
 
 def side_cycles(result: TrialResult, side: str = "") -> list[CycleExtreme]:
     """Give the gait cycles of a side, or of that of the worst one, the worst first, if any."""
-    worst = worst_cycles(result)
+    worst = worst_cycles(result) if result.events else []
     return [cycle for cycle in worst if cycle.side == (side or worst[0].side)]
 
 
 def opening(result: TrialResult, at_s: float | None = None, *, beside: bool = False) -> Cursor:
-    """Give where a trial opens: where stated [s], else in the worst gait cycle."""
-    (first, last), cycles = result.motion.time[[0, -1]], side_cycles(result)
-    if at_s is None:
-        at_s = worst_instant(result, cycles[0] if cycles else None)
-    if not first <= at_s <= last:
-        raise ValueError(f"--at {at_s:g}: {_title(result)} lasts from {first:.2f} to {last:.2f} s")
+    """Give where a trial opens: where stated [s], else where its worst gait cycle stands out."""
+    time, cycles = result.motion.time, side_cycles(result)
+    if at_s is None and cycles:
+        at_s = float(time[_worst_frame(result, cycles[0])])
+    elif at_s is None:
+        residual = np.abs([*result.variants.values()][-1].residual) / HEALTHY_RMS
+        at_s = float(time[np.argmax(np.where(result.counted, residual.max(axis=1), -1))])
+    if not time[0] <= at_s <= time[-1]:
+        lasts = f"lasts from {time[0]:.2f} to {time[-1]:.2f} s"
+        raise ValueError(f"--at {at_s:g}: {_title(result)} {lasts}")
     if beside:
-        return PERCENT, int(_clock(result, cycles)(np.array([at_s]))[PERCENT][0])
+        return PERCENT, int(_percent(result, cycles[0].side, np.array(at_s)))
     return "time", round(at_s * 1e9)
 
 
-def worst_instant(result: TrialResult, cycle: CycleExtreme | None = None) -> float:
-    """Give when the residual is largest for that of healthy people [s].
+def _worst_frame(result: TrialResult, cycle: CycleExtreme) -> int:
+    """Give the frame of a gait cycle with the largest residual in the axis that stands out."""
+    residual = [*result.variants.values()][-1].residual[:, AXES.index(cycle.axis)]
+    return int(np.argmax(np.where(_used(result, cycle), np.abs(residual), -1)))
 
-    In a gait cycle, in the axis that stands out, or in all that counts.
-    """
-    time, best = result.motion.time, [*result.variants.values()][-1]
-    size, counts = np.abs(best.residual) / HEALTHY_RMS, result.counted
-    if cycle is not None:
-        size = size[:, AXES.index(cycle.axis), None]
-        counts = result.counts & (time >= cycle.start_s) & (time < cycle.stop_s)
-    return float(time[np.argmax(np.where(counts, size.max(axis=1), -1))])
+
+def _used(result: TrialResult, cycle: CycleExtreme) -> Mask:
+    time = result.motion.time
+    return result.counts & (time >= cycle.start_s) & (time < cycle.stop_s)
 
 
 def _send_cycles(stream: Stream, result: TrialResult, cycles: list[CycleExtreme]) -> None:
     """Send the instant at which each gait cycle stands out, and its RMS residuals."""
-    if cycles:
-        cycles = sorted(cycles, key=lambda cycle: cycle.number)
-        numbers = [cycle.number for cycle in cycles]
-        instants = [worst_instant(result, cycle) for cycle in cycles]
-        frames = np.searchsorted(result.motion.time, instants)
-        rms = {
-            name: np.array(
-                [
-                    rms
-                    for side, number, _, _, rms, *_ in cycle_measures(
-                        result, name, windows(result)[0]
-                    )
-                    if side == cycles[0].side and number in numbers
-                ]
-            )
-            for name in result.variants
-        }
-        _send_frames(stream, {CYCLE: np.array(numbers)}, result, frames)
-        send_residual_curves(stream, {CYCLE: np.array(numbers)}, rms)
+    cycles = sorted(cycles, key=lambda cycle: cycle.start_s)
+    starts = np.array([cycle.start_s for cycle in cycles])
+    number = {CYCLE: np.rint(_percent(result, cycles[0].side, starts) / 100).astype(int)}
+    _send_frames(stream, number, result, np.array([_worst_frame(result, one) for one in cycles]))
+    rms = {
+        name: np.array([np.sqrt(np.mean(curve[_used(result, one)] ** 2, axis=0)) for one in cycles])
+        for name, curve in _residuals(result).items()
+    }
+    send_residual_curves(stream, number, rms)
 
 
 def _send_frames(
@@ -332,41 +328,22 @@ def _title(result: TrialResult) -> str:
 
 
 def trial_summary(result: TrialResult) -> str:
-    """Give residuals, peaks beside their limits and notes of a trial, in Markdown."""
-    blocks = [f"# {_title(result)}"]
-    if result.counted.any():
-        rows = [row for row in residual_rows(result) if row.headline]
-        shown = pd.DataFrame({"": AXES, "direction": DIRECTIONS})
+    """Give residuals and warnings of a trial, in Markdown; its page has the rest."""
+    blocks = [f"# {_title(result)}", "No frame is used: no residuals; see the warnings."]
+    if rows := [row for row in residual_rows(result) if row.headline]:
+        heads = [f"{axis} {DIRECTIONS[k % 3]}, {UNITS[k]}" for k, axis in enumerate(AXES)]
+        shown = pd.DataFrame({"": heads})
         for name in result.variants:
             own = [row for row in rows if row.compensated == (name == "compensated")]
-            shown[name] = [f"{row.rms:.1f} {row.unit}, {row.rms_percent:.2f} %" for row in own]
-        peaks = pd.DataFrame(threshold_rows(result))
-        limits = pd.DataFrame(
-            {
-                "plates": np.where(peaks["compensated"], "compensated", "measured"),
-                "residual": peaks["quantity"],
-                "peak": peaks["peak"],
-                "limit": peaks["limit"],
-                "unit": peaks["unit"],
-                "": np.where(peaks["passed"], "passes", "**fails**"),
-            }
-        )
-        blocks += [
+            shown[name] = [f"{row.rms:.1f} ({row.rms_percent:.2f} %)" for row in own]
+        blocks[1:] = [
             "## Pelvis residuals (RMS)",
             *filter(None, [unseen_sentence(result, rows)]),
             markdown(shown),
             "% of body weight, or of body weight × stature.",
-            "## Peaks against Hicks et al. 2015",
-            markdown(limits, 1),
         ]
-    else:
-        blocks.append("No frame is used: no residuals; see the warnings.")
     warnings = [f"- **{note}** `{note.code}`: {note.advice}" for note in warnings_of(result.notes)]
-    items = pd.DataFrame(provenance(result.notes), columns=["item", " "]).replace(
-        "[|]", "/", regex=True
-    )
-    blocks += ["## Warnings", "\n".join(warnings), "## Provenance", markdown(items)]
-    return "\n\n".join(blocks)
+    return "\n\n".join([*blocks, "## Warnings", "\n".join(warnings)])
 
 
 def markdown(table: pd.DataFrame, digits: int = 2) -> str:

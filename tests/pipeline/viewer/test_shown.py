@@ -38,8 +38,9 @@ PATIENCE_S = 30
 PIXELS = 50
 WINDOW = (1000, 600)
 PANELS = {
-    *("Fx forward (N)", "Fy right (N)", "Fz up (N)"),
-    *("Mx about forward (N·m)", "My about right (N·m)", "Mz about up (N·m)"),
+    *("Residual force, forward (N)", "Residual force, right (N)", "Residual force, up (N)"),
+    "Residual moment, about forward (N·m)",
+    *("Residual moment, about right (N·m)", "Residual moment, about up (N·m)", "Body and forces"),
     *("hip flexion (N·m/kg)", "hip abduction (N·m/kg)", "hip internal rotation (N·m/kg)"),
     *("knee flexion (N·m/kg)", "ankle plantarflexion (N·m/kg)", "ankle pronation (N·m/kg)"),
     *("Gait phases", "Marker errors (mm)", "Summary", "Legend"),
@@ -103,7 +104,7 @@ def test_the_page_shows_the_trial_where_it_is_told_to_and_requests_only_what_is_
         browser.screenshot(tmp_path / "page.png")
     assert state.active.startswith("Recording:hbm_residuals_trial:")
     assert (state.timeline, state.time, state.playing) == ("time", 2_500_000_000, PAUSED)
-    assert {name for name in state.views if not name.startswith("Arrows: ")} == PANELS
+    assert state.views == PANELS
     for variant in ("measured", "compensated"):
         assert count_pixels((tmp_path / "page.png").read_bytes(), COLOURS[variant]) > PIXELS
     assert address + "recording.rrd" in browser.requests
@@ -199,7 +200,7 @@ def test_the_window_opens_where_it_is_told_to_and_every_view_is_without_fault(re
             state = settled(viewer, 9)
             (shown,) = state.recordings
             views = {one.name for one in state.views if one.visible}
-            assert views <= PANELS | {name for name in views if name.startswith("Arrows: ")}
+            assert views <= PANELS
             assert (shown.current_timeline, shown.current_time) == ("time", 2_500_000_000)
             for second in (2.2, 4.9):
                 viewer.set_time("time", duration=second, play_state="paused")

@@ -18,7 +18,7 @@ from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, CYCLE_COLUMNS, cycle_rows, reported
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
-from pipeline.viewer.trial import opening, write_recording
+from pipeline.viewer.trial import _clock, opening, write_recording
 from tests.pipeline.stored_recording import Stored
 from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, ONSETS_S, sway_and_pitch, viewer_trial
 
@@ -189,7 +189,7 @@ def test_platform_moves_with_its_pose_and_carries_the_plates(stored, trial):
 def test_phases_change_at_the_events_and_perturbations_begin_at_their_onsets(stored, trial):
     for side in ("left", "right"):
         mine = [event for event in trial.events if event.side == side]
-        entity = f"phases/{side}_foot"
+        entity = f"phases/foot_{side}"
         states = [row[0] for row in stored.rows(entity, "state")]
         phase = {"foot_strike": "stance", "foot_off": "swing"}
         assert states == [phase[event.label] for event in mine]
@@ -269,14 +269,78 @@ def test_gait_cycles_have_a_timeline_of_their_own_with_their_worst_instants_and_
     table = pd.DataFrame(cycle_rows(pushed(trial, frame), "walk"), columns=CYCLE_COLUMNS)
     table = table[table.compensated & (table.axis == "Fy")]
     worst = table.loc[table.rms.idxmax()]
+    strikes = [e.time for e in trial.events if (e.side, e.label) == (worst.side, "foot_strike")]
     numbers = stored.times("residual/Fy", "gait cycle")
     curves = np.array(stored.rows("residual/Fy", "scalars", timeline="gait cycle"))
     mine = table[table.side == worst.side]
-    assert numbers.tolist() == mine.cycle.tolist()
+    assert [strikes[number - 1] for number in numbers] == mine.start_s.tolist()
     np.testing.assert_allclose(curves[:, 1], mine.rms, rtol=1e-12)
     markers = stored.rows("lab/markers/measured", "positions", timeline="gait cycle")
     expected = single(trial.markers.position[frame])
-    np.testing.assert_array_equal(markers[numbers.tolist().index(worst.cycle)], expected)
+    np.testing.assert_array_equal(markers[mine.start_s.tolist().index(worst.start_s)], expected)
+
+
+def test_the_timeline_in_percent_goes_on_by_a_hundred_from_foot_strike_to_foot_strike(trial):
+    strikes = [e.time for e in trial.events if (e.side, e.label) == ("left", "foot_strike")]
+    middle = (strikes[2] + strikes[3]) / 2
+    clock = _clock(trial, "left")(np.array([0.0, strikes[0], middle, strikes[3]]))
+    assert clock["gait cycle, %"].tolist() == [100, 100, 350, 400]
+
+
+def later(trial, delay_s):
+    """The trial as if the same gait cycles were walked some time later."""
+    events = tuple(replace(event, time=event.time + delay_s) for event in trial.events)
+    cycles = {side: spans + delay_s for side, spans in trial.cycles.items()}
+    return replace(trial, source=Path("later.c3d"), events=events, cycles=cycles)
+
+
+def test_trials_side_by_side_are_at_the_same_percentage_of_the_same_gait_cycle(trial, tmp_path):
+    path, delay_s = tmp_path / "both.rrd", 0.3
+    write_recording(trial, path, beside=later(trial, delay_s))
+    stored, reached = Stored(path), []
+    for k in (0, 1):
+        entity = f"trial_{k}/lab/markers/measured"
+        percent = stored.times(entity, "gait cycle, %")
+        reached.append(stored.times(entity)[np.searchsorted(percent, 250)])
+        assert percent[0] == 100, "segments without a pose would be drawn in a heap"
+        assert stored.rows(f"trial_{k}/residual/Fx", "scalars")
+    assert reached[1] - reached[0] == pytest.approx(delay_s, abs=0.021)
+    assert opening(trial, 2.5, beside=True)[0] == "gait cycle, %"
+    subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
+
+
+def test_trials_without_gait_cycles_are_not_shown_side_by_side(trial, tmp_path):
+    standing = replace(trial, span=(1.0, 4.0))
+    with pytest.raises(
+        ValueError, match=r"^both: side by side needs gait cycles that count in both"
+    ):
+        write_recording(trial, tmp_path / "both.rrd", beside=standing)
+
+
+VIDEO = Path(__file__).with_name("five_frames.mp4")
+"""At 10 Hz."""
+
+
+def test_each_frame_of_a_video_is_at_its_time_in_the_trial(trial, tmp_path):
+    path = tmp_path / "trial.rrd"
+    write_recording(trial, path, video=(VIDEO, 1.25))
+    stored = Stored(path)
+    np.testing.assert_allclose(stored.times("video"), 1.25 + np.arange(5) / 10)
+    shown_ns = np.ravel(stored.rows("video", "timestamp"))
+    np.testing.assert_array_equal(shown_ns, np.arange(5) * 10**8)
+
+
+def test_of_a_video_that_begins_early_only_what_is_of_the_trial_is_shown(trial, tmp_path):
+    write_recording(trial, tmp_path / "trial.rrd", video=(VIDEO, -0.25))
+    times = Stored(tmp_path / "trial.rrd").times("video")
+    np.testing.assert_allclose(times, [0.05, 0.15])
+
+
+def test_a_file_that_is_no_video_is_refused_by_its_name(trial, tmp_path):
+    path = tmp_path / "no.mp4"
+    path.write_bytes(b"no video")
+    with pytest.raises(ValueError, match=r"no\.mp4: no MP4 video that can be read"):
+        write_recording(trial, tmp_path / "trial.rrd", video=(path, 0.0))
 
 
 def test_a_body_of_which_a_joint_is_unknown_is_hidden_whole(trial, tmp_path):
