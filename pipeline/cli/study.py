@@ -274,8 +274,8 @@ def view(
         trial = read_trial(result)
         other = None
         if beside is not None:
-            *person, of_other = beside.rpartition("/")[::2] if "/" in beside else (beside,)
-            other = read_trial(_result_of(folder, *(person or [trial.subject.id]), of_other, None))
+            person, _, of_other = beside.rpartition("/")
+            other = read_trial(_result_of(folder, person or trial.subject.id, of_other, None))
         cursor = opening(trial, at, beside=other is not None)
         recording.parent.mkdir(parents=True, exist_ok=True)
         bands = bands_of(result, trial)

@@ -45,13 +45,9 @@ def log_legend(stream: Stream) -> None:
     log_text(stream, "legend", text.format(arrows=ARROWS, far_mm=MIN_ERROR_LINE_M * 1000))
 
 
-def trial_layout(pelvis: Array, *, phases: bool, video: bool) -> rrb.Blueprint:
-    """Lay out a trial around the path of the pelvis, (T, 3) [m].
-
-    There may be no states over time (``phases``), and no ``video``.
-    """
+def trial_layout(pelvis: Array, *, video: bool) -> rrb.Blueprint:
+    """Lay out a trial around the path of the pelvis, (T, 3) [m]."""
     window, whole = _time(-WINDOW_S, WINDOW_S), _time()
-    film = rrb.Spatial2DView(name="Video", origin="video")
     states = rrb.StateTimelineView(
         name="Gait phases",
         origin="phases",
@@ -59,12 +55,7 @@ def trial_layout(pelvis: Array, *, phases: bool, video: bool) -> rrb.Blueprint:
     )
     return _with_panels(
         rrb.Horizontal(
-            rrb.Vertical(
-                _scene(pelvis),
-                *[film] * video,
-                *[states] * phases,
-                row_shares=[3, *[2] * video, *[1] * phases],
-            ),
+            rrb.Vertical(_scene(pelvis), *_videos(video), states, row_shares=[3, *[2] * video, 1]),
             rrb.Tabs(
                 _residuals("Residuals around the cursor", window),
                 _residuals("Residuals, whole trial", whole),
@@ -85,20 +76,19 @@ def trial_layout(pelvis: Array, *, phases: bool, video: bool) -> rrb.Blueprint:
 
 
 def beside_layout(
-    trials: Sequence[tuple[str, Array]], scales: Array, *, video: bool
+    paths: Mapping[str, Array], scales: Sequence[float], *, video: bool
 ) -> rrb.Blueprint:
-    """Lay out trials, of a title and a path of the pelvis, side by side on the same scales."""
+    """Lay out trials, title -> path of the pelvis, side by side on the same scales [N, N·m]."""
     window = _time(-CYCLES_SHOWN * 100, CYCLES_SHOWN * 100, PERCENT)
     columns = [
         rrb.Vertical(
             _scene(pelvis, f"trial_{k}/", title),
-            _residuals(title, window, 2, [*scales], f"trial_{k}/"),
+            _residuals(title, window, 2, scales, f"trial_{k}/"),
             row_shares=[4, 5],
         )
-        for k, (title, pelvis) in enumerate(trials)
+        for k, (title, pelvis) in enumerate(paths.items())
     ]
-    film = rrb.Spatial2DView(name="Video", origin="video")
-    return _with_panels(rrb.Horizontal(*columns, *[film] * video), timeline=PERCENT)
+    return _with_panels(rrb.Horizontal(*columns, *_videos(video)), timeline=PERCENT)
 
 
 def live_layout(target: Array) -> rrb.Blueprint:
@@ -138,6 +128,10 @@ def _time(
         for at in (start, stop)
     )
     return rrb.VisibleTimeRange(timeline, start=first, end=last)
+
+
+def _videos(there: bool) -> list[rrb.View]:
+    return [rrb.Spatial2DView(name="Video", origin="video")] if there else []
 
 
 def _text(entity: str) -> rrb.TextDocumentView:

@@ -7,6 +7,7 @@ refused, so that no site can let its own name point to this machine (DNS rebindi
 recording.
 """
 
+import json
 import os
 import signal
 import socket
@@ -102,17 +103,6 @@ def _move_cursor(cursor: Cursor, port: int, process: subprocess.Popen[bytes]) ->
             viewer.set_time(cursor[0], sequence=cursor[1], play_state="paused")
             return
         time.sleep(POLL_S)
-
-
-def _cursor_request(timeline: str, value: int) -> bytes:
-    """Give the request that pauses a page at a cursor, in the viewer's Protocol Buffers."""
-    rest, moment = value % 2**64, b"\x08"
-    while rest > 127:
-        rest, moment = rest >> 7, moment + bytes([rest & 127 | 128])
-    name = timeline.encode()
-    fields = ((0x12, bytes([0x0A, len(name)]) + name), (0x1A, moment + bytes([rest])))
-    request = b"".join(bytes([tag, len(content)]) + content for tag, content in fields)
-    return bytes([0x32, len(request) + 2]) + request + b"\x28\x01"
 
 
 def data_address(port: int) -> str:
@@ -255,11 +245,10 @@ def page_server(
     viewer: Mapping[str, bytes], recording: Content, cursor: Cursor | None = None
 ) -> Iterator[str]:
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
-    request = [*_cursor_request(*cursor)] if cursor else []
     page, start = (
         Path(__file__).with_name(name).read_bytes() for name in ("page.html", "start.js")
     )
-    start = start.replace(b"CURSOR", str(request).encode())
+    start = start.replace(b"CURSOR", json.dumps(cursor).encode())
     files: dict[str, tuple[str, Content]] = {
         "/": ("text/html", [page].__iter__),
         "/start.js": ("text/javascript", [start].__iter__),

@@ -5,7 +5,6 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
-import pandas as pd
 import rerun as rr
 
 from compensation.inertia.sensors import QUANTILE_95
@@ -123,40 +122,31 @@ def write_recording(
     ValueError
         If one of two trials has no gait cycle that counts, or the video cannot be read.
     """
-    cycles, film = side_cycles(result), video is not None
-    side = cycles[0].side if cycles else ""
+    trials = [result, *([beside] if beside is not None else [])]
+    side = next((cycle.side for cycle in side_cycles(result)), "")
+    paths = {_title(trial): trial.motion.q[:, :3] for trial in trials}
     if beside is None:
-        states = any(changes for changes in _states(result).values())
-        layout = trial_layout(result.motion.q[:, :3], phases=states, video=film)
+        layout = trial_layout(result.motion.q[:, :3], video=video is not None)
     else:
-        if not (cycles and side_cycles(beside, side)):
+        if not all(side and side_cycles(trial, side) for trial in trials):
             raise ValueError(f"{path.stem}: side by side needs gait cycles that count in both")
-        trials = result, beside
         curves = [curve for trial in trials for curve in _residuals(trial).values()]
-        scales = np.nanmax(np.abs(np.concatenate(curves)), axis=0)
-        pelvis = [(_title(trial), trial.motion.q[:, :3]) for trial in trials]
-        layout = beside_layout(pelvis, scales, video=film)
-    with recording_file(path, APPLICATION, _title(result), layout) as stream:
-        folder = stream if beside is None else Folder(stream, "trial_0")
-        _send_trial(folder, result, cycles, view_hz, bands)
-        if beside is not None:
-            others = side_cycles(beside, side)
-            _send_trial(Folder(stream, "trial_1"), beside, others, view_hz, None)
+        scales = np.nanmax(np.abs(np.concatenate(curves)), axis=0).tolist()
+        layout = beside_layout(paths, scales, video=video is not None)
+    with recording_file(path, APPLICATION, " beside ".join(paths), layout) as stream:
+        for k, trial in enumerate(trials):
+            folder = stream if beside is None else Folder(stream, f"trial_{k}")
+            _send_trial(folder, trial, side, view_hz, None if k else bands)
         if video is not None:
             _send_video(stream, _clock(result, side), result.motion.time[0], *video)
         log_legend(stream)
 
 
 def _send_trial(
-    stream: Stream,
-    result: TrialResult,
-    cycles: list[CycleExtreme],
-    view_hz: float,
-    bands: Bands | None,
+    stream: Stream, result: TrialResult, side: str, view_hz: float, bands: Bands | None
 ) -> None:
-    """Send all of a trial; its gait cycles are those given."""
-    motion, markers = result.motion, result.markers
-    clock = _clock(result, cycles[0].side if cycles else "")
+    """Send all of a trial, with the gait cycles of a side."""
+    motion, markers, clock = result.motion, result.markers, _clock(result, side)
     shown = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
     whole, view = clock(motion.time), clock(motion.time[shown])
     draw_scene(stream, result.body, markers.names, result.plates, result.variants)
@@ -166,8 +156,8 @@ def _send_trial(
         curves |= _ends_of_bands(bands, motion.time)
     draw_residual_curves(stream, curves)
     send_residual_curves(stream, whole, curves)
-    if cycles:
-        _send_cycles(stream, result, cycles)
+    if cycles := side_cycles(result, side):
+        _send_cycles(stream, result, sorted(cycles, key=lambda cycle: cycle.start_s))
     # moments of both legs by body mass [N·m/kg], of the plates closest to the truth
     tau = [*result.variants.values()][-1].tau / result.body.mass
     for motion_of_leg in LEG:
@@ -182,7 +172,7 @@ def _send_trial(
 
 
 def _clock(result: TrialResult, side: str) -> Clock:
-    """Give the clock of a trial; one timeline counts the gait cycles of a side, if there are any."""
+    """Give the clock of a trial; one timeline counts the gait cycles of a side, if any."""
 
     def clock(time: Array) -> Timelines:
         frame = np.rint((time - result.motion.time[0]) * result.markers.rate_hz).astype(int)
@@ -215,20 +205,18 @@ def _residuals(result: TrialResult) -> dict[str, Array]:
 
 def _states(result: TrialResult) -> dict[str, list[tuple[float, str]]]:
     """Give the states of each row: from which time on [s] which one; "" is none."""
-    time, uncertain = result.motion.time, ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
-    onsets = result.onsets.tolist()
-    return {
-        f"foot_{side}": [(e.time, PHASES[e.label]) for e in result.events if e.side == side]
-        for side in ("left", "right")
-    } | {
-        "perturbation": [
-            change
-            for onset in onsets
-            for change in ((onset, "perturbation"), (onset + PERTURBATION_S, ""))
-        ],
+    time, onsets = result.motion.time, result.onsets
+    pushed = (time[:, None] >= onsets) & (time[:, None] < onsets + PERTURBATION_S)
+    uncertain = ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
+    states = {
+        "perturbation": changes_of(pushed.any(axis=1), time, "perturbation"),
         "plates": changes_of(uncertain, time, "uncertain"),
         "residuals": changes_of(~result.counts, time, "not used"),
     }
+    for side in ("left", "right"):
+        events = [event for event in result.events if event.side == side]
+        states[f"foot_{side}"] = [(event.time, PHASES[event.label]) for event in events]
+    return states
 
 
 def _send_video(
@@ -282,7 +270,6 @@ def _used(result: TrialResult, cycle: CycleExtreme) -> Mask:
 
 def _send_cycles(stream: Stream, result: TrialResult, cycles: list[CycleExtreme]) -> None:
     """Send the instant at which each gait cycle stands out, and its RMS residuals."""
-    cycles = sorted(cycles, key=lambda cycle: cycle.start_s)
     starts = np.array([cycle.start_s for cycle in cycles])
     number = {CYCLE: np.rint(_percent(result, cycles[0].side, starts) / 100).astype(int)}
     _send_frames(stream, number, result, np.array([_worst_frame(result, one) for one in cycles]))
@@ -332,24 +319,13 @@ def trial_summary(result: TrialResult) -> str:
     blocks = [f"# {_title(result)}", "No frame is used: no residuals; see the warnings."]
     if rows := [row for row in residual_rows(result) if row.headline]:
         heads = [f"{axis} {DIRECTIONS[k % 3]}, {UNITS[k]}" for k, axis in enumerate(AXES)]
-        shown = pd.DataFrame({"": heads})
-        for name in result.variants:
-            own = [row for row in rows if row.compensated == (name == "compensated")]
-            shown[name] = [f"{row.rms:.1f} ({row.rms_percent:.2f} %)" for row in own]
+        cells = [f"{row.rms:.1f} ({row.rms_percent:.2f} %)" for row in rows]
+        columns = (cells[k : k + len(AXES)] for k in range(0, len(cells), len(AXES)))
         blocks[1:] = [
             "## Pelvis residuals (RMS)",
             *filter(None, [unseen_sentence(result, rows)]),
-            markdown(shown),
+            markdown_table(["", *result.variants], [*zip(heads, *columns, strict=True)]),
             "% of body weight, or of body weight × stature.",
         ]
     warnings = [f"- **{note}** `{note.code}`: {note.advice}" for note in warnings_of(result.notes)]
     return "\n\n".join([*blocks, "## Warnings", "\n".join(warnings)])
-
-
-def markdown(table: pd.DataFrame, digits: int = 2) -> str:
-    """Give a table as Markdown, numbers with so many digits after the point."""
-    cells = [
-        [f"{v:.{digits}f}" if isinstance(v, float) else str(v) for v in row]
-        for row in table.itertuples(index=False)
-    ]
-    return markdown_table([*map(str, table.columns)], cells)
