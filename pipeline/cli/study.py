@@ -269,7 +269,7 @@ def view(
     )
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     recording = save or folder / "viewer" / f"{result.stem}.rrd"
-    film = video and (video, video_offset_s)
+    film = None if video is None else (video, video_offset_s)
     with console.status(Text(f"preparing {result.stem}")):
         trial = read_trial(result)
         other = None

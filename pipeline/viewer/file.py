@@ -85,7 +85,7 @@ def send(
     timelines: Timelines,
     archetype: Any,
     present: Mask,
-    **fields: Array,
+    **fields: np.ndarray,
 ) -> None:
     """Send an archetype's fields, (T, K, ...), for all rows; of those present, (T, K)."""
     for start in range(0, len(present), CHUNK_ROWS):

@@ -47,7 +47,7 @@ def log_legend(stream: Stream) -> None:
 
 def trial_layout(pelvis: Array, *, video: bool) -> rrb.Blueprint:
     """Lay out a trial around the path of the pelvis, (T, 3) [m]."""
-    window, whole = _time(-WINDOW_S, WINDOW_S), _time()
+    window = _time(-WINDOW_S, WINDOW_S)
     states = rrb.StateTimelineView(
         name="Gait phases",
         origin="phases",
@@ -58,7 +58,7 @@ def trial_layout(pelvis: Array, *, video: bool) -> rrb.Blueprint:
             rrb.Vertical(_scene(pelvis), *_videos(video), states, row_shares=[3, *[2] * video, 1]),
             rrb.Tabs(
                 _residuals("Residuals around the cursor", window),
-                _residuals("Residuals, whole trial", whole),
+                _residuals("Residuals, whole trial", None),
                 _panels(
                     "Joint moments",
                     {
@@ -67,7 +67,7 @@ def trial_layout(pelvis: Array, *, video: bool) -> rrb.Blueprint:
                     },
                     window,
                 ),
-                _series("Marker errors (mm)", "marker_error_mm", whole),
+                _series("Marker errors (mm)", "marker_error_mm", None),
             ),
             rrb.Tabs(_text("summary"), _text("legend")),
             column_shares=[5, 10, 5],
@@ -116,17 +116,10 @@ def live_layout(target: Array) -> rrb.Blueprint:
     )
 
 
-def _time(
-    start: float | None = None, stop: float | None = None, timeline: str = "time"
-) -> rrb.VisibleTimeRange:
-    """Show from one time to another after the cursor [s, or %]; None shows all."""
+def _time(start: float, stop: float, timeline: str = "time") -> rrb.VisibleTimeRange:
+    """Show from one time to another after the cursor [s, or %]."""
     unit = "seconds" if timeline == "time" else "seq"
-    first, last = (
-        rrb.TimeRangeBoundary.infinite()
-        if at is None
-        else rrb.TimeRangeBoundary.cursor_relative(**{unit: at})
-        for at in (start, stop)
-    )
+    first, last = (rrb.TimeRangeBoundary.cursor_relative(**{unit: at}) for at in (start, stop))
     return rrb.VisibleTimeRange(timeline, start=first, end=last)
 
 
@@ -138,7 +131,9 @@ def _text(entity: str) -> rrb.TextDocumentView:
     return rrb.TextDocumentView(name=entity.capitalize(), origin=entity)
 
 
-def _series(name: str, origin: str, shown: rrb.VisibleTimeRange, **more: Any) -> rrb.TimeSeriesView:
+def _series(
+    name: str, origin: str, shown: rrb.VisibleTimeRange | None, **more: Any
+) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(name=name, origin=origin, time_ranges=shown, **more)
 
 
@@ -156,7 +151,7 @@ def _scene(pelvis: Array, folder: str = "", name: str = "Body and forces") -> rr
 
 def _residuals(
     name: str,
-    shown: rrb.VisibleTimeRange,
+    shown: rrb.VisibleTimeRange | None,
     columns: int = 2,
     scales: Sequence[float] = (),
     folder: str = "",
@@ -170,7 +165,7 @@ def _residuals(
 def _panels(
     name: str,
     entities: Mapping[str, str],
-    shown: rrb.VisibleTimeRange,
+    shown: rrb.VisibleTimeRange | None,
     columns: int = 2,
     scales: Sequence[float] = (),
 ) -> rrb.Grid:

@@ -29,30 +29,18 @@ from pipeline.trial.residuals import (
     worst_cycles,
 )
 from pipeline.trial.result import TrialResult
+from pipeline.viewer import plots
 from pipeline.viewer.file import Clock, Folder, Stream, Timelines, printable, recording_file, send
-from pipeline.viewer.layout import (
-    CYCLE,
-    PERCENT,
-    beside_layout,
-    log_legend,
-    log_text,
-    trial_layout,
-)
-from pipeline.viewer.plots import (
-    changes_of,
-    draw_curves,
-    draw_residual_curves,
-    log_marker_errors,
-    log_states,
-    send_curves,
-    send_residual_curves,
-)
+from pipeline.viewer.layout import CYCLE, PERCENT, beside_layout, log_legend, log_text, trial_layout
 from pipeline.viewer.scene import draw_scene, send_scene
 from pipeline.viewer.serve import Cursor, view
 
 APPLICATION: Final = "hbm_residuals_trial"
 VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
+STEPPING: Final = """\
+Choose the timeline `gait cycle` below, and press ← or →: each gait cycle is shown where it stands \
+out, curves are its RMS residuals. On `gait cycle, %`, 1235 is 35 % of the 12th."""
 PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
@@ -154,8 +142,8 @@ def _send_trial(
     curves = _residuals(result)
     if bands is not None:
         curves |= _ends_of_bands(bands, motion.time)
-    draw_residual_curves(stream, curves)
-    send_residual_curves(stream, whole, curves)
+    plots.draw_residual_curves(stream, curves)
+    plots.send_residual_curves(stream, whole, curves)
     if cycles := side_cycles(result, side):
         _send_cycles(stream, result, sorted(cycles, key=lambda cycle: cycle.start_s))
     # moments of both legs by body mass [N·m/kg], of the plates closest to the truth
@@ -163,11 +151,11 @@ def _send_trial(
     for motion_of_leg in LEG:
         entity = f"joints/{motion_of_leg.name}"
         columns = [motion_of_leg.column(side)[0] for side in SIDE_COLOURS]
-        draw_curves(stream, entity, [*SIDE_COLOURS], [*SIDE_COLOURS.values()])
-        send_curves(stream, whole, entity, tau[:, columns])
-    log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
+        plots.draw_curves(stream, entity, [*SIDE_COLOURS], [*SIDE_COLOURS.values()])
+        plots.send_curves(stream, whole, entity, tau[:, columns])
+    plots.log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
     for row, changes in _states(result).items():
-        log_states(stream, clock, row, changes, STATES)
+        plots.log_states(stream, clock, row, changes, STATES)
     log_text(stream, "summary", printable(trial_summary(result)))
 
 
@@ -191,7 +179,7 @@ def _percent(result: TrialResult, side: str, time: Array) -> Indices:
     strike = side, "foot_strike"
     strikes = sorted(e.time for e in result.events if (e.side, e.label) == strike)
     numbers = np.arange(1.0, len(strikes) + 1)
-    return np.rint(100 * np.interp(time, strikes, numbers)).astype(int)
+    return np.asarray(np.rint(100 * np.interp(time, strikes, numbers)), int)
 
 
 def _residuals(result: TrialResult) -> dict[str, Array]:
@@ -209,9 +197,9 @@ def _states(result: TrialResult) -> dict[str, list[tuple[float, str]]]:
     pushed = (time[:, None] >= onsets) & (time[:, None] < onsets + PERTURBATION_S)
     uncertain = ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
     states = {
-        "perturbation": changes_of(pushed.any(axis=1), time, "perturbation"),
-        "plates": changes_of(uncertain, time, "uncertain"),
-        "residuals": changes_of(~result.counts, time, "not used"),
+        "perturbation": plots.changes_of(np.asarray(pushed.any(axis=1)), time, "perturbation"),
+        "plates": plots.changes_of(uncertain, time, "uncertain"),
+        "residuals": plots.changes_of(~result.counts, time, "not used"),
     }
     for side in ("left", "right"):
         events = [event for event in result.events if event.side == side]
@@ -265,7 +253,7 @@ def _worst_frame(result: TrialResult, cycle: CycleExtreme) -> int:
 
 def _used(result: TrialResult, cycle: CycleExtreme) -> Mask:
     time = result.motion.time
-    return result.counts & (time >= cycle.start_s) & (time < cycle.stop_s)
+    return np.asarray(result.counts & (time >= cycle.start_s) & (time < cycle.stop_s))
 
 
 def _send_cycles(stream: Stream, result: TrialResult, cycles: list[CycleExtreme]) -> None:
@@ -277,7 +265,7 @@ def _send_cycles(stream: Stream, result: TrialResult, cycles: list[CycleExtreme]
         name: np.array([np.sqrt(np.mean(curve[_used(result, one)] ** 2, axis=0)) for one in cycles])
         for name, curve in _residuals(result).items()
     }
-    send_residual_curves(stream, number, rms)
+    plots.send_residual_curves(stream, number, rms)
 
 
 def _send_frames(
@@ -328,4 +316,4 @@ def trial_summary(result: TrialResult) -> str:
             "% of body weight, or of body weight × stature.",
         ]
     warnings = [f"- **{note}** `{note.code}`: {note.advice}" for note in warnings_of(result.notes)]
-    return "\n\n".join([*blocks, "## Warnings", "\n".join(warnings)])
+    return "\n\n".join([*blocks, "## Warnings", "\n".join(warnings), "## Gait cycles", STEPPING])
