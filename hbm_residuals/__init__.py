@@ -9,7 +9,7 @@ One trial
     thresholds(result)        table: peaks beside published limits
     cycles(result, variant)   residuals of every gait cycle, 0 to 100 %
     joints(result)            joint angles, moments and powers, 0 to 100 %
-    figure(result)            residuals over the gait cycle
+    figure(result)            forces on the feet and residuals over time
     view(result)              the trial in the viewer
     write_page(result, file)  all of it as one HTML page
     explain(recording, ...)   causes of the residuals, and how sure they are

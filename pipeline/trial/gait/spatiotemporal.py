@@ -89,7 +89,7 @@ def _way_of_ground(time: Array, balls: Array, events: Sequence[Event]) -> Array:
     middles, velocities = list[Array](), list[Array]()
     for foot, side in enumerate(SIDES):
         strikes = event_times(events, "foot_strike", side)
-        stances = np.column_stack([strikes, np.append(strikes[1:], np.inf)])
+        stances = np.column_stack([strikes, np.append(strikes, np.inf)[1:]])
         foot_off = _first_within(event_times(events, "foot_off", side), stances)
         flat = strikes[:, None] + (foot_off - strikes)[:, None] * FLAT
         begin, end = (_interpolate(time, balls[:, foot], at) for at in flat.T)

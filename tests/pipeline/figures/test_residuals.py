@@ -75,12 +75,10 @@ def test_of_a_long_trial_the_seconds_around_the_worst_gait_cycle_are_shown():
 
 def test_what_is_drawn_in_one_figure_is_in_no_other_of_the_same_panels(trial):
     """Both are copies of one empty grid."""
-    first, second = residual_figure(trial), residual_figure(replace(trial, span=(0.0, 0.5)))
-    third = residual_figure(trial)
-    for panel, other, again in zip(first.axes, second.axes, third.axes, strict=True):
-        assert len(panel.lines) == len(again.lines)
-        assert panel.get_xlim() == again.get_xlim() == (0.0, 100.0)
-        assert other.get_xlim() == (trial.motion.time[0], trial.motion.time[-1])
+    first, second = residual_figure(trial), residual_figure(trial)
+    for panel, other in zip(first.axes, second.axes, strict=True):
+        assert len(panel.lines) == len(other.lines)
+        assert not {*panel.lines} & {*other.lines}
 
 
 @pytest.mark.parametrize("span", [None, (0.0, 1.0)])
