@@ -112,6 +112,7 @@ def write_recording(
     """
     trials = [result, *([beside] if beside is not None else [])]
     side = next((cycle.side for cycle in side_cycles(result)), "")
+    worst = _start(result, side)
     paths = {_title(trial): trial.motion.q[:, :3] for trial in trials}
     if beside is None:
         layout = trial_layout(result.motion.q[:, :3], video=video is not None)
@@ -124,17 +125,23 @@ def write_recording(
     with recording_file(path, APPLICATION, " beside ".join(paths), layout) as stream:
         for k, trial in enumerate(trials):
             folder = stream if beside is None else Folder(stream, f"trial_{k}")
-            _send_trial(folder, trial, side, view_hz, None if k else bands)
+            _send_trial(folder, trial, side, view_hz, None if k else bands, worst)
         if video is not None:
             _send_video(stream, _clock(result, side), result.motion.time[0], *video)
         log_legend(stream)
 
 
 def _send_trial(
-    stream: Stream, result: TrialResult, side: str, view_hz: float, bands: Bands | None
+    stream: Stream,
+    result: TrialResult,
+    side: str,
+    view_hz: float,
+    bands: Bands | None,
+    worst: int,
 ) -> None:
-    """Send all of a trial, with the gait cycles of a side."""
-    motion, markers, clock = result.motion, result.markers, _clock(result, side)
+    """Send all of a trial, with the gait cycles of a side; its worst one begins at a percentage."""
+    shift = worst - _start(result, side)
+    motion, markers, clock = result.motion, result.markers, _clock(result, side, shift)
     shown = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
     whole, view = clock(motion.time), clock(motion.time[shown])
     draw_scene(stream, result.body, markers.names, result.plates, result.variants)
@@ -145,7 +152,7 @@ def _send_trial(
     plots.draw_residual_curves(stream, curves)
     plots.send_residual_curves(stream, whole, curves)
     if cycles := side_cycles(result, side):
-        _send_cycles(stream, result, sorted(cycles, key=lambda cycle: cycle.start_s))
+        _send_cycles(stream, result, sorted(cycles, key=lambda cycle: cycle.start_s), shift)
     # moments of both legs by body mass [N·m/kg], of the plates closest to the truth
     tau = [*result.variants.values()][-1].tau / result.body.mass
     for motion_of_leg in LEG:
@@ -159,27 +166,34 @@ def _send_trial(
     log_text(stream, "summary", printable(trial_summary(result)))
 
 
-def _clock(result: TrialResult, side: str) -> Clock:
+def _clock(result: TrialResult, side: str, shift: int = 0) -> Clock:
     """Give the clock of a trial; one timeline counts the gait cycles of a side, if any."""
 
     def clock(time: Array) -> Timelines:
         frame = np.rint((time - result.motion.time[0]) * result.markers.rate_hz).astype(int)
         lines = {"time": time, "frame": frame + result.first_frame}
-        return lines | ({PERCENT: _percent(result, side, time)} if side else {})
+        return lines | ({PERCENT: _percent(result, side, time, shift)} if side else {})
 
     return clock
 
 
-def _percent(result: TrialResult, side: str, time: Array) -> Indices:
+def _percent(result: TrialResult, side: str, time: Array, shift: int = 0) -> Indices:
     """Give 100 times the number of the gait cycle, plus its percentage, at instants [s].
 
-    Foot strikes of a side are counted; what is before the first one is in its place, so that no
-    trial begins later than another, which would show its segments without their poses.
+    Foot strikes of a side are counted, from the shift on. All that is before the first one is in
+    its place: segments of a trial that begins later would be drawn without their poses.
     """
     strike = side, "foot_strike"
     strikes = sorted(e.time for e in result.events if (e.side, e.label) == strike)
-    numbers = np.arange(1.0, len(strikes) + 1)
-    return np.asarray(np.rint(100 * np.interp(time, strikes, numbers)), int)
+    percent = [100, *(shift + 100 * np.arange(1, len(strikes) + 1))]
+    of_time = np.interp(time, [result.motion.time[0], *strikes], percent)
+    return np.asarray(np.rint(np.maximum(of_time, 100)), int)
+
+
+def _start(result: TrialResult, side: str) -> int:
+    """Give where the worst gait cycle of a side begins, as `_percent` does; 0 without any."""
+    starts = [cycle.start_s for cycle in side_cycles(result, side)[:1]]
+    return int(_percent(result, side, np.array(starts[0]))) if starts else 0
 
 
 def _residuals(result: TrialResult) -> dict[str, Array]:
@@ -256,10 +270,12 @@ def _used(result: TrialResult, cycle: CycleExtreme) -> Mask:
     return np.asarray(result.counts & (time >= cycle.start_s) & (time < cycle.stop_s))
 
 
-def _send_cycles(stream: Stream, result: TrialResult, cycles: list[CycleExtreme]) -> None:
+def _send_cycles(
+    stream: Stream, result: TrialResult, cycles: list[CycleExtreme], shift: int
+) -> None:
     """Send the instant at which each gait cycle stands out, and its RMS residuals."""
     starts = np.array([cycle.start_s for cycle in cycles])
-    number = {CYCLE: np.rint(_percent(result, cycles[0].side, starts) / 100).astype(int)}
+    number = {CYCLE: np.rint(_percent(result, cycles[0].side, starts, shift) / 100).astype(int)}
     _send_frames(stream, number, result, np.array([_worst_frame(result, one) for one in cycles]))
     rms = {
         name: np.array([np.sqrt(np.mean(curve[_used(result, one)] ** 2, axis=0)) for one in cycles])
@@ -316,4 +332,6 @@ def trial_summary(result: TrialResult) -> str:
             "% of body weight, or of body weight × stature.",
         ]
     warnings = [f"- **{note}** `{note.code}`: {note.advice}" for note in warnings_of(result.notes)]
-    return "\n\n".join([*blocks, "## Warnings", "\n".join(warnings), "## Gait cycles", STEPPING])
+    return "\n\n".join(
+        [*blocks, "## Warnings", "\n".join(warnings) or "None.", "## Gait cycles", STEPPING]
+    )
