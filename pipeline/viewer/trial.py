@@ -193,7 +193,8 @@ def _percent(result: TrialResult, side: str, time: Array, shift: int = 0) -> Ind
 def _start(result: TrialResult, side: str) -> int:
     """Give where the worst gait cycle of a side begins, as `_percent` does; 0 without any."""
     starts = [cycle.start_s for cycle in side_cycles(result, side)[:1]]
-    return int(_percent(result, side, np.array(starts[0]))) if starts else 0
+    # a part of a gait cycle may count, which begins after the foot strike
+    return int(_percent(result, side, np.array(starts[0]))) // 100 * 100 if starts else 0
 
 
 def _residuals(result: TrialResult) -> dict[str, Array]:
@@ -254,7 +255,7 @@ def opening(result: TrialResult, at_s: float | None = None, *, beside: bool = Fa
     if not time[0] <= at_s <= time[-1]:
         lasts = f"lasts from {time[0]:.2f} to {time[-1]:.2f} s"
         raise ValueError(f"--at {at_s:g}: {_title(result)} {lasts}")
-    if beside:
+    if beside and cycles:
         return PERCENT, int(_percent(result, cycles[0].side, np.array(at_s)))
     return "time", round(at_s * 1e9)
 
@@ -275,7 +276,7 @@ def _send_cycles(
 ) -> None:
     """Send the instant at which each gait cycle stands out, and its RMS residuals."""
     starts = np.array([cycle.start_s for cycle in cycles])
-    number = {CYCLE: np.rint(_percent(result, cycles[0].side, starts, shift) / 100).astype(int)}
+    number = {CYCLE: _percent(result, cycles[0].side, starts, shift) // 100}
     _send_frames(stream, number, result, np.array([_worst_frame(result, one) for one in cycles]))
     rms = {
         name: np.array([np.sqrt(np.mean(curve[_used(result, one)] ** 2, axis=0)) for one in cycles])

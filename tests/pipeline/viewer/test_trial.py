@@ -16,6 +16,7 @@ from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import shift_wrench
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import AXES, CYCLE_COLUMNS, cycle_rows, reported
+from pipeline.trial.result import CyclePart
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
 from pipeline.viewer.trial import _clock, opening, write_recording
@@ -326,12 +327,27 @@ def test_the_worst_gait_cycles_of_trials_side_by_side_have_one_number(trial, tmp
         assert numbers[0] == numbers[1]
 
 
+def test_where_a_part_of_gait_cycles_counts_trials_are_still_aligned_at_foot_strikes(
+    trial, tmp_path
+):
+    parts = {side: spans[:, :1] + [0.3, 0.6] for side, spans in trial.cycles.items()}
+    partly = replace(trial, part=CyclePart("0.3 to 0.6 s", parts))
+    write_recording(trial, tmp_path / "both.rrd", beside=partly)
+    stored = Stored(tmp_path / "both.rrd")
+    percent = [stored.times(f"trial_{k}/residual/Fx", "gait cycle, %") for k in (0, 1)]
+    walking = (trial.motion.time > 1.5) & (percent[1] > 100)  # after the first foot strikes
+    apart = (percent[1] - percent[0])[walking]
+    assert np.median(apart) % 100 == 0
+    np.testing.assert_allclose(apart, np.median(apart), atol=1, err_msg="beyond rounding")
+
+
 def test_trials_without_gait_cycles_are_not_shown_side_by_side(trial, tmp_path):
     standing = replace(trial, span=(1.0, 4.0))
     with pytest.raises(
         ValueError, match=r"^both: side by side needs gait cycles that count in both"
     ):
         write_recording(trial, tmp_path / "both.rrd", beside=standing)
+    assert opening(standing, beside=True)[0] == "time"
 
 
 VIDEO = Path(__file__).with_name("five_frames.mp4")
