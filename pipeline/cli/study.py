@@ -256,13 +256,19 @@ def view(
         str | None, Option("--recording", help="Of several, such as 02; default: the first.")
     ] = None,
     web: Annotated[bool, Option("--web", help="In a browser on this machine.")] = False,
+    at: Annotated[float | None, Option(help="Where to open [s]; default: worst cycle.")] = None,
+    beside: Annotated[
+        str | None, Option(help="A condition, or SUBJECT/CONDITION, next to it.")
+    ] = None,
+    video: Annotated[Path | None, Option(help="MP4 file of the trial.")] = None,
+    video_offset_s: Annotated[float, Option(help="When in the trial the video begins.")] = 0.0,
     save: Annotated[Path | None, Option(help="Only write the recording (.rrd).")] = None,
 ) -> None:
-    """Show markers, body, plates, forces, and residuals over time."""
+    """Show markers, body, plates, forces, and residuals over time, from the worst gait cycle on."""
     from pipeline.budgets.explanation import bands_of
     from pipeline.run.store import read_trial
     from pipeline.viewer.serve import view as show
-    from pipeline.viewer.trial import write_recording
+    from pipeline.viewer.trial import opening, write_recording
 
     console = PlainConsole()
     result = (
@@ -270,14 +276,21 @@ def view(
     )
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     recording = save or folder / "viewer" / f"{result.stem}.rrd"
+    film = None if video is None else (video, video_offset_s)
     with console.status(Text(f"preparing {result.stem}")):
         trial = read_trial(result)
+        other = None
+        if beside is not None:
+            person, _, of_other = beside.rpartition("/")
+            other = read_trial(_result_of(folder, person or trial.subject.id, of_other, None))
+        cursor = opening(trial, at, beside=other is not None)
         recording.parent.mkdir(parents=True, exist_ok=True)
-        write_recording(trial, recording, bands=bands_of(result, trial))
+        bands = bands_of(result, trial)
+        write_recording(trial, recording, bands=bands, beside=other, video=film)
     if save:
         console.say(f"recording: {save}")
     else:
-        show(recording, web=web, announce=console.say)
+        show(recording, web=web, cursor=cursor, announce=console.say)
 
 
 def _result_of(folder: Path, *wanted: str | None) -> Path:

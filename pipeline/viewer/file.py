@@ -30,6 +30,25 @@ Clock = Callable[[Array], Timelines]
 """Gives the timelines of any instants [s]."""
 
 
+class Folder:
+    """A folder of a recording, in which one of several trials is drawn."""
+
+    def __init__(self, stream: rr.RecordingStream, name: str) -> None:
+        self._stream, self._name = stream, name
+
+    def log(self, entity: str, shape: Any, *, static: bool) -> None:
+        """Log a shape."""
+        self._stream.log(f"{self._name}/{entity}", shape, static=static)
+
+    def send_columns(self, entity: str, indexes: Any, columns: Any, *, strict: bool) -> None:
+        """Send rows of shapes."""
+        self._stream.send_columns(f"{self._name}/{entity}", indexes, columns, strict=strict)
+
+
+Stream = rr.RecordingStream | Folder
+"""What a trial is drawn to."""
+
+
 @contextmanager
 def recording_file(
     path: Path, application: str, title: str, blueprint: rrb.Blueprint
@@ -61,12 +80,12 @@ def recording_file(
 
 
 def send(
-    stream: rr.RecordingStream,
+    stream: Stream,
     entity: str,
     timelines: Timelines,
     archetype: Any,
     present: Mask,
-    **fields: Array,
+    **fields: np.ndarray,
 ) -> None:
     """Send an archetype's fields, (T, K, ...), for all rows; of those present, (T, K)."""
     for start in range(0, len(present), CHUNK_ROWS):

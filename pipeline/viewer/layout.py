@@ -1,6 +1,7 @@
 """What is where when a recording is opened, and what its shapes and colours mean."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -11,13 +12,15 @@ from hbm.spatial import Array
 from pipeline.figures.joints import LEG
 from pipeline.trial.residuals import AXES
 from pipeline.viewer.board import SENT, WHITE
-from pipeline.viewer.file import rgba
+from pipeline.viewer.file import Stream, rgba
 from pipeline.viewer.live import FULL_SCALE
 from pipeline.viewer.plots import panel_name
-from pipeline.viewer.scene import GROUND_SCALE, MIN_ERROR_LINE_M, RESIDUAL_SCALES
+from pipeline.viewer.scene import ARROWS, MIN_ERROR_LINE_M
 
 WINDOW_S: Final = 2.0
 """Time shown before and after the cursor: about two gait cycles each."""
+CYCLES_SHOWN: Final = 2
+"""Gait cycles shown before and after the cursor of trials side by side."""
 LIVE_WINDOW_S: Final = 10.0
 """Time shown of what is going on: about nine gait cycles."""
 GRID_SPACING_M: Final = 0.25
@@ -25,42 +28,26 @@ EYE_FROM_TARGET_M: Final = np.array([1.5, -1.9, 0.35])
 """The camera is ahead of the subject, to the right, slightly above the pelvis."""
 PATH_IN_VIEW_M: Final = 2.5
 """The camera is twice as far away where the pelvis travels this far, and so on in proportion."""
-LEGEND: Final = f"""# Legend
-| arrow | plates as measured | compensated |
-|---|---|---|
-| ground reaction, at the centre of pressure | vermilion | blue |
-| residual force, at the pelvis | vermilion | blue |
-| residual moment, at the pelvis | orange | sky blue |
-
-Arrows: {GROUND_SCALE}, {RESIDUAL_SCALES}.
-
-| shape | meaning |
-|---|---|
-| green points | markers as measured |
-| yellow points | the same markers on the model, after filtering |
-| purple lines | between the two where they are more than {MIN_ERROR_LINE_M * 1000:.0f} mm apart |
-| triads | axes of segments and lab: x red, y green, z blue |
-| warm, cool, grey | right, left, middle of the body |
-| grey rectangles | force plates, on the platform |
-
-Forces and moments act on the subject. **Arrows** are in lab axes: x forward, y left, z up. \
-**Curves and tables** are in the reported axes: x forward, y right, z up. Residual moments are \
-about mid-hip. A foot with less than the contact threshold of vertical force has no arrow; a frame \
-that could not be solved has no body.
-"""
+CYCLE: Final = "gait cycle"
+"""Timeline whose steps are gait cycles, each shown where it stands out, with its RMS residuals."""
+PERCENT: Final = "gait cycle, %"
+"""Timeline of trials side by side: 1235 is 35 % of the 12th gait cycle."""
 
 
-def log_text(stream: rr.RecordingStream, entity: str, text: str) -> None:
+def log_text(stream: Stream, entity: str, text: str) -> None:
     """Log a text in Markdown that stays."""
     stream.log(entity, rr.TextDocument(text, media_type="text/markdown"), static=True)
 
 
-def trial_layout(pelvis: Array, *, phases: bool) -> rrb.Blueprint:
-    """Lay out a trial around the path of the pelvis, (T, 3) [m].
+def log_legend(stream: Stream) -> None:
+    """Log what shapes and colours mean."""
+    text = Path(__file__).with_name("legend.md").read_text(encoding="utf-8")
+    log_text(stream, "legend", text.format(arrows=ARROWS, far_mm=MIN_ERROR_LINE_M * 1000))
 
-    There may be no states over time (``phases``).
-    """
-    window, whole = _time(-WINDOW_S, WINDOW_S), _time()
+
+def trial_layout(pelvis: Array, *, video: bool) -> rrb.Blueprint:
+    """Lay out a trial around the path of the pelvis, (T, 3) [m]."""
+    window = _time(-WINDOW_S, WINDOW_S)
     states = rrb.StateTimelineView(
         name="Gait phases",
         origin="phases",
@@ -68,12 +55,10 @@ def trial_layout(pelvis: Array, *, phases: bool) -> rrb.Blueprint:
     )
     return _with_panels(
         rrb.Horizontal(
-            rrb.Vertical(
-                _scene(pelvis), *([states] if phases else []), row_shares=[3, 1][: 1 + phases]
-            ),
+            rrb.Vertical(_scene(pelvis), *_videos(video), states, row_shares=[3, *[2] * video, 1]),
             rrb.Tabs(
                 _residuals("Residuals around the cursor", window),
-                _residuals("Residuals, whole trial", whole),
+                _residuals("Residuals, whole trial", None),
                 _panels(
                     "Joint moments",
                     {
@@ -82,12 +67,28 @@ def trial_layout(pelvis: Array, *, phases: bool) -> rrb.Blueprint:
                     },
                     window,
                 ),
-                _series("Marker errors (mm)", "marker_error_mm", whole),
+                _series("Marker errors (mm)", "marker_error_mm", None),
             ),
             rrb.Tabs(_text("summary"), _text("legend")),
-            column_shares=[4, 4, 3],
+            column_shares=[5, 10, 5],
         )
     )
+
+
+def beside_layout(
+    paths: Mapping[str, Array], scales: Sequence[float], *, video: bool
+) -> rrb.Blueprint:
+    """Lay out trials, title -> path of the pelvis, side by side on the same scales [N, N·m]."""
+    window = _time(-CYCLES_SHOWN * 100, CYCLES_SHOWN * 100, PERCENT)
+    columns = [
+        rrb.Vertical(
+            _scene(pelvis, f"trial_{k}/", title),
+            _residuals(title, window, 2, scales, f"trial_{k}/"),
+            row_shares=[4, 5],
+        )
+        for k, (title, pelvis) in enumerate(paths.items())
+    ]
+    return _with_panels(rrb.Horizontal(*columns, *_videos(video)), timeline=PERCENT)
 
 
 def live_layout(target: Array) -> rrb.Blueprint:
@@ -115,63 +116,67 @@ def live_layout(target: Array) -> rrb.Blueprint:
     )
 
 
-def _time(start_s: float | None = None, stop_s: float | None = None) -> rrb.VisibleTimeRange:
-    """Show from one time to another after the cursor [s]; None shows all."""
-    start, end = (
-        rrb.TimeRangeBoundary.infinite()
-        if at is None
-        else rrb.TimeRangeBoundary.cursor_relative(seconds=at)
-        for at in (start_s, stop_s)
-    )
-    return rrb.VisibleTimeRange("time", start=start, end=end)
+def _time(start: float, stop: float, timeline: str = "time") -> rrb.VisibleTimeRange:
+    """Show from one time to another after the cursor [s, or %]."""
+    unit = "seconds" if timeline == "time" else "seq"
+    first, last = (rrb.TimeRangeBoundary.cursor_relative(**{unit: at}) for at in (start, stop))
+    return rrb.VisibleTimeRange(timeline, start=first, end=last)
+
+
+def _videos(there: bool) -> list[rrb.View]:
+    return [rrb.Spatial2DView(name="Video", origin="video")] if there else []
 
 
 def _text(entity: str) -> rrb.TextDocumentView:
     return rrb.TextDocumentView(name=entity.capitalize(), origin=entity)
 
 
-def _series(name: str, origin: str, shown: rrb.VisibleTimeRange, **more: Any) -> rrb.TimeSeriesView:
-    axis = rrb.archetypes.TimeAxis(view_range=shown.range)
-    return rrb.TimeSeriesView(name=name, origin=origin, time_ranges=shown, axis_x=axis, **more)
+def _series(
+    name: str, origin: str, shown: rrb.VisibleTimeRange | None, **more: Any
+) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(name=name, origin=origin, time_ranges=shown, **more)
 
 
-def _scene(pelvis: Array) -> rrb.Spatial3DView:
+def _scene(pelvis: Array, folder: str = "", name: str = "Body and forces") -> rrb.Spatial3DView:
     middle = np.nanmedian(pelvis, axis=0)
     path = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
     eye = middle + (1 + path / PATH_IN_VIEW_M) * EYE_FROM_TARGET_M
     return rrb.Spatial3DView(
-        name=f"Arrows: {GROUND_SCALE}, {RESIDUAL_SCALES}",
-        origin="lab",
+        name=name,
+        origin=f"{folder}lab",
         line_grid=rrb.LineGrid3D(visible=True, spacing=GRID_SPACING_M),
         eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0, 0, 1)),
     )
 
 
 def _residuals(
-    name: str, shown: rrb.VisibleTimeRange, columns: int = 2, scales: Sequence[float] = ()
+    name: str,
+    shown: rrb.VisibleTimeRange | None,
+    columns: int = 2,
+    scales: Sequence[float] = (),
+    folder: str = "",
 ) -> rrb.Grid:
     """Give six panels: forces left of moments in two columns, above them in three."""
     order = (0, 3, 1, 4, 2, 5) if columns == 2 else range(6)
-    entities = {panel_name(k): f"residual/{AXES[k]}" for k in order}
-    return _panels(name, entities, shown, columns, scales)
+    entities = {panel_name(k): f"{folder}residual/{AXES[k]}" for k in order}
+    return _panels(name, entities, shown, columns, [scales[k] for k in order if len(scales)])
 
 
 def _panels(
     name: str,
     entities: Mapping[str, str],
-    shown: rrb.VisibleTimeRange,
+    shown: rrb.VisibleTimeRange | None,
     columns: int = 2,
     scales: Sequence[float] = (),
 ) -> rrb.Grid:
     """Give panels of curves, title -> entity, of fixed scales if any; the first has the legend."""
-    fixed = [{"axis_y": rrb.ScalarAxis(range=(-scale, scale))} for scale in scales]
     panels = [
         _series(
             title,
             entity,
             shown,
             plot_legend=rrb.PlotLegend(visible=k == 0),
-            **(fixed[k] if fixed else {}),
+            axis_y=rrb.ScalarAxis(range=(-scales[k], scales[k])) if scales else None,
         )
         for k, (title, entity) in enumerate(entities.items())
     ]
@@ -179,12 +184,14 @@ def _panels(
 
 
 def _with_panels(
-    content: rrb.Container, state: Literal["paused", "following"] = "paused"
+    content: rrb.Container,
+    state: Literal["paused", "following"] = "paused",
+    timeline: str = "time",
 ) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline="time", play_state=state),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state=state),
         auto_views=False,
     )

@@ -23,7 +23,7 @@ from compensation.platform import PlatformPose
 from hbm.markers import Markers
 from pipeline.trial.residuals import reported
 from pipeline.viewer.board import log_board
-from pipeline.viewer.layout import LEGEND, live_layout, log_text
+from pipeline.viewer.layout import live_layout, log_legend
 from pipeline.viewer.live import LiveScene, News, Screen, ShownFrame
 from pipeline.viewer.plots import draw_residual_curves, send_residual_curves
 from pipeline.viewer.scene import draw_scene, send_scene
@@ -76,7 +76,7 @@ class LiveDrawing:
         stream.send_recording_name("live")
         draw_scene(stream, scene.body, scene.markers, scene.plates, scene.variants)
         draw_residual_curves(stream, scene.variants)
-        log_text(stream, "legend", LEGEND)
+        log_legend(stream)
 
     def show(self, news: News) -> None:
         """Send frames whose time increases, and the board."""

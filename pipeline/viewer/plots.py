@@ -10,19 +10,19 @@ from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask
 from pipeline.figures.style import COLOURS
 from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
-from pipeline.viewer.file import Clock, Timelines, printable, rgba, send
+from pipeline.viewer.file import Clock, Stream, Timelines, printable, rgba, send
 
 LARGEST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
 OTHER_COLOUR: Final = "#4A4F57"
 
 
 def panel_name(k: int) -> str:
-    """Name the panel of a residual: axis, direction and unit."""
-    return f"{AXES[k]} {DIRECTIONS[k]} ({UNITS[k]})"
+    """Name the panel of a residual: direction and unit."""
+    return f"Residual {'force' if k < 3 else 'moment'}, {DIRECTIONS[k]} ({UNITS[k]})"
 
 
 def draw_curves(
-    stream: rr.RecordingStream,
+    stream: Stream,
     entity: str,
     names: Sequence[str],
     colours: Sequence[str],
@@ -38,14 +38,12 @@ def draw_curves(
     stream.log(entity, lines, static=True)
 
 
-def send_curves(
-    stream: rr.RecordingStream, timelines: Timelines, entity: str, curves: Array
-) -> None:
+def send_curves(stream: Stream, timelines: Timelines, entity: str, curves: Array) -> None:
     """Send curves, (T, K); NaN breaks one."""
     send(stream, entity, timelines, rr.Scalars, np.ones(curves.shape, bool), scalars=curves)
 
 
-def draw_residual_curves(stream: rr.RecordingStream, names: Iterable[str]) -> None:
+def draw_residual_curves(stream: Stream, names: Iterable[str]) -> None:
     """Draw what stays of the curves of every axis: one per variant, or per end of an interval."""
     names = list(names)
     colours = [COLOURS.get(name, OTHER_COLOUR) for name in names]
@@ -55,7 +53,7 @@ def draw_residual_curves(stream: rr.RecordingStream, names: Iterable[str]) -> No
 
 
 def send_residual_curves(
-    stream: rr.RecordingStream, timelines: Timelines, residuals: Mapping[str, Array]
+    stream: Stream, timelines: Timelines, residuals: Mapping[str, Array]
 ) -> None:
     """Send the curves of every axis from residuals in the reported axes, (T, 6) [N, N·m]."""
     for k, axis in enumerate(AXES):
@@ -64,7 +62,7 @@ def send_residual_curves(
 
 
 def log_marker_errors(
-    stream: rr.RecordingStream, timelines: Timelines, names: Sequence[str], error_mm: Array
+    stream: Stream, timelines: Timelines, names: Sequence[str], error_mm: Array
 ) -> None:
     """Log each marker's distance from the model, (T, K) [mm], the largest first and in colour."""
     order = np.argsort(-np.nansum(error_mm**2, axis=0), kind="stable")
@@ -74,7 +72,7 @@ def log_marker_errors(
 
 
 def log_states(
-    stream: rr.RecordingStream,
+    stream: Stream,
     clock: Clock,
     name: str,
     changes: Sequence[tuple[float, str]],

@@ -20,16 +20,16 @@ from hbm.segments import Inertia
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.figures.style import COLOURS
 from pipeline.io.recording import Plate
-from pipeline.viewer.file import Timelines, printable, rgba, send
+from pipeline.viewer.file import Stream, Timelines, printable, rgba, send
 
 GROUND_N_PER_M: Final = 1000.0
 """The arrow of body weight is about as long as a leg."""
 RESIDUAL_N_PER_M: Final = 500.0
 RESIDUAL_NM_PER_M: Final = 250.0
 """Residuals of uncompensated perturbations, some 500 N and 250 N·m, are a metre long."""
-GROUND_SCALE: Final = f"ground reaction 1 m = {GROUND_N_PER_M:.0f} N"
-RESIDUAL_SCALES: Final = (
-    f"residual force 1 m = {RESIDUAL_N_PER_M:.0f} N, moment 1 m = {RESIDUAL_NM_PER_M:.0f} N·m"
+ARROWS: Final = (
+    f"Arrows: 1 m = {GROUND_N_PER_M:.0f} N; residual {RESIDUAL_N_PER_M:.0f} N, "
+    f"{RESIDUAL_NM_PER_M:.0f} N·m"
 )
 MOMENT_COLOURS: Final = {"measured": "#E69F00", "compensated": "#56B4E9"}
 MEASURED_COLOUR: Final = "#009E73"
@@ -52,7 +52,7 @@ AXIS_LENGTH_M, LAB_AXIS_LENGTH_M = 0.05, 0.2
 
 
 def draw_scene(
-    stream: rr.RecordingStream,
+    stream: Stream,
     body: Body,
     markers: Sequence[str],
     plates: Iterable[Plate],
@@ -110,12 +110,11 @@ def _look(colour: str, radius_m: float, names: Sequence[str]) -> dict[str, Any]:
 def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any]]:
     """Give a segment's bones, joint to joint, and the hull of its joints and own markers."""
     if segment == "head":
-        yield "bones", _ellipsoid(body.segments["head"], segment, "solid")
-        return
+        yield "skull", _ellipsoid(body.segments["head"], segment, "solid")
     colour = BODY_COLOURS.get(segment.partition("_")[0], BODY_COLOURS["middle"])
     children = [body.offsets[child] for child, parent in PARENT.items() if parent == segment]
     if not children and segment in body.segments:
-        children = [2 * body.segments[segment].center]
+        children = [(1 if segment == "head" else 2) * body.segments[segment].center]
     ends = np.array([end for end in children if np.linalg.norm(end) > MIN_BONE_LENGTH_M])
     if not len(ends):
         return
@@ -129,7 +128,7 @@ def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any
     yield "bones", bones
     points = np.vstack([np.zeros(3), ends, body.marker_position[own]])
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if len(points) > 3 and spread[2] > MIN_HULL_THICKNESS_M:
+    if segment != "head" and len(points) > 3 and spread[2] > MIN_HULL_THICKNESS_M:
         hull = ConvexHull(points)
         surface = rr.Mesh3D(
             vertex_positions=points[hull.simplices].reshape(-1, 3),
@@ -156,7 +155,7 @@ def _ellipsoid(part: Inertia, segment: str, fill: Any) -> rr.Ellipsoids3D:
 
 
 def _send_pose(
-    stream: rr.RecordingStream, entity: str, timelines: Timelines, rotation: Array, origin: Array
+    stream: Stream, entity: str, timelines: Timelines, rotation: Array, origin: Array
 ) -> None:
     """Give an entity, and all attached to it, a pose in the lab, (T, 3, 3) and (T, 3) [m].
 
@@ -169,7 +168,7 @@ def _send_pose(
 
 
 def send_scene(
-    stream: rr.RecordingStream,
+    stream: Stream,
     timelines: Timelines,
     body: Body,
     q: Array,
@@ -188,15 +187,16 @@ def send_scene(
     The surface of the plates is so high with the platform in neutral; a foot with less vertical
     force than the threshold has no arrow.
     """
-    rotation, origin = segment_frames(body, q)
+    known = np.isfinite(q).all(axis=1, keepdims=True)
+    rotation, origin = segment_frames(body, np.where(known, q, np.nan))  # whole, or not at all
     for k, segment in enumerate(MOVING):
         _send_pose(stream, f"lab/body/{segment}", timelines, rotation[:, k], origin[:, k])
     everything = np.ones(markers.position.shape[:2], bool)
     entity = "lab/markers/measured"
     send(stream, entity, timelines, rr.Points3D, everything, positions=markers.position)
-    known = [k for k, name in enumerate(body.markers) if name in markers.names]
-    lines = np.empty((len(q), len(known), 2, 3))
-    for i, k in enumerate(known):
+    measured = [k for k, name in enumerate(body.markers) if name in markers.names]
+    lines = np.empty((len(q), len(measured), 2, 3))
+    for i, k in enumerate(measured):
         own = MOVING.index(body.marker_segment[k])
         lines[:, i, 0] = markers.position[:, markers.names.index(body.markers[k])]
         lines[:, i, 1] = rotation[:, own] @ body.marker_position[k] + origin[:, own]

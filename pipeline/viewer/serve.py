@@ -7,6 +7,7 @@ refused, so that no site can let its own name point to this machine (DNS rebindi
 recording.
 """
 
+import json
 import os
 import signal
 import socket
@@ -24,6 +25,7 @@ from urllib.parse import urlsplit
 from urllib.request import ProxyHandler, build_opener
 
 import rerun_cli  # type: ignore[import-untyped]
+from rerun.experimental import ViewerClient
 
 LOOPBACK: Final = "127.0.0.1"
 VIEWER_FILES: Final = {"/re_viewer.js": "text/javascript", "/re_viewer_bg.wasm": "application/wasm"}
@@ -36,44 +38,8 @@ HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
-PAGE: Final = b"""<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<title>Residuals</title>
-<link rel="icon" href="data:,">
-<style>
-  html, body, canvas { margin: 0; width: 100%; height: 100%; overflow: hidden; }
-  p { position: absolute; margin: 2em; font-family: sans-serif; }
-  canvas { position: absolute; }
-</style>
-<p id="state">Loading the viewer</p>
-<canvas id="canvas"></canvas>
-<script src="re_viewer.js"></script>
-<script src="start.js"></script>
-</html>
-"""
-START: Final = b"""
-const here = window.fetch.bind(window);
-window.fetch = (asked, ...more) =>
-  new URL(asked.url ?? asked, location).origin === location.origin
-    ? here(asked, ...more)
-    : Promise.resolve(new Response());
-async function start() {
-  await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
-  window.viewer = new wasm_bindgen.WebHandle({
-    url: [new URL("recording.rrd", location.origin).href],
-    render_backend: new URLSearchParams(location.search).get("renderer"),
-    hide_welcome_screen: true,
-    check_for_updates_on_startup: false,
-    persist: false,
-  });
-  await window.viewer.start(document.getElementById("canvas"));
-}
-start().catch((error) => {
-  document.getElementById("canvas").remove();
-  document.getElementById("state").textContent = `The viewer did not start: ${error}`;
-});
-"""
+Cursor = tuple[str, int]
+"""Timeline and value on it: nanoseconds of "time", else a whole number."""
 Content = Callable[[], Iterable[bytes]]
 """Gives what is served, in pieces, whenever it is asked for."""
 MAX_START_S: Final = 30.0
@@ -89,10 +55,17 @@ SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
 
 
-def view(path: Path, *, web: bool = False, announce: Callable[[str], object] = print) -> None:
-    """Show a recording, ``.rrd``; until Ctrl-C if it is served (``web``).
+def view(
+    path: Path,
+    *,
+    web: bool = False,
+    cursor: Cursor | None = None,
+    announce: Callable[[str], object] = print,
+) -> None:
+    """Show a recording, ``.rrd``, from a cursor on; until Ctrl-C if it is served (``web``).
 
-    A window is open until it is closed. What is served is announced in a sentence.
+    A window is open until it is closed. What is served is announced in a sentence. The cursor is
+    set in the running viewer, since Rerun 0.41 has no place for it in a file.
 
     Notes
     -----
@@ -106,16 +79,30 @@ def view(path: Path, *, web: bool = False, announce: Callable[[str], object] = p
     before = signal.signal(signal.SIGTERM, _exit)
     try:
         if web:
-            page = page_server(viewer_files(), lambda: [path.read_bytes()])
+            page = page_server(viewer_files(), lambda: [path.read_bytes()], cursor)
             with page as address, suppress(KeyboardInterrupt):
                 announce(f"serving {path.name} at {address} (stop with Ctrl-C)")
                 while True:
                     time.sleep(1)
         else:
-            with running_viewer(["--port", "auto", str(path)]) as process:
+            port = free_port()
+            with running_viewer(["--port", str(port), str(path)], port) as process:
+                if cursor is not None:
+                    _move_cursor(cursor, port, process)
                 process.wait()
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _move_cursor(cursor: Cursor, port: int, process: subprocess.Popen[bytes]) -> None:
+    """Move the cursor of a window as soon as it has the recording, unless it is closed before."""
+    deadline = time.monotonic() + MAX_START_S
+    while process.poll() is None and time.monotonic() < deadline:
+        with suppress(RuntimeError, ConnectionError):
+            viewer = ViewerClient.connect(data_address(port))
+            viewer.set_time(cursor[0], sequence=cursor[1], play_state="paused")
+            return
+        time.sleep(POLL_S)
 
 
 def data_address(port: int) -> str:
@@ -254,11 +241,17 @@ class GrowingRecording:
 
 
 @contextmanager
-def page_server(viewer: Mapping[str, bytes], recording: Content) -> Iterator[str]:
+def page_server(
+    viewer: Mapping[str, bytes], recording: Content, cursor: Cursor | None = None
+) -> Iterator[str]:
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
+    page, start = (
+        Path(__file__).with_name(name).read_bytes() for name in ("page.html", "start.js")
+    )
+    start = start.replace(b"CURSOR", json.dumps(cursor).encode())
     files: dict[str, tuple[str, Content]] = {
-        "/": ("text/html", [PAGE].__iter__),
-        "/start.js": ("text/javascript", [START].__iter__),
+        "/": ("text/html", [page].__iter__),
+        "/start.js": ("text/javascript", [start].__iter__),
         "/recording.rrd": ("application/octet-stream", recording),
     } | {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
     with _Server(files) as server:

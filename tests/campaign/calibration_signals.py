@@ -19,9 +19,9 @@ from scipy.stats import t as student
 from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking.ranking import Ranking, rank_platform
 from pipeline.calibration_ranking.trials import RankingSettings, factors, platform_trial
-from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.protocol.calibration_trial import recordings
 from tests.campaign.pages import renew
+from tests.tables import markdown
 
 SEEDS: Final = range(9100, 9110)
 """Reserved for the page: never used while anything was developed."""

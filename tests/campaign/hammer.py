@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 
 from compensation import hammer_delay
-from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.machine.instrumented_treadmill import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.protocol.known_weights import strike_belt
+from tests.tables import markdown
 
 DRAWS: Final = 1000
 CONTACT_S: Final = (0.001, 0.010)

@@ -27,7 +27,6 @@ from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.wrenches import ground_wrenches, sum_deviation
-from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     InstrumentedTreadmill,
@@ -40,6 +39,7 @@ from pipeline.virtual_lab.protocol.calibration_trial import (
     record_signal_trial,
     sample_times,
 )
+from tests.tables import markdown
 
 SEEDS: Final = range(9000, 9036)
 """Reserved for the page: never used while anything was developed."""

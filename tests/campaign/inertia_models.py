@@ -25,7 +25,6 @@ from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.calibrations import fit_calibration, plate_samples
-from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     InstrumentedTreadmill,
@@ -40,6 +39,7 @@ from pipeline.virtual_lab.protocol.calibration_trial import (
     stepping_on_boards,
     walking,
 )
+from tests.tables import markdown
 
 RATE_HZ: Final = 200.0
 EDGE: Final = 200

@@ -24,7 +24,6 @@ from pipeline.config.plate_study import AccuracyLimits, read_plates_study
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.response import QUANTITIES, stance_loads
 from pipeline.plate_accuracy.verdict import TOTAL, Answer, judge
-from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.machine.instrumented_treadmill import ANALOG_HZ, PLATE_CENTERS_M
 from pipeline.virtual_lab.protocol.known_weights import (
     FULL_SCALE_N,
@@ -34,6 +33,7 @@ from pipeline.virtual_lab.protocol.known_weights import (
     simulate_plates,
 )
 from tests.campaign.pages import renew
+from tests.tables import markdown
 
 DESIGN: Final = {
     "speeds": (0.7, 1.0),

@@ -18,10 +18,10 @@ import pandas as pd
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.explain.budget import TOLD
 from pipeline.explain.cause import OF_PERSON
-from pipeline.viewer.trial import markdown
 from tests.campaign.explain.faults import ALWAYS_THERE, KINDS
 from tests.campaign.explain.trial import Outcome, Plan, carried_out, planned
 from tests.campaign.explain.virtual_trial import VirtualLaboratory
+from tests.tables import markdown
 
 INSIDE: Final = 1.96
 LARGE: Final = 0.2

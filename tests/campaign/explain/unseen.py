@@ -31,9 +31,9 @@ from pipeline.explain.uncertainty import measured_uncertainty, noise_of_samples
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
-from pipeline.viewer.trial import markdown
 from pipeline.virtual_lab.person import gait
 from tests.campaign.walks import Base, known_with_legs_alone, real, virtual, with_legs_alone
+from tests.tables import markdown
 
 STILL: Final = Laboratory(Treadmill())
 HARMONICS: Final = 4

@@ -61,10 +61,10 @@ def recorded(trial, tmp_path_factory):
 
 
 def test_live_view_draws_the_same_scene_as_the_recording_of_the_trial(frame_by_frame, recorded):
-    moving = [e for e, static in recorded.tables if e.startswith("/lab/") and not static]
+    moving = [e for e, timeline in recorded.tables if e.startswith("/lab/") and timeline == "time"]
     assert len(moving) > 20
     for entity in moving:
-        for column in recorded.tables[entity, False][0].schema.names:
+        for column in recorded.tables[entity, "time"][0].schema.names:
             if ":" not in column:
                 continue
             name = column.rpartition(":")[2]

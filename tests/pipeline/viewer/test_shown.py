@@ -38,8 +38,9 @@ PATIENCE_S = 30
 PIXELS = 50
 WINDOW = (1000, 600)
 PANELS = {
-    *("Fx forward (N)", "Fy right (N)", "Fz up (N)"),
-    *("Mx about forward (N·m)", "My about right (N·m)", "Mz about up (N·m)"),
+    *("Residual force, forward (N)", "Residual force, right (N)", "Residual force, up (N)"),
+    "Residual moment, about forward (N·m)",
+    *("Residual moment, about right (N·m)", "Residual moment, about up (N·m)", "Body and forces"),
     *("hip flexion (N·m/kg)", "hip abduction (N·m/kg)", "hip internal rotation (N·m/kg)"),
     *("knee flexion (N·m/kg)", "ankle plantarflexion (N·m/kg)", "ankle pronation (N·m/kg)"),
     *("Gait phases", "Marker errors (mm)", "Summary", "Legend"),
@@ -75,7 +76,8 @@ def served(path):
     """Serve a recording in a process of its own; give it and the address of the page."""
     program = (
         "import sys; from pathlib import Path; from pipeline.viewer.serve import view; "
-        "view(Path(sys.argv[1]), web=True, announce=lambda line: print(line, flush=True))"
+        "view(Path(sys.argv[1]), web=True, cursor=('time', 2_500_000_000), "
+        "announce=lambda line: print(line, flush=True))"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program, str(path)],
@@ -92,17 +94,17 @@ def served(path):
 
 @pytest.mark.slow
 @needs_chromium
-def test_the_page_shows_the_trial_at_its_start_and_requests_only_what_is_served_here(
+def test_the_page_shows_the_trial_where_it_is_told_to_and_requests_only_what_is_served_here(
     recording, tmp_path
 ):
     with served(recording) as (_, address), open_browser() as browser:
         browser.resize(*WINDOW)
         browser.open(address)
-        state = settled_page(browser)
+        state = settled_page(browser, seconds=8.0)
         browser.screenshot(tmp_path / "page.png")
     assert state.active.startswith("Recording:hbm_residuals_trial:")
-    assert (state.timeline, state.time, state.playing) == ("time", 0, PAUSED)
-    assert {name for name in state.views if not name.startswith("Arrows: ")} == PANELS
+    assert (state.timeline, state.time, state.playing) == ("time", 2_500_000_000, PAUSED)
+    assert state.views == PANELS
     for variant in ("measured", "compensated"):
         assert count_pixels((tmp_path / "page.png").read_bytes(), COLOURS[variant]) > PIXELS
     assert address + "recording.rrd" in browser.requests
@@ -181,13 +183,13 @@ def headless(*paths):
 
 
 @needs_vulkan
-def test_the_window_opens_with_the_trial_and_every_view_is_without_fault(recording):
+def test_the_window_opens_where_it_is_told_to_and_every_view_is_without_fault(recording):
     port = free_port()
     program = (
         "import sys; from pathlib import Path; from pipeline.viewer import serve; "
-        "run = serve.running_viewer; serve.running_viewer = lambda words: run("
-        "['--headless', *(sys.argv[1] if word == 'auto' else word for word in words)]); "
-        "serve.view(Path(sys.argv[2]))"
+        "run = serve.running_viewer; serve.free_port = lambda: int(sys.argv[1]); "
+        "serve.running_viewer = lambda words, port: run(['--headless', *words], port); "
+        "serve.view(Path(sys.argv[2]), cursor=('time', 2_500_000_000))"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program, str(port), str(recording)],
@@ -198,8 +200,8 @@ def test_the_window_opens_with_the_trial_and_every_view_is_without_fault(recordi
             state = settled(viewer, 9)
             (shown,) = state.recordings
             views = {one.name for one in state.views if one.visible}
-            assert views <= PANELS | {name for name in views if name.startswith("Arrows: ")}
-            assert (shown.current_timeline, shown.current_time) == ("time", 0)
+            assert views <= PANELS
+            assert (shown.current_timeline, shown.current_time) == ("time", 2_500_000_000)
             for second in (2.2, 4.9):
                 viewer.set_time("time", duration=second, play_state="paused")
                 time.sleep(1)

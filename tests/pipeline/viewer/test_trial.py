@@ -6,18 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from hbm.coordinates import MOVING
+from hbm.coordinates import INDEX, MOVING
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import shift_wrench
 from pipeline.trial.quality import Quality
-from pipeline.trial.residuals import AXES, reported
+from pipeline.trial.residuals import AXES, CYCLE_COLUMNS, cycle_rows, reported
+from pipeline.trial.result import CyclePart
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
-from pipeline.viewer.trial import write_recording
+from pipeline.viewer.trial import _clock, opening, write_recording
+from tests.benchmarks.walker import STRIDE_HZ
 from tests.pipeline.stored_recording import Stored
 from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, ONSETS_S, sway_and_pitch, viewer_trial
 
@@ -232,6 +235,164 @@ def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
     markers = np.array(stored.rows("lab/markers/measured", "positions"))
     np.testing.assert_array_equal(markers, single(result.markers.position[::STEP]))
     subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
+
+
+def pushed(trial, frame):
+    """The trial with 400 N to the left on the pelvis in one frame that compensation leaves."""
+    residual = trial.compensated.residual.copy()
+    residual[frame, 1] += 400
+    variants = trial.variants | {"compensated": replace(trial.compensated, residual=residual)}
+    return replace(trial, variants=variants)
+
+
+@pytest.mark.parametrize("frame", [180, 310, 377])
+def test_a_trial_opens_at_the_largest_residual_of_its_worst_gait_cycle(trial, frame):
+    assert opening(pushed(trial, frame))[1] == round(trial.motion.time[frame] * 1e9)
+
+
+def test_a_trial_without_gait_cycles_opens_at_the_largest_residual_that_counts(trial):
+    span = replace(pushed(trial, 310), span=(2.0, 4.0))
+    assert opening(span)[1] == round(trial.motion.time[310] * 1e9)
+    assert opening(replace(span, span=(0.0, 2.0)))[1] < 2e9
+
+
+def test_a_trial_opens_where_it_is_told_to_and_only_within_its_recording(trial):
+    assert opening(trial, 2.5) == ("time", 2_500_000_000)
+    with pytest.raises(ValueError, match=r"^--at 9: .* lasts from 0.00 to 4.99 s$"):
+        opening(trial, 9.0)
+
+
+def test_gait_cycles_have_a_timeline_of_their_own_with_their_worst_instants_and_rms(
+    trial, tmp_path
+):
+    frame = 310
+    write_recording(pushed(trial, frame), tmp_path / "pushed.rrd")
+    stored = Stored(tmp_path / "pushed.rrd")
+    table = pd.DataFrame(cycle_rows(pushed(trial, frame), "walk"), columns=CYCLE_COLUMNS)
+    table = table[table.compensated & (table.axis == "Fy")]
+    worst = table.loc[table.rms.idxmax()]
+    strikes = [e.time for e in trial.events if (e.side, e.label) == (worst.side, "foot_strike")]
+    numbers = stored.times("residual/Fy", "gait cycle")
+    curves = np.array(stored.rows("residual/Fy", "scalars", timeline="gait cycle"))
+    mine = table[table.side == worst.side]
+    assert [strikes[number - 1] for number in numbers] == mine.start_s.tolist()
+    np.testing.assert_allclose(curves[:, 1], mine.rms, rtol=1e-12)
+    markers = stored.rows("lab/markers/measured", "positions", timeline="gait cycle")
+    expected = single(trial.markers.position[frame])
+    np.testing.assert_array_equal(markers[mine.start_s.tolist().index(worst.start_s)], expected)
+
+
+def test_the_timeline_in_percent_goes_on_by_a_hundred_from_foot_strike_to_foot_strike(trial):
+    strikes = [e.time for e in trial.events if (e.side, e.label) == ("left", "foot_strike")]
+    middle = (strikes[2] + strikes[3]) / 2
+    clock = _clock(trial, "left")(np.array([0.0, strikes[0], middle, strikes[3]]))
+    assert clock["gait cycle, %"].tolist() == [100, 100, 350, 400]
+
+
+def later(trial, delay_s):
+    """The trial as if the same gait cycles were walked some time later."""
+    events = tuple(replace(event, time=event.time + delay_s) for event in trial.events)
+    cycles = {side: spans + delay_s for side, spans in trial.cycles.items()}
+    return replace(trial, source=Path("later.c3d"), events=events, cycles=cycles)
+
+
+def test_trials_side_by_side_are_at_the_same_percentage_of_the_same_gait_cycle(trial, tmp_path):
+    path, delay_s = tmp_path / "both.rrd", 0.3
+    write_recording(trial, path, beside=later(trial, delay_s))
+    stored, reached = Stored(path), []
+    for k in (0, 1):
+        entity = f"trial_{k}/lab/markers/measured"
+        percent = stored.times(entity, "gait cycle, %")
+        reached.append(stored.times(entity)[np.searchsorted(percent, 350)])
+        assert percent[0] == 100, "segments without a pose would be drawn in a heap"
+        assert stored.rows(f"trial_{k}/residual/Fx", "scalars")
+    strides = (reached[1] - reached[0] - delay_s) * STRIDE_HZ
+    assert strides == pytest.approx(round(strides), abs=0.021 * STRIDE_HZ)
+    assert opening(trial, 2.5, beside=True)[0] == "gait cycle, %"
+    subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
+
+
+def test_the_worst_gait_cycles_of_trials_side_by_side_have_one_number(trial, tmp_path):
+    early, late = 180, 377
+    for k, frames in enumerate([(early, late), (late, early)]):
+        write_recording(
+            pushed(trial, frames[0]), tmp_path / f"{k}.rrd", beside=pushed(trial, frames[1])
+        )
+        stored, numbers = Stored(tmp_path / f"{k}.rrd"), []
+        for n, frame in enumerate(frames):
+            entity = f"trial_{n}/residual/Fy"
+            percent, seconds = stored.times(entity, "gait cycle, %"), stored.times(entity)
+            numbers.append(percent[np.searchsorted(seconds, trial.motion.time[frame])] // 100)
+            assert percent[0] == 100
+        assert numbers[0] == numbers[1]
+
+
+def test_where_a_part_of_gait_cycles_counts_trials_are_still_aligned_at_foot_strikes(
+    trial, tmp_path
+):
+    parts = {side: spans[:, :1] + [0.3, 0.6] for side, spans in trial.cycles.items()}
+    partly = replace(trial, part=CyclePart("0.3 to 0.6 s", parts))
+    write_recording(trial, tmp_path / "both.rrd", beside=partly)
+    stored = Stored(tmp_path / "both.rrd")
+    percent = [stored.times(f"trial_{k}/residual/Fx", "gait cycle, %") for k in (0, 1)]
+    walking = (trial.motion.time > 1.5) & (percent[1] > 100)  # after the first foot strikes
+    apart = (percent[1] - percent[0])[walking]
+    assert np.median(apart) % 100 == 0
+    np.testing.assert_allclose(apart, np.median(apart), atol=1, err_msg="beyond rounding")
+
+
+def test_trials_without_gait_cycles_are_not_shown_side_by_side(trial, tmp_path):
+    standing = replace(trial, span=(1.0, 4.0))
+    with pytest.raises(
+        ValueError, match=r"^both: side by side needs gait cycles that count in both"
+    ):
+        write_recording(trial, tmp_path / "both.rrd", beside=standing)
+    assert opening(standing, beside=True)[0] == "time"
+
+
+VIDEO = Path(__file__).with_name("five_frames.mp4")
+"""At 10 Hz."""
+
+
+def test_each_frame_of_a_video_is_at_its_time_in_the_trial(trial, tmp_path):
+    path = tmp_path / "trial.rrd"
+    write_recording(trial, path, video=(VIDEO, 1.25))
+    stored = Stored(path)
+    np.testing.assert_allclose(stored.times("video"), 1.25 + np.arange(5) / 10)
+    shown_ns = np.ravel(stored.rows("video", "timestamp"))
+    np.testing.assert_array_equal(shown_ns, np.arange(5) * 10**8)
+
+
+def test_of_a_video_that_begins_early_only_what_is_of_the_trial_is_shown(trial, tmp_path):
+    write_recording(trial, tmp_path / "trial.rrd", video=(VIDEO, -0.25))
+    times = Stored(tmp_path / "trial.rrd").times("video")
+    np.testing.assert_allclose(times, [0.05, 0.15])
+
+
+def test_a_file_that_is_no_video_is_refused_by_its_name(trial, tmp_path):
+    path = tmp_path / "no.mp4"
+    path.write_bytes(b"no video")
+    with pytest.raises(ValueError, match=r"no\.mp4: no MP4 video that can be read"):
+        write_recording(trial, tmp_path / "trial.rrd", video=(path, 0.0))
+
+
+def test_a_body_of_which_a_joint_is_unknown_is_hidden_whole(trial, tmp_path):
+    q = trial.motion.q.copy()
+    q[200:300, INDEX["LKneeFlexion"]] = np.nan
+    partly = replace(trial, motion=replace(trial.motion, q=q))
+    write_recording(partly, tmp_path / "partly.rrd")
+    stored = Stored(tmp_path / "partly.rrd")
+    hidden = np.zeros(FRAMES // STEP, bool)
+    hidden[100:150] = True
+    for segment in MOVING:
+        place = np.array(stored.rows(f"lab/body/{segment}", "translation"))[:, 0]
+        np.testing.assert_array_equal(np.isnan(place).all(axis=1), hidden, segment)
+
+
+def test_the_head_is_joined_to_the_trunk(stored, trial):
+    """By a bone from the neck, where the head begins, to the centre of its ellipsoid."""
+    (length,) = stored.rows("lab/body/head/bones", "lengths", static=True)[0]
+    assert length == single(np.linalg.norm(trial.body.segments["head"].center))
 
 
 def test_no_residual_is_shown_where_filters_have_not_settled(trial, tmp_path):

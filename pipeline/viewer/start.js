@@ -1,0 +1,38 @@
+const here = window.fetch.bind(window);
+window.fetch = (asked, ...more) =>
+  new URL(asked.url ?? asked, location).origin === location.origin
+    ? here(asked, ...more)
+    : Promise.resolve(new Response());
+// Protocol Buffers of the viewer's request to pause at a cursor
+function pausing([timeline, value]) {
+  const field = (tag, content) => [tag, content.length, ...content];
+  const moment = [0x08];
+  let rest = BigInt.asUintN(64, BigInt(value));
+  for (; rest > 127n; rest >>= 7n) moment.push(Number(rest & 127n) | 128);
+  const name = [...new TextEncoder().encode(timeline)];
+  const time = field(0x1a, [...moment, Number(rest)]);
+  return field(0x32, [...field(0x12, field(0x0a, name)), ...time, 0x28, 1]);
+}
+async function start() {
+  await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
+  window.viewer = new wasm_bindgen.WebHandle({
+    url: [new URL("recording.rrd", location.origin).href],
+    render_backend: new URLSearchParams(location.search).get("renderer"),
+    hide_welcome_screen: true,
+    check_for_updates_on_startup: false,
+    persist: false,
+  });
+  await window.viewer.start(document.getElementById("canvas"));
+  const cursor = CURSOR;
+  while (cursor)
+    try {
+      await window.viewer.viewer_control(new Uint8Array(pausing(cursor)));
+      break;
+    } catch {  // the recording has not come yet
+      await new Promise((later) => setTimeout(later, 100));
+    }
+}
+start().catch((error) => {
+  document.getElementById("canvas").remove();
+  document.getElementById("state").textContent = `The viewer did not start: ${error}`;
+});
