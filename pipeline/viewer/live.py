@@ -84,10 +84,8 @@ class Board:
         Share of the gait cycles that are done; it may exceed 1.
     done
         The same in words, such as "12 / 25 gait cycles".
-    peaks
-        Variant -> largest residuals of the newest gait cycle, (6,) [N, N·m]; empty before.
-    limit_n, limit_nm
-        Their limits.
+    rms
+        Variant -> RMS residuals of the last ten gait cycles, (6,) [N, N·m]; empty before.
     senders
         Which stream comes from where.
     """
@@ -96,9 +94,7 @@ class Board:
     sentence: str
     progress: float
     done: str
-    peaks: Mapping[str, Array]
-    limit_n: float
-    limit_nm: float
+    rms: Mapping[str, Array]
     senders: str = ""
 
 
