@@ -437,11 +437,13 @@ class Monitor:
         return Board(*shown, *progress, condition.recent_rms, senders(streams))
 
     def status(self) -> str:
-        """Give one line: light, RMS residuals of the last ten cycles, latency."""
+        """Give one line: light, gait cycles, RMS residuals of the last ten, latency."""
         board = self.board()
-        residuals = [f" · RMS {_in_words(rms)}" for rms in board.rms.values()][-1:]
-        latency = f" · {self.latency_ms(50):.1f} ms" if self._latency else ""
-        return f"{board.colour.upper()}: {board.sentence}{''.join(residuals)}{latency}"
+        done = [board.done] * (board.colour != "good")  # whose sentence says it
+        residuals = [f"RMS {_in_words(rms)}" for rms in board.rms.values()][-1:]
+        latency = [f"{self.latency_ms(50):.1f} ms"] * bool(self._latency)
+        parts = f"{board.colour.upper()}: {board.sentence}", *done, *residuals, *latency
+        return " · ".join(parts)
 
     def residuals(self) -> Iterator[str]:
         """Say the residuals of each variant so far, and peaks with their published limits.

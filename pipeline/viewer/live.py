@@ -190,6 +190,12 @@ class LiveView:
         """Wait until the viewer shows something or has failed; give whether it shows it."""
         return self._ready.wait(timeout_s) and self.fault is None
 
+    @property
+    def late_s(self) -> float:
+        """By how much what is shown is older than the newest frame [s]."""
+        with self._lock:
+            return self._waiting[-1][1].time - self._waiting[0][1].time if self._waiting else 0.0
+
     def show(self, frame: ShownFrame) -> None:
         """Show a frame, whose arrays stay as they are; returns at once."""
         with self._lock:
