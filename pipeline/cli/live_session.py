@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +20,7 @@ from pipeline.cli.options import require_folder
 from pipeline.cli.request import LiveRequest
 from pipeline.cli.stopping import SIGNAL_EXIT, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
+from pipeline.config.live import own_address
 from pipeline.config.schema import NOUNS
 from pipeline.io.write import write_text
 from pipeline.live import output
@@ -37,7 +39,8 @@ from pipeline.live.qualisys import PORT, QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
 from pipeline.run.processes import recorded_requests
-from pipeline.viewer.live import LiveScene, LiveView, Screen, ShownFrame
+from pipeline.viewer.live import Board, LiveScene, LiveView, Screen, ShownFrame
+from pipeline.viewer.serve import LOOPBACK, light_server
 
 SEARCH_S: Final = 60.0
 """How long streams are searched for."""
@@ -65,6 +68,10 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
     news, listen = deque[Finding](), request.listen or live.listen
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         stack.enter_context(line := LightLine(console, required))
+        host = own_address(request.page_host) if request.page_host else LOOPBACK
+        page = stack.enter_context(light_server(lambda: [line.board.as_json()], host))
+        who = "" if request.page_host else " on this computer; --page-host opens it to a network"
+        console.say(f"light for a phone or wall: {page}{who}")
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
             if request.qualisys is not None:
                 source: Source = _qualisys(request.qualisys, prepared, line, news.append)
@@ -193,12 +200,13 @@ class LightLine(Status):
 
     def __init__(self, console: PlainConsole, required: int) -> None:
         super().__init__("", console=console)
-        self.say, self._required = console.say, required
-        self._light, self._said_s = "", -LINES_S
+        self.say, self._light, self._said_s = console.say, "", -LINES_S
+        self.board = Board("look", "Starting", 0.0, f"0 / {required} gait cycles", {})
 
     def wait(self, sentence: str) -> None:
         """Say what is awaited before the first frame."""
-        self.show(f"LOOK: {sentence} · 0 / {self._required} gait cycles")
+        self.board = replace(self.board, sentence=sentence)
+        self.show(f"LOOK: {sentence} · {self.board.done}")
 
     def wait_for_streams(self, absent: Sequence[str], there: Sequence[str]) -> None:
         """Say which streams are awaited, and which others there are."""
@@ -250,8 +258,9 @@ def follow(
             late_s = view.late_s if view is not None else 0.0
             late = f" · picture {late_s:.1f} s late" * (late_s > LATE_S)
             line.show(monitor.status() + late)
+            line.board = monitor.board(source.streams)
             if view is not None:
-                view.show_board(monitor.board(source.streams))
+                view.show_board(line.board)
                 if view.address and not address:
                     address = view.address
                     line.say(f"open {address} in a browser on this machine")

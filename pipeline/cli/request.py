@@ -154,6 +154,8 @@ class LiveRequest(InputModel):
     """Show the body in a window."""
     web: bool = False
     """Show the body to a browser here."""
+    page_host: str | None = None
+    """This computer's address at which others see the light; default: nobody."""
     qualisys: str | None = None
     """ADDRESS[:PORT] of QTM; not LSL."""
     listen: str | None = None

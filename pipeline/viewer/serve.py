@@ -14,8 +14,9 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from http.server import BaseHTTPRequestHandler
+from importlib.resources import files
 from pathlib import Path
 from socketserver import ThreadingTCPServer
 from tempfile import TemporaryFile
@@ -36,44 +37,6 @@ HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
-PAGE: Final = b"""<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<title>Residuals</title>
-<link rel="icon" href="data:,">
-<style>
-  html, body, canvas { margin: 0; width: 100%; height: 100%; overflow: hidden; }
-  p { position: absolute; margin: 2em; font-family: sans-serif; }
-  canvas { position: absolute; }
-</style>
-<p id="state">Loading the viewer</p>
-<canvas id="canvas"></canvas>
-<script src="re_viewer.js"></script>
-<script src="start.js"></script>
-</html>
-"""
-START: Final = b"""
-const here = window.fetch.bind(window);
-window.fetch = (asked, ...more) =>
-  new URL(asked.url ?? asked, location).origin === location.origin
-    ? here(asked, ...more)
-    : Promise.resolve(new Response());
-async function start() {
-  await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
-  window.viewer = new wasm_bindgen.WebHandle({
-    url: [new URL("recording.rrd", location.origin).href],
-    render_backend: new URLSearchParams(location.search).get("renderer"),
-    hide_welcome_screen: true,
-    check_for_updates_on_startup: false,
-    persist: false,
-  });
-  await window.viewer.start(document.getElementById("canvas"));
-}
-start().catch((error) => {
-  document.getElementById("canvas").remove();
-  document.getElementById("state").textContent = `The viewer did not start: ${error}`;
-});
-"""
 Content = Callable[[], Iterable[bytes]]
 """Gives what is served, in pieces, whenever it is asked for."""
 MAX_START_S: Final = 30.0
@@ -188,12 +151,12 @@ def viewer_files() -> dict[str, bytes]:
     address = f"http://{LOOPBACK}:{port}"
     arguments = ["--serve-web", "--web-viewer-port", str(port), f"{address}/none.rrd"]
     opener = build_opener(ProxyHandler({}))
-    files = {}
+    found = {}
     with running_viewer(arguments, port):
         for path in VIEWER_FILES:
             with opener.open(f"{address}{path}", timeout=MAX_START_S) as answer:
-                files[path] = answer.read()
-    return files
+                found[path] = answer.read()
+    return found
 
 
 def free_port() -> int:
@@ -253,32 +216,58 @@ class GrowingRecording:
             number += 1
 
 
-@contextmanager
-def page_server(viewer: Mapping[str, bytes], recording: Content) -> Iterator[str]:
+def page_server(viewer: Mapping[str, bytes], recording: Content) -> AbstractContextManager[str]:
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
-    files: dict[str, tuple[str, Content]] = {
-        "/": ("text/html", [PAGE].__iter__),
-        "/start.js": ("text/javascript", [START].__iter__),
+    contents: dict[str, tuple[str, Content]] = {
+        "/": ("text/html", page_file("viewer.html")),
+        "/start.js": ("text/javascript", page_file("start.js")),
         "/recording.rrd": ("application/octet-stream", recording),
     } | {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
-    with _Server(files) as server:
+    return serve(contents)
+
+
+def light_server(board: Content, host: str) -> AbstractContextManager[str]:
+    """Serve a page with the light, for a phone or a wall, and the board that it asks for."""
+    of_page = {
+        "/": ("text/html", page_file("light.html")),
+        "/light.js": ("text/javascript", page_file("light.js")),
+        "/board.json": ("application/json", board),
+    }
+    return serve(of_page, host)
+
+
+def page_file(name: str) -> Content:
+    """Give a file of a page that is a part of the program."""
+    file = files("pipeline.viewer").joinpath("pages", name)
+    return lambda: [file.read_bytes()]
+
+
+@contextmanager
+def serve(contents: Mapping[str, tuple[str, Content]], host: str = LOOPBACK) -> Iterator[str]:
+    """Serve contents, by path, at an address of this computer; give the address of the page."""
+    try:
+        listening = _Server(contents, host)
+    except OSError as error:
+        raise ValueError(f"{host} is no address of this computer ({error.strerror})") from error
+    with listening as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         try:
-            yield f"http://{LOOPBACK}:{server.port}/"
+            yield f"http://{host}:{server.port}/"
         finally:
             server.shutdown()
 
 
 class _Server(ThreadingTCPServer):
-    """Answers on the loopback address, each request in a thread of its own."""
+    """Answers at one address, each request in a thread of its own."""
 
     daemon_threads = True
 
-    def __init__(self, files: Mapping[str, tuple[str, Content]]) -> None:
-        super().__init__((LOOPBACK, 0), _Handler)
-        self.files = files
-        self.port = int(self.server_address[1])
+    def __init__(self, contents: Mapping[str, tuple[str, Content]], host: str) -> None:
+        super().__init__((host, 0), _Handler)
+        self.contents, self.port = contents, int(self.server_address[1])
+        names = (host, "localhost") if host == LOOPBACK else (host,)
+        self.hosts = [[f"{name}:{self.port}"] for name in names]
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say nothing where a browser has gone away."""
@@ -288,17 +277,16 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def parse_request(self) -> bool:
-        """Refuse what is not asked of this machine by its address, whatever the method and path."""
+        """Refuse what is not asked of this server by its address, whatever the method and path."""
         if not super().parse_request():
             return False
-        hosts = [[f"{name}:{self.server.port}"] for name in (LOOPBACK, "localhost")]
-        if self.headers.get_all("Host") in hosts:
+        if self.headers.get_all("Host") in self.server.hosts:
             return True
         self.send_error(403, "Only for pages of this machine")
         return False
 
     def do_GET(self) -> None:
-        kind, content = self.server.files.get(urlsplit(self.path).path, ("", None))
+        kind, content = self.server.contents.get(urlsplit(self.path).path, ("", None))
         if content is None:
             self.send_error(404)
             return

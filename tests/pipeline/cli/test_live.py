@@ -202,11 +202,21 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
     assert "'cameras' is no IPv4 address" in refused(capsys, *played, "--listen", "cameras")
 
 
+def test_the_light_is_opened_to_others_at_an_address_of_this_computer_alone(walk, capsys):
+    assert "192.0.2.1 is no address of this computer" in refused(
+        capsys, "--static", walk, "--page-host", "192.0.2.1"
+    )
+    assert "'0.0.0.0' is no IPv4 address of this computer" in refused(
+        capsys, "--static", walk, "--page-host", "0.0.0.0"
+    )
+
+
 @pytest.mark.slow
 @needs_lsl
 def test_a_search_that_is_stopped_ends_with_one_line(walk, tmp_path):
     with hbm("--static", walk, "--out", tmp_path / "out") as live:
         assert live.stdout.readline() == f"calibration pose: {walk.name}\n"
+        assert "light for a phone or wall: http://127.0.0.1:" in live.stdout.readline()
         assert "searching at 127.0.0.1 for Markers, Plates" in live.stdout.readline()
         waiting = "LOOK: Waiting for streams Markers, Plates · 0 / 25 gait cycles"
         assert live.stdout.readline() == f"{waiting}\n"
