@@ -20,7 +20,6 @@ from pipeline.cli.options import require_folder
 from pipeline.cli.request import LiveRequest
 from pipeline.cli.stopping import SIGNAL_EXIT, stoppable, terminable
 from pipeline.cli.terminal import PlainConsole
-from pipeline.config.live import own_address
 from pipeline.config.schema import NOUNS
 from pipeline.io.write import write_text
 from pipeline.live import output
@@ -40,7 +39,7 @@ from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
 from pipeline.run.processes import recorded_requests
 from pipeline.viewer.live import Board, LiveScene, LiveView, Screen, ShownFrame
-from pipeline.viewer.serve import LOOPBACK, light_server
+from pipeline.viewer.serve import light_server
 
 SEARCH_S: Final = 60.0
 """How long streams are searched for."""
@@ -68,10 +67,8 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
     news, listen = deque[Finding](), request.listen or live.listen
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         stack.enter_context(line := LightLine(console, required))
-        host = own_address(request.page_host) if request.page_host else LOOPBACK
-        page = stack.enter_context(light_server(lambda: [line.board.as_json()], host))
-        who = "" if request.page_host else " on this computer; --page-host opens it to a network"
-        console.say(f"light for a phone or wall: {page}{who}")
+        page = stack.enter_context(light_server(lambda: line.board, request.page_host))
+        console.say(f"light for a phone or wall: {page} (--page-host opens it to a network)")
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
             if request.qualisys is not None:
                 source: Source = _qualisys(request.qualisys, prepared, line, news.append)
@@ -210,7 +207,7 @@ class LightLine(Status):
 
     def wait_for_streams(self, absent: Sequence[str], there: Sequence[str]) -> None:
         """Say which streams are awaited, and which others there are."""
-        others = f"; there: {listed(sorted(there))}" if there else ""
+        others = f"; there: {listed(sorted(there))}" * bool(there)
         self.wait(f"Waiting for stream{'s' * (len(absent) > 1)} {listed(absent)}{others}")
 
     def show(self, status: str) -> None:

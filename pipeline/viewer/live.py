@@ -13,13 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic_core import to_json
-
 from hbm.model import Body
 from hbm.spatial import Array
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.trial.residuals import AXES, HEALTHY_RMS, UNITS
 
 Screen = Literal["window", "browser", "none"]
 """A window of its own, a page for a browser of this machine, or pictures that nobody sees."""
@@ -99,14 +96,6 @@ class Board:
     done: str
     rms: Mapping[str, Array]
     senders: str = ""
-
-    def as_json(self) -> bytes:
-        """Give it as a page reads it: a bar per axis, of the best variant, once there is one."""
-        values = {name: getattr(self, name) for name in ("colour", "sentence", "progress", "done")}
-        of_axes = zip(AXES, UNITS, *[*self.rms.values()][-1:], HEALTHY_RMS, FULL_SCALE, strict=True)
-        names = "axis", "unit", "rms", "limit", "full"
-        bars = [dict(zip(names, bar, strict=True)) for bar in of_axes] if self.rms else []
-        return to_json(values | {"bars": bars, "senders": self.senders})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

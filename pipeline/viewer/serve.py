@@ -11,6 +11,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -24,7 +25,12 @@ from typing import Final
 from urllib.parse import urlsplit
 from urllib.request import ProxyHandler, build_opener
 
+import numpy as np
 import rerun_cli  # type: ignore[import-untyped]
+from pydantic_core import to_json
+
+from pipeline.trial.residuals import AXES, HEALTHY_RMS, UNITS
+from pipeline.viewer.live import FULL_SCALE, Board
 
 LOOPBACK: Final = "127.0.0.1"
 VIEWER_FILES: Final = {"/re_viewer.js": "text/javascript", "/re_viewer_bg.wasm": "application/wasm"}
@@ -39,6 +45,10 @@ HEADERS: Final = {
 }
 Content = Callable[[], Iterable[bytes]]
 """Gives what is served, in pieces, whenever it is asked for."""
+Contents = dict[str, tuple[str, Content]]
+"""Path -> type and content."""
+Page = AbstractContextManager[str]
+"""A page that is served, and its address."""
 MAX_START_S: Final = 30.0
 """A first start on a slow disk takes about ten seconds."""
 MAX_STOP_S: Final = 5.0
@@ -66,7 +76,7 @@ def view(path: Path, *, web: bool = False, announce: Callable[[str], object] = p
     """
     if not path.is_file():
         raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
-    before = signal.signal(signal.SIGTERM, _exit)
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(SIGNAL_EXIT + number))
     try:
         if web:
             page = page_server(viewer_files(), lambda: [path.read_bytes()])
@@ -178,10 +188,6 @@ def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
         time.sleep(POLL_S)
 
 
-def _exit(number: int, frame: object) -> None:
-    raise SystemExit(SIGNAL_EXIT + number)
-
-
 class GrowingRecording:
     """A recording that is served while it grows: its start, and as much of its end as is kept.
 
@@ -216,34 +222,34 @@ class GrowingRecording:
             number += 1
 
 
-def page_server(viewer: Mapping[str, bytes], recording: Content) -> AbstractContextManager[str]:
+def page_server(viewer: Mapping[str, bytes], recording: Content) -> Page:
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
-    contents: dict[str, tuple[str, Content]] = {
-        "/": ("text/html", page_file("viewer.html")),
-        "/start.js": ("text/javascript", page_file("start.js")),
-        "/recording.rrd": ("application/octet-stream", recording),
-    } | {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
-    return serve(contents)
+    of_viewer = {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
+    data: Contents = {"/recording.rrd": ("application/octet-stream", recording)}
+    return serve(_page_files("viewer") | of_viewer | data)
 
 
-def light_server(board: Content, host: str) -> AbstractContextManager[str]:
+def light_server(board: Callable[[], Board], host: str) -> Page:
     """Serve a page with the light, for a phone or a wall, and the board that it asks for."""
-    of_page = {
-        "/": ("text/html", page_file("light.html")),
-        "/light.js": ("text/javascript", page_file("light.js")),
-        "/board.json": ("application/json", board),
+    bars = {"axes": AXES, "units": UNITS, "limits": HEALTHY_RMS, "full": FULL_SCALE}
+
+    def content() -> list[bytes]:
+        return [to_json(bars | {"board": board()}, fallback=np.ndarray.tolist)]
+
+    return serve(_page_files("light") | {"/board.json": ("application/json", content)}, host)
+
+
+def _page_files(name: str) -> Contents:
+    """Give text and script of a page that are a part of the program."""
+    text, script = (files("pipeline.viewer") / f"pages/{name}.{kind}" for kind in ("html", "js"))
+    return {
+        "/": ("text/html", [text.read_bytes()].__iter__),
+        f"/{name}.js": ("text/javascript", [script.read_bytes()].__iter__),
     }
-    return serve(of_page, host)
-
-
-def page_file(name: str) -> Content:
-    """Give a file of a page that is a part of the program."""
-    file = files("pipeline.viewer").joinpath("pages", name)
-    return lambda: [file.read_bytes()]
 
 
 @contextmanager
-def serve(contents: Mapping[str, tuple[str, Content]], host: str = LOOPBACK) -> Iterator[str]:
+def serve(contents: Contents, host: str = LOOPBACK) -> Iterator[str]:
     """Serve contents, by path, at an address of this computer; give the address of the page."""
     try:
         listening = _Server(contents, host)
@@ -263,7 +269,7 @@ class _Server(ThreadingTCPServer):
 
     daemon_threads = True
 
-    def __init__(self, contents: Mapping[str, tuple[str, Content]], host: str) -> None:
+    def __init__(self, contents: Contents, host: str) -> None:
         super().__init__((host, 0), _Handler)
         self.contents, self.port = contents, int(self.server_address[1])
         names = (host, "localhost") if host == LOOPBACK else (host,)

@@ -54,27 +54,27 @@ def asked(address, path="board.json", **headers):
 def test_the_board_that_a_page_asks_for_is_that_of_the_session(boards):
     replayed, monitor = boards
     now = [replayed[0]]
-    with light_server(lambda: [now[0].as_json()], LOOPBACK) as address:
+    with light_server(lambda: now[0], LOOPBACK) as address:
         first = json.loads(asked(address))
-        assert (first["colour"], first["bars"]) == ("look", [])
-        assert first["sentence"] == "Starting: wait for two seconds of frames"
+        assert (first["board"]["colour"], first["board"]["rms"]) == ("look", {})
+        assert first["board"]["sentence"] == "Starting: wait for two seconds of frames"
         now[0] = replayed[-1]
         last = json.loads(asked(address))
-    assert last["colour"] == "good"
-    assert last["sentence"] == f"{monitor.condition.used} of 25 gait cycles used"
-    assert [each["axis"] for each in last["bars"]] == [*AXES]
+    assert last["board"]["colour"] == "good"
+    assert last["board"]["sentence"] == f"{monitor.condition.used} of 25 gait cycles used"
+    assert last["axes"] == [*AXES]
     ten = np.concatenate([each.residual["measured"] for each in monitor.condition.recent])
     rms = np.sqrt(np.mean(ten**2, axis=0))
-    np.testing.assert_allclose([each["rms"] for each in last["bars"]], rms, rtol=1e-12)
-    assert [each["limit"] for each in last["bars"]] == [*HEALTHY_RMS]
+    np.testing.assert_allclose(last["board"]["rms"]["measured"], rms, rtol=1e-12)
+    assert last["limits"] == [*HEALTHY_RMS]
 
 
 def test_the_page_is_for_this_computer_unless_its_own_address_is_asked(boards):
-    with light_server(lambda: [boards[0][0].as_json()], LOOPBACK) as address:
+    with light_server(lambda: boards[0][0], LOOPBACK) as address:
         assert address.startswith("http://127.0.0.1:")
         with pytest.raises(urllib.error.HTTPError, match="403"):
             asked(address, Host="evil.example")
-    with light_server(lambda: [boards[0][0].as_json()], "127.0.0.2") as address:
+    with light_server(lambda: boards[0][0], "127.0.0.2") as address:
         assert b"light.js" in asked(address, "")
         with pytest.raises(urllib.error.HTTPError, match="403"):
             asked(address, Host=address[7:-1].replace("127.0.0.2", "localhost"))
@@ -93,7 +93,7 @@ def test_a_phone_and_a_wall_show_light_sentence_cycles_and_bars_of_a_replay(boar
     """And stop where the session does not answer any more: no light is older than that."""
     replayed, now = boards[0], [boards[0][0]]
     with open_browser() as browser:
-        with light_server(lambda: [now[0].as_json()], LOOPBACK) as address:
+        with light_server(lambda: now[0], LOOPBACK) as address:
             browser.resize(390, 844)
             browser.open(address)
             assert wait_for(browser, "look")["sentence"].startswith("Starting")
