@@ -6,9 +6,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from rich.status import Status
 from rich.text import Text
 
 from hbm.model import Body
@@ -36,7 +38,8 @@ from pipeline.live.qualisys import PORT, QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
 from pipeline.run.processes import recorded_requests
-from pipeline.viewer.live import LiveScene, LiveView, Screen, ShownFrame
+from pipeline.viewer.live import Board, LiveScene, LiveView, Screen, ShownFrame
+from pipeline.viewer.serve import light_server
 
 SEARCH_S: Final = 60.0
 """How long streams are searched for."""
@@ -60,18 +63,21 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
     body = None if request.pose else prepared.body()
     if body is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
-    live = prepared.study.file.live
+    live, required = prepared.study.file.live, request.cycles or prepared.cycles or REQUIRED
     news, listen = deque[Finding](), request.listen or live.listen
     with ExitStack() as ending, terminable(), ExitStack() as stack:
+        stack.enter_context(line := LightLine(console, required))
+        page = stack.enter_context(light_server(lambda: line.board, request.page_host))
+        console.say(f"light for a phone or wall: {page} (--page-host opens it to a network)")
         with stoppable(lambda: "nothing was received, and nothing is recorded"):
             if request.qualisys is not None:
-                source: Source = _qualisys(request.qualisys, prepared, console, news.append)
+                source: Source = _qualisys(request.qualisys, prepared, line, news.append)
             else:
-                source = _lsl(prepared, listen, request.sender, console)
+                source = _lsl(prepared, listen, request.sender, line)
         stack.callback(source.close)
         console.say(f"receiving {senders(source.streams)}")
         placed = place_plates(source.plates, prepared.static, live)
-        subject, notes = body or _shown(prepared, placed, source, console)
+        subject, notes = body or _shown(prepared, placed, source, line)
         console.say_notes((*prepared.notes, *placed.notes, *notes))
         plates, laboratory = placed.plates, prepared.laboratory
         settings = prepared.study.file.settings
@@ -95,7 +101,6 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
             of_chain = chain.body, plates, chain.stream.labels, chain.ground.variants
             view = LiveView(LiveScene(*of_chain, screen, settings.contact_threshold_n))
             stack.callback(view.close)
-        required = request.cycles or prepared.cycles or REQUIRED
         monitor = Monitor(chain, plates, lambda note: console.say_notes((note,)), required)
         console.say(
             f"recording to {folder}; delay {1000 * chain.filter_delay_s:.0f} ms of the filter and "
@@ -108,7 +113,7 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
             in_time = not request.duration_s or time.monotonic() - began < request.duration_s
             return session.runs and not requests and in_time
 
-        follow(session, source, monitor, recorder, view, console, goes_on, news)
+        follow(session, source, monitor, recorder, view, line, goes_on, news)
         stack.close()
         lines = [*summary(chain, monitor, session, recorder, folder)]
         for text in lines:
@@ -122,57 +127,52 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
 
 
 def _qualisys(
-    address: str, prepared: Preparation, console: PlainConsole, say: Callable[[Finding], object]
+    address: str, prepared: Preparation, line: "LightLine", say: Callable[[Finding], object]
 ) -> Source:
     """Connect to Qualisys Track Manager."""
-    console.say(f"connecting to Qualisys Track Manager at {address}")
+    line.wait(f"Connecting to Qualisys Track Manager at {address}")
     host, colon, port = address.partition(":")
     if colon and not port.isdecimal():
         raise ValueError(f"--qualisys {address}: expected ADDRESS or ADDRESS:PORT")
     return QualisysSource(host, port=int(port or PORT), stated=prepared.study.stated, say=say)
 
 
-def _lsl(
-    prepared: Preparation, listen: str, wanted: Sequence[str], console: PlainConsole
-) -> Source:
+def _lsl(prepared: Preparation, listen: str, wanted: Sequence[str], line: "LightLine") -> Source:
     """Search for streams, of the wanted senders where several send them."""
     markers, analog = prepared.streams
-    console.say(f"searching at {listen} for {', '.join((markers, *analog))}")
+    line.say(f"searching at {listen} for {', '.join((markers, *analog))}")
+    line.wait_for_streams((markers, *analog), ())
     try:
-        with console.status("searching") as line:
-            return LslSource(
-                markers,
-                analog,
-                stated=prepared.study.stated,
-                listen=listen,
-                timeout_s=SEARCH_S,
-                searching=lambda absent, there: line.update(
-                    Text(f"missing: {listed(absent)}; there: {listed(sorted(there))}")
-                ),
-                senders=wanted,
-            )
+        return LslSource(
+            markers,
+            analog,
+            stated=prepared.study.stated,
+            listen=listen,
+            timeout_s=SEARCH_S,
+            searching=line.wait_for_streams,
+            senders=wanted,
+        )
     except ConnectionError as absent:
         absent.add_note(ABSENT)
         raise
 
 
 def _shown(
-    prepared: Preparation, placed: PlacedPlates, source: Source, console: PlainConsole
+    prepared: Preparation, placed: PlacedPlates, source: Source, line: "LightLine"
 ) -> tuple[Body, tuple[Note, ...]]:
     """Wait until the subject shows the calibration pose, and build the body from it."""
-    console.say("stand still on the plates, arms out to the sides (stop with Ctrl-C)")
+    line.say("stand still on the plates, arms out to the sides (stop with Ctrl-C)")
     finder = PoseFinder(placed.live, source.streams, placed.plates)
-    with console.status("no body yet") as line:
-        while True:
-            for samples in source.receive(RECEIVE_S):
-                pose = finder.add(samples)
-                if pose is None:
-                    continue
-                try:
-                    return prepared.body(pose)
-                except ValueError as error:
-                    finder.why_not = str(error)
-            line.update(Text(f"no body yet: {finder.why_not}"))
+    while True:
+        for samples in source.receive(RECEIVE_S):
+            pose = finder.add(samples)
+            if pose is None:
+                continue
+            try:
+                return prepared.body(pose)
+            except ValueError as error:
+                finder.why_not = str(error)
+        line.wait(f"No body yet: {finder.why_not}")
 
 
 SHOWN_S: Final = 0.02
@@ -184,8 +184,40 @@ STYLES: Final = {
     "STOP": "bold white on red",
 }
 """Of the light."""
+LINES_S: Final = 5.0
+"""Between lines of one light where no terminal updates them."""
+LATE_S: Final = 0.5
+"""Of a picture that is said to be late."""
 SWITCH_S: Final = 5e-4
 """After which another thread gets its turn: Python's own 5 ms would make frames late."""
+
+
+class LightLine(Status):
+    """Light and sentence in one line; without a terminal, lines now and then."""
+
+    def __init__(self, console: PlainConsole, required: int) -> None:
+        super().__init__("", console=console)
+        self.say, self._light, self._said_s = console.say, "", -LINES_S
+        self.board = Board("look", "Starting", 0.0, f"0 / {required} gait cycles", {})
+
+    def wait(self, sentence: str) -> None:
+        """Say what is awaited before the first frame."""
+        self.board = replace(self.board, sentence=sentence)
+        self.show(f"LOOK: {sentence} · {self.board.done}")
+
+    def wait_for_streams(self, absent: Sequence[str], there: Sequence[str]) -> None:
+        """Say which streams are awaited, and which others there are."""
+        others = f"; there: {listed(sorted(there))}" * bool(there)
+        self.wait(f"Waiting for stream{'s' * (len(absent) > 1)} {listed(absent)}{others}")
+
+    def show(self, status: str) -> None:
+        """Show a status; the light is what stands before its colon."""
+        light, sentence = status.split(":", 1)
+        self.update(Text.assemble((f" {light} ", STYLES[light]), sentence))
+        due = light != self._light or time.monotonic() - self._said_s > LINES_S
+        if due and not self.console.is_interactive:
+            self.say(status)
+            self._light, self._said_s = light, time.monotonic()
 
 
 def follow(
@@ -194,7 +226,7 @@ def follow(
     monitor: Monitor,
     recorder: output.Recorder,
     view: LiveView | None,
-    console: PlainConsole,
+    line: LightLine,
     goes_on: Callable[[], bool],
     news: deque[Finding],
 ) -> None:
@@ -205,29 +237,30 @@ def follow(
     address, recorded = "", True
     session.start()
     try:
-        with console.status("waiting for frames") as line:
-            while goes_on():
-                time.sleep(SHOWN_S)
-                take_new(session, monitor, view)
-                while news:
-                    monitor.hear(news.popleft())
-                if view is not None and view.fault is not None:
-                    console.say(f"nothing is shown any more: {view.fault}; all else goes on")
-                    view = None
-                if recorded and recorder.fault is not None:
-                    recorded = False
-                    console.say(f"{recorder.fault}; all else goes on")
-                monitor.look_for_silence()
-                if time.monotonic() - shown_s < STATUS_S:
-                    continue
-                shown_s = time.monotonic()
-                light, sentence = monitor.status().split(":", 1)
-                line.update(Text.assemble((f" {light} ", STYLES[light]), sentence))
-                if view is not None:
-                    view.show_board(monitor.board(source.streams))
-                    if view.address and not address:
-                        address = view.address
-                        console.say(f"open {address} in a browser on this machine")
+        while goes_on():
+            time.sleep(SHOWN_S)
+            take_new(session, monitor, view)
+            while news:
+                monitor.hear(news.popleft())
+            if view is not None and view.fault is not None:
+                line.say(f"nothing is shown any more: {view.fault}; all else goes on")
+                view = None
+            if recorded and recorder.fault is not None:
+                recorded = False
+                line.say(f"{recorder.fault}; all else goes on")
+            monitor.look_for_silence()
+            if time.monotonic() - shown_s < STATUS_S:
+                continue
+            shown_s = time.monotonic()
+            late_s = view.late_s if view is not None else 0.0
+            late = f" · picture {late_s:.1f} s late" * (late_s > LATE_S)
+            line.show(monitor.status() + late)
+            line.board = monitor.board(source.streams)
+            if view is not None:
+                view.show_board(line.board)
+                if view.address and not address:
+                    address = view.address
+                    line.say(f"open {address} in a browser on this machine")
     finally:
         session.stop()
         sys.setswitchinterval(before)

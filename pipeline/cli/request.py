@@ -5,11 +5,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from hbm.markers import read_marker_set
 from hbm.spelling import short
 from pipeline.config.input_model import InputModel
+from pipeline.config.live import LOOPBACK, own_address
 from pipeline.config.schema import (
     Condition,
     Platform,
@@ -154,6 +155,8 @@ class LiveRequest(InputModel):
     """Show the body in a window."""
     web: bool = False
     """Show the body to a browser here."""
+    page_host: Annotated[str, AfterValidator(own_address)] = LOOPBACK
+    """This computer's address for the page with the light; another one opens it to a network."""
     qualisys: str | None = None
     """ADDRESS[:PORT] of QTM; not LSL."""
     listen: str | None = None

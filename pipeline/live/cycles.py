@@ -19,6 +19,8 @@ MAX_CYCLE_S: Final = 2.5
 """Beyond it, the subject has stood still."""
 TYPICAL_OF: Final = 10
 """Cycles whose median duration is the usual one."""
+RECENT: Final = 10
+"""Cycles, of both feet: some six seconds, which a bar follows."""
 PERCENT: Final = np.arange(101)
 
 
@@ -190,8 +192,8 @@ class ConditionSoFar:
         Those that are used, of both sides.
     left_out
         Why others are not -> how many.
-    newest
-        Variant -> largest residuals in the newest cycle, (6,) [N, N·m].
+    recent
+        The last ten that are used.
     peaks
         Variant -> largest residual force [N], residual moment [N·m] and ground reaction force [N].
     """
@@ -200,7 +202,7 @@ class ConditionSoFar:
     unit: Unit = "cycle"
     cycles: int = 0
     left_out: Counter[str] = field(default_factory=Counter)
-    newest: Mapping[str, Array] = field(default_factory=dict)
+    recent: deque[LiveCycle] = field(default_factory=lambda: deque(maxlen=RECENT))
     peaks: dict[str, Array] = field(default_factory=dict)
     _sides: Counter[str] = field(default_factory=Counter)
     _counted_s: float = -np.inf
@@ -214,7 +216,7 @@ class ConditionSoFar:
             return
         self.cycles += 1
         self._sides[cycle.side] += 1
-        self.newest = {v: np.abs(each).max(axis=0) for v, each in cycle.residual.items()}
+        self.recent.append(cycle)
         new = cycle.time > self._counted_s
         self._counted_s = max(self._counted_s, float(cycle.time[-1]))
         self._frames += int(np.count_nonzero(new))
@@ -229,6 +231,13 @@ class ConditionSoFar:
     def used(self) -> int:
         """Those of one foot, as of trials: of the right one, else of the left."""
         return self._sides["right"] or self._sides["left"]
+
+    @property
+    def recent_rms(self) -> Mapping[str, Array]:
+        """Variant -> root mean square over the last ten cycles, (6,) [N, N·m]; empty before."""
+        variants = self.recent[-1].residual if self.recent else ()
+        every = {v: np.concatenate([each.residual[v] for each in self.recent]) for v in variants}
+        return {v: np.sqrt(np.mean(residual**2, axis=0)) for v, residual in every.items()}
 
     @property
     def rms(self) -> Mapping[str, Array]:

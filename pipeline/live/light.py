@@ -47,6 +47,7 @@ class Kind(Enum):
     RANGE_EXCEEDED = SensorFault.BEYOND_RANGE
     WEIGHT_DIFFERS = "live_weight_differs"
     FOOT_UNCERTAIN = "live_foot_uncertain"
+    RESIDUALS_HIGH = "live_residuals_high"
     # of frames alone: the cause before what follows from it
     MARKERS_FROZEN = "live_markers_frozen", "", False, Quality.MARKERS_FROZEN
     POSE_UNKNOWN = "live_pose_unknown", "", False, Quality.POSE_UNKNOWN
@@ -122,8 +123,8 @@ def light(
 ) -> tuple[Colour, str]:
     """Give the light of a session: of all that is wrong, the most urgent has the sentence.
 
-    Good: nothing to do. Look: the measurement goes on, with a fault that is worth mending. Stop:
-    what is measured now cannot be used.
+    Good: nothing to do, and no residual exceeds healthy walking. Look: the measurement goes on,
+    with a fault that is worth mending. Stop: what is measured now cannot be used.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.schema import NOUNS
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
-from pipeline.live.cycles import ConditionSoFar, GaitTracker, LiveCycle
+from pipeline.live.cycles import RECENT, ConditionSoFar, GaitTracker, LiveCycle
 from pipeline.live.ground import Channels
 from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Key, Kind, light
 from pipeline.live.stream import Samples, StreamDescription
@@ -27,6 +27,7 @@ from pipeline.trial.findings.zeros import MAX_REST_N, rest_level
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
+    HEALTHY_RMS,
     MAX_FORCE_SHARE,
     MAX_MOMENT_SHARE,
     height_of_mass,
@@ -322,15 +323,15 @@ class Monitor:
         self._latency = deque[float](maxlen=LATENCIES)
         self._recent = deque[Quality](maxlen=max(1, round(FITTED_S * chain.stream.rate_hz)))
         self._time = self._steady_s = np.nan
-        self.height_m = self._standing_m = height_of_mass(body, np.zeros((1, N_Q)))
+        self.height_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._untimed_s = dict.fromkeys(streams, -np.inf)
-        self._silent = list[Finding]()
+        self._silent, self._high = list[Finding](), list[Finding]()
         self._held: set[Key] = set()
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
-        self.cycles, self.reasons = deque[LiveCycle](maxlen=10), Counter[str]()
+        self.cycles, self.reasons = deque[LiveCycle](maxlen=RECENT), Counter[str]()
         self.notes = deque[tuple[float, Note]](maxlen=MAX_NOTES)
         self._stopped, self.during_stop = False, 0
         self.raised: dict[Key, tuple[Note, int]] = {}
@@ -377,6 +378,7 @@ class Monitor:
                 self._so_far[each.unit].add(each)
         if ended:
             self.height_m = height_of_mass(self.chain.body, frame.q[None])
+            self._high = self._above_healthy()
         self.cycles.extend(cycles)
         self._delay.add(frame)
         self._fit.add(frame)
@@ -400,11 +402,18 @@ class Monitor:
 
     def look(self) -> list[Finding]:
         """Give what is wrong now; what is new is noted."""
-        found = [*self._silent, *(one for watch in self._watches for one in watch.found)]
+        found = [*self._silent, *self._high]
+        found += (one for watch in self._watches for one in watch.found)
         self.hear(*(one for one in found if one.key not in self._held))
         self._held = {one.key for one in found}
         self._stopped = any(one.kind.stops for one in found)
         return found
+
+    def _above_healthy(self) -> list[Finding]:
+        """Find residuals of the best variant whose bars are beyond their lines."""
+        *_, rms = [np.zeros(len(AXES)), *self.condition.recent_rms.values()]
+        axes = tuple(compress(AXES, rms > HEALTHY_RMS))
+        return [Finding(Kind.RESIDUALS_HIGH, values={"axes": axes})] * bool(axes)
 
     @property
     def condition(self) -> ConditionSoFar:
@@ -420,20 +429,21 @@ class Monitor:
         """Give what is read at a glance: light, gait cycles used, bars, and who sends what."""
         recent, condition = list(self._recent), self.condition
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
-        used, wanted, weight_n = condition.used, self._required, self.chain.body.mass * GRAVITY_MPS2
+        used, wanted = condition.used, self._required
         noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
         done = f"{used} of {wanted} {noun} used"
         shown = light(self.look(), shares, done, ended=used >= wanted, steady=steady)
         progress = used / wanted, f"{used} / {wanted} {noun}"
-        limits = MAX_FORCE_SHARE * weight_n, MAX_MOMENT_SHARE * weight_n * self._standing_m
-        return Board(*shown, *progress, condition.newest, *limits, senders(streams))
+        return Board(*shown, *progress, condition.recent_rms, senders(streams))
 
     def status(self) -> str:
-        """Give one line: light, largest residuals of the newest cycle, latency."""
+        """Give one line: light, gait cycles, RMS residuals of the last ten, latency."""
         board = self.board()
-        largest = [f" · {_in_words(peaks)}" for peaks in board.peaks.values()][-1:]
-        latency = f" · {self.latency_ms(50):.1f} ms" if self._latency else ""
-        return f"{board.colour.upper()}: {board.sentence}{''.join(largest)}{latency}"
+        done = [board.done] * (board.colour != "good")  # whose sentence says it
+        residuals = [f"RMS {_in_words(rms)}" for rms in board.rms.values()][-1:]
+        latency = [f"{self.latency_ms(50):.1f} ms"] * bool(self._latency)
+        parts = f"{board.colour.upper()}: {board.sentence}", *done, *residuals, *latency
+        return " · ".join(parts)
 
     def residuals(self) -> Iterator[str]:
         """Say the residuals of each variant so far, and peaks with their published limits.

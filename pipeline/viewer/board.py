@@ -14,7 +14,7 @@ import rerun as rr
 from PIL import Image, ImageDraw, ImageFont
 
 from pipeline.figures.style import COLOURS
-from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
+from pipeline.trial.residuals import AXES, DIRECTIONS, HEALTHY_RMS, UNITS
 from pipeline.viewer.live import FULL_SCALE, Board, Colour
 
 BOARD_SIZE: Final = np.array([1000.0, 1040.0])
@@ -32,6 +32,7 @@ BAND: Final = 420
 """Height of the light with its sentence."""
 SENTENCE: Final = ((64, 24, 3), (48, 33, 4), (34, 46, 6))
 """Height of the letters, letters in a line, lines that have room."""
+RESIDUALS: Final = "RMS of the last ten cycles (line: healthy)"
 SENDERS: Final = (20, 78)
 """Height of the letters, letters in a line."""
 BARS: Final = (280, 780)
@@ -54,7 +55,7 @@ def log_board(stream: rr.RecordingStream, board: Board) -> None:
 
 
 def draw_board(board: Board) -> Image.Image:
-    """Draw the light with its sentence, gait cycles, bars of the newest residuals, and senders."""
+    """Draw the light with its sentence, gait cycles, bars of residuals, and senders."""
     width, height = BOARD_SIZE.astype(int).tolist()
     image = Image.new("RGB", (width, height), WHITE)
     draw = ImageDraw.Draw(image)
@@ -73,9 +74,7 @@ def draw_board(board: Board) -> Image.Image:
     done = MARGIN + (width - 2 * MARGIN) * min(board.progress, 1.0)
     draw.rectangle((MARGIN, BAND + 90, width - MARGIN, BAND + 110), GREY)
     draw.rectangle((MARGIN, BAND + 90, done, BAND + 110), LIGHTS["good"][0])
-    draw.text(
-        (MARGIN, BAND + 124), "Largest residual of the last cycle (line: limit)", BLACK, _font(32)
-    )
+    draw.text((MARGIN, BAND + 124), RESIDUALS, BLACK, _font(32))
     for k, axis in enumerate(AXES):
         _draw_bars(draw, board, k, axis)
     senders = wrap(board.senders, SENDERS[1], max_lines=2, placeholder=" …")
@@ -84,18 +83,17 @@ def draw_board(board: Board) -> Image.Image:
 
 
 def _draw_bars(draw: ImageDraw.ImageDraw, board: Board, k: int, axis: str) -> None:
-    """Draw the bars of an axis, that of the last variant above, with its limit and its number."""
+    """Draw the bars of an axis, that of the last variant above, with its line and its number."""
     top, (left, right) = FIRST_ROW + ROW * k, BARS
-    limit = board.limit_n if k < 3 else board.limit_nm
     draw.text((MARGIN, top + 2), axis, BLACK, _font(44))
     draw.text((MARGIN + 90, top + 16), DIRECTIONS[k % 3], BLACK, _font(28))
     draw.rectangle((left, top, right, top + 54), GREY)
-    for row, (variant, peaks) in enumerate(reversed([*board.peaks.items()])):
-        stop = left + (right - left) * min(float(peaks[k]) / FULL_SCALE[k], 1.0)
+    for row, (variant, rms) in enumerate(reversed([*board.rms.items()])):
+        stop = left + (right - left) * min(float(rms[k]) / FULL_SCALE[k], 1.0)
         below = top + 54 - THIN if row else top
         draw.rectangle((left, below, stop, top + 54), COLOURS[variant])
         if not row:
-            draw.text((right + 14, top + 2), f"{peaks[k]:.0f}", BLACK, _font(44))
+            draw.text((right + 14, top + 2), f"{rms[k]:.0f}", BLACK, _font(44))
     draw.text((right + 140, top + 18), UNITS[k], BLACK, _font(28))
-    at = left + (right - left) * limit / FULL_SCALE[k]
+    at = left + (right - left) * HEALTHY_RMS[k] / FULL_SCALE[k]
     draw.rectangle((at - 3, top - 6, at + 3, top + 60), BLACK)

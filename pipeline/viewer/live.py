@@ -84,10 +84,8 @@ class Board:
         Share of the gait cycles that are done; it may exceed 1.
     done
         The same in words, such as "12 / 25 gait cycles".
-    peaks
-        Variant -> largest residuals of the newest gait cycle, (6,) [N, N·m]; empty before.
-    limit_n, limit_nm
-        Their limits.
+    rms
+        Variant -> RMS residuals of the last ten gait cycles, (6,) [N, N·m]; empty before.
     senders
         Which stream comes from where.
     """
@@ -96,9 +94,7 @@ class Board:
     sentence: str
     progress: float
     done: str
-    peaks: Mapping[str, Array]
-    limit_n: float
-    limit_nm: float
+    rms: Mapping[str, Array]
     senders: str = ""
 
 
@@ -193,6 +189,12 @@ class LiveView:
     def wait(self, timeout_s: float) -> bool:
         """Wait until the viewer shows something or has failed; give whether it shows it."""
         return self._ready.wait(timeout_s) and self.fault is None
+
+    @property
+    def late_s(self) -> float:
+        """By how much what is shown is older than the newest frame [s]."""
+        with self._lock:
+            return self._waiting[-1][1].time - self._waiting[0][1].time if self._waiting else 0.0
 
     def show(self, frame: ShownFrame) -> None:
         """Show a frame, whose arrays stay as they are; returns at once."""

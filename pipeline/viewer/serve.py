@@ -12,11 +12,13 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from http.server import BaseHTTPRequestHandler
+from importlib.resources import files
 from pathlib import Path
 from socketserver import ThreadingTCPServer
 from tempfile import TemporaryFile
@@ -24,8 +26,13 @@ from typing import Final
 from urllib.parse import urlsplit
 from urllib.request import ProxyHandler, build_opener
 
+import numpy as np
 import rerun_cli  # type: ignore[import-untyped]
+from pydantic_core import to_json
 from rerun.experimental import ViewerClient
+
+from pipeline.trial.residuals import AXES, HEALTHY_RMS, UNITS
+from pipeline.viewer.live import FULL_SCALE, Board
 
 LOOPBACK: Final = "127.0.0.1"
 VIEWER_FILES: Final = {"/re_viewer.js": "text/javascript", "/re_viewer_bg.wasm": "application/wasm"}
@@ -42,6 +49,10 @@ Cursor = tuple[str, int]
 """Timeline and value on it: nanoseconds of "time", else a whole number."""
 Content = Callable[[], Iterable[bytes]]
 """Gives what is served, in pieces, whenever it is asked for."""
+Contents = dict[str, tuple[str, Content]]
+"""Path -> type and content."""
+Page = AbstractContextManager[str]
+"""A page that is served, and its address."""
 MAX_START_S: Final = 30.0
 """A first start on a slow disk takes about ten seconds."""
 MAX_STOP_S: Final = 5.0
@@ -76,7 +87,7 @@ def view(
     """
     if not path.is_file():
         raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
-    before = signal.signal(signal.SIGTERM, _exit)
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(SIGNAL_EXIT + number))
     try:
         if web:
             page = page_server(viewer_files(), lambda: [path.read_bytes()], cursor)
@@ -175,12 +186,12 @@ def viewer_files() -> dict[str, bytes]:
     address = f"http://{LOOPBACK}:{port}"
     arguments = ["--serve-web", "--web-viewer-port", str(port), f"{address}/none.rrd"]
     opener = build_opener(ProxyHandler({}))
-    files = {}
+    found = {}
     with running_viewer(arguments, port):
         for path in VIEWER_FILES:
             with opener.open(f"{address}{path}", timeout=MAX_START_S) as answer:
-                files[path] = answer.read()
-    return files
+                found[path] = answer.read()
+    return found
 
 
 def free_port() -> int:
@@ -200,10 +211,6 @@ def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
                 f"the viewer did not answer on port {port} within {MAX_START_S:.0f} s"
             )
         time.sleep(POLL_S)
-
-
-def _exit(number: int, frame: object) -> None:
-    raise SystemExit(SIGNAL_EXIT + number)
 
 
 class GrowingRecording:
@@ -240,38 +247,62 @@ class GrowingRecording:
             number += 1
 
 
-@contextmanager
 def page_server(
     viewer: Mapping[str, bytes], recording: Content, cursor: Cursor | None = None
-) -> Iterator[str]:
+) -> Page:
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
-    page, start = (
-        Path(__file__).with_name(name).read_bytes() for name in ("page.html", "start.js")
-    )
-    start = start.replace(b"CURSOR", json.dumps(cursor).encode())
-    files: dict[str, tuple[str, Content]] = {
-        "/": ("text/html", [page].__iter__),
-        "/start.js": ("text/javascript", [start].__iter__),
-        "/recording.rrd": ("application/octet-stream", recording),
-    } | {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
-    with _Server(files) as server:
+    of_viewer = {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
+    data: Contents = {"/recording.rrd": ("application/octet-stream", recording)}
+    page = _page_files("viewer", cursor)
+    return serve(page | of_viewer | data)
+
+
+def light_server(board: Callable[[], Board], host: str) -> Page:
+    """Serve a page with the light, for a phone or a wall, and the board that it asks for."""
+    bars = {"axes": AXES, "units": UNITS, "limits": HEALTHY_RMS, "full": FULL_SCALE}
+
+    def content() -> list[bytes]:
+        return [to_json(bars | {"board": board()}, fallback=np.ndarray.tolist)]
+
+    return serve(_page_files("light") | {"/board.json": ("application/json", content)}, host)
+
+
+def _page_files(name: str, cursor: Cursor | None = None) -> Contents:
+    """Give text and script of a page that are a part of the program."""
+    folder = files("pipeline.viewer") / "pages"
+    script = (folder / f"{name}.js").read_bytes().replace(b"CURSOR", json.dumps(cursor).encode())
+    return {
+        "/": ("text/html", [(folder / f"{name}.html").read_bytes()].__iter__),
+        f"/{name}.js": ("text/javascript", [script].__iter__),
+    }
+
+
+@contextmanager
+def serve(contents: Contents, host: str = LOOPBACK) -> Iterator[str]:
+    """Serve contents, by path, at an address of this computer; give the address of the page."""
+    try:
+        listening = _Server(contents, host)
+    except OSError as error:
+        raise ValueError(f"{host} is no address of this computer ({error.strerror})") from error
+    with listening as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         try:
-            yield f"http://{LOOPBACK}:{server.port}/"
+            yield f"http://{host}:{server.port}/"
         finally:
             server.shutdown()
 
 
 class _Server(ThreadingTCPServer):
-    """Answers on the loopback address, each request in a thread of its own."""
+    """Answers at one address, each request in a thread of its own."""
 
     daemon_threads = True
 
-    def __init__(self, files: Mapping[str, tuple[str, Content]]) -> None:
-        super().__init__((LOOPBACK, 0), _Handler)
-        self.files = files
-        self.port = int(self.server_address[1])
+    def __init__(self, contents: Contents, host: str) -> None:
+        super().__init__((host, 0), _Handler)
+        self.contents, self.port = contents, int(self.server_address[1])
+        names = (host, "localhost") if host == LOOPBACK else (host,)
+        self.hosts = [[f"{name}:{self.port}"] for name in names]
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Say nothing where a browser has gone away."""
@@ -281,17 +312,16 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def parse_request(self) -> bool:
-        """Refuse what is not asked of this machine by its address, whatever the method and path."""
+        """Refuse what is not asked of this server by its address, whatever the method and path."""
         if not super().parse_request():
             return False
-        hosts = [[f"{name}:{self.server.port}"] for name in (LOOPBACK, "localhost")]
-        if self.headers.get_all("Host") in hosts:
+        if self.headers.get_all("Host") in self.server.hosts:
             return True
         self.send_error(403, "Only for pages of this machine")
         return False
 
     def do_GET(self) -> None:
-        kind, content = self.server.files.get(urlsplit(self.path).path, ("", None))
+        kind, content = self.server.contents.get(urlsplit(self.path).path, ("", None))
         if content is None:
             self.send_error(404)
             return

@@ -5,18 +5,31 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from contextlib import contextmanager
 from importlib.util import find_spec
+from io import StringIO
 from pathlib import Path
 from socket import gethostname
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.cli.app import main
+from pipeline.cli.live_session import STATUS_S, LightLine, follow
+from pipeline.cli.terminal import PlainConsole
+from pipeline.config.live import Live
+from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
+from pipeline.live.chain import LiveChain
+from pipeline.live.monitor import Monitor
 from pipeline.live.output import RESULTS_FOLDER, STREAMS
+from pipeline.live.replay import RecordedSource
+from pipeline.live.session import Session
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 
 DURATION_S = 14.0
@@ -90,6 +103,10 @@ def test_a_replayed_walk_gives_its_residuals_until_ctrl_c_and_is_recorded(walk, 
     out = tmp_path / "out"
     said = said_of_a_replay(walk, "--static", walk, "--out", out)
     assert f"receiving Markers (100 Hz) from {gethostname()}, Plates (1000 Hz) from" in said
+    lights = re.findall(r"^(GOOD|LOOK|STOP): ", said, re.MULTILINE)
+    assert lights[0] == "LOOK"  # it waits for streams, then for two seconds of frames
+    assert re.search(r"^GOOD: \d+ of 25 gait cycles used · RMS Fx \d+", said, re.MULTILINE)
+    assert len(lights) < DURATION_S  # a line each five seconds, and one when the light changes
     received, solved, marked = map(
         int, re.search(r"(\d+) frames received: (\d+) used, (\d+) not used", said).groups()
     )
@@ -185,15 +202,61 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
     assert "'cameras' is no IPv4 address" in refused(capsys, *played, "--listen", "cameras")
 
 
+def test_the_light_is_opened_to_others_at_an_address_of_this_computer_alone(walk, capsys):
+    assert "192.0.2.1 is no address of this computer" in refused(
+        capsys, "--static", walk, "--page-host", "192.0.2.1"
+    )
+    assert "'0.0.0.0' is no IPv4 address of this computer" in refused(
+        capsys, "--static", walk, "--page-host", "0.0.0.0"
+    )
+
+
 @pytest.mark.slow
 @needs_lsl
 def test_a_search_that_is_stopped_ends_with_one_line(walk, tmp_path):
     with hbm("--static", walk, "--out", tmp_path / "out") as live:
         assert live.stdout.readline() == f"calibration pose: {walk.name}\n"
+        assert "light for a phone or wall: http://127.0.0.1:" in live.stdout.readline()
         assert "searching at 127.0.0.1 for Markers, Plates" in live.stdout.readline()
+        waiting = "LOOK: Waiting for streams Markers, Plates · 0 / 25 gait cycles"
+        assert live.stdout.readline() == f"{waiting}\n"
         time.sleep(0.5)
         live.send_signal(signal.SIGTERM)
         said = live.communicate(timeout=PATIENCE_S)[0]
     assert live.returncode == 128 + signal.SIGTERM
     assert said == "hbm: terminated: nothing was received, and nothing is recorded\n"
     assert not (tmp_path / "out").exists()
+
+
+class Picture:
+    """A view whose picture is late."""
+
+    address, fault, late_s = None, None, 1.23
+
+    def show(self, frame):
+        pass
+
+    show_board = show
+
+
+@pytest.mark.parametrize("view", [None, Picture()])
+def test_a_terminal_has_one_line_with_the_light_that_says_how_late_the_picture_is(walk, view):
+    trial = process_recording(read_recording(walk), Subject(), Settings())
+    source = RecordedSource(read_recording(walk))
+    plates, still = read_recording(walk).plates, Laboratory(Treadmill())
+    chain = LiveChain(trial.body, still, Settings(), Live(), source.streams, plates)
+    session, monitor = Session(source, chain), Monitor(chain, plates)
+    shown = StringIO()
+    with LightLine(PlainConsole(file=shown, force_terminal=True, width=200), 25) as line:
+        line.wait_for_streams(["Markers"], ["Plates"])
+        line._live.refresh()
+        assert "Waiting for stream Markers; there: Plates · 0 / 25 gait cycles" in shown.getvalue()
+        began = time.monotonic()
+        recorder = SimpleNamespace(fault=None)
+        goes_on = lambda: time.monotonic() - began < 5 * STATUS_S  # noqa: E731
+        follow(session, source, monitor, recorder, view, line, goes_on, deque())
+        line._live.refresh()
+    newest = shown.getvalue().rsplit(" GOOD ", 1)[-1]
+    assert "gait cycles used · RMS Fx" in newest
+    assert ("picture 1.2 s late" in newest) == (view is not None)
+    assert shown.getvalue().count("\n") == 1  # at its end

@@ -1,4 +1,4 @@
-"""The five most frequent faults of a session, planted in a virtual laboratory's recording."""
+"""The most frequent faults of a session, planted in a virtual laboratory's recording."""
 
 from dataclasses import dataclass, replace
 
@@ -30,6 +30,7 @@ EXPECTED = {
         "stop",
         "A foot is beside its plate: ask the subject to walk on the plates",
     ),
+    "forward force doubled": ("look", "Fx, My, Mz above healthy walking: check markers"),
     "platform sensor dead": (
         "stop",
         "Platform sensor front_right is dead: check its power and its cable",
@@ -62,6 +63,10 @@ def planted(walk, fault):
     elif fault == "foot beside the plate":
         on = (plates[1].time < FAULT_S)[:, None]
         plates = (plates[0], replace(plates[1], wrench_in_plate=plates[1].wrench_in_plate * on))
+    elif fault == "forward force doubled":
+        gain = 1 + np.abs(plates[0].rotation[0] @ np.eye(3, 6))
+        scaled = (replace(p, wrench_in_plate=p.wrench_in_plate * gain) for p in plates)
+        plates = tuple(scaled)
     elif fault == "platform sensor dead":
         values = analog.values.copy()
         columns = [analog.names.index(name) for name in lab.CHANNELS["front_right"]]

@@ -1,5 +1,7 @@
 """One light: good, look or stop, with what is wrong and what to do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from compensation.inertia.sensors import SensorFault
 from hbm.notes import catalogue
 from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Kind, light
 from pipeline.trial.quality import DOES_NOT_COUNT, Quality
+from pipeline.trial.residuals import AXES, HEALTHY_RMS
 from tests.pipeline.live.planted import EXPECTED, REQUIRED, VirtualLaboratory
 
 
@@ -26,12 +29,12 @@ def test_the_light_names_each_frequent_fault_and_what_to_do(laboratory, fault):
     if fault == "none":
         assert board.progress >= 1
         assert not played.monitor.notes
-        for variant, peaks in board.peaks.items():
-            newest = played.monitor.cycles[-1].residual[variant]
-            np.testing.assert_array_equal(peaks, np.abs(newest).max(axis=0))
-        weight_n = 9.81 * laboratory.body.mass
-        assert board.limit_n == pytest.approx(0.05 * weight_n)
-        assert board.limit_nm == pytest.approx(0.01 * 0.95 * weight_n, rel=0.1)
+        for variant, rms in board.rms.items():
+            ten = np.concatenate([each.residual[variant] for each in played.monitor.cycles])
+            np.testing.assert_allclose(rms, np.sqrt(np.mean(ten**2, axis=0)), rtol=1e-12)
+    if fault == "forward force doubled":  # also about mid-hip; its cycles are used
+        assert board.progress >= 1
+        assert np.flatnonzero(board.rms["measured"] > HEALTHY_RMS).tolist() == [0, 4, 5]
     assert board.done == f"{round(REQUIRED * board.progress)} / {REQUIRED} gait cycles"
 
 
@@ -41,6 +44,26 @@ def test_the_light_is_good_again_once_the_fault_is_mended(laboratory):
     seen = np.ones((1, len(monitor._markers._names), 3))
     monitor._markers.add(np.array([100.0]), seen)
     assert monitor.board().colour == "good"
+
+
+@pytest.fixture(scope="module")
+def monitor(laboratory):
+    return laboratory.played("none").monitor
+
+
+@given(rms=st.lists(st.floats(0, 100), min_size=6, max_size=6))
+def test_the_light_is_never_good_above_a_bar_that_exceeds_healthy_walking(monitor, rms):
+    """It names these bars, of compensated residuals where there are any."""
+    recent = monitor.condition.recent
+    residual = {"measured": np.full((2, 6), 99.0), "compensated": np.array([rms, rms])}
+    recent.extend([replace(recent[-1], residual=residual)] * 10)
+    monitor._high = monitor._above_healthy()
+    board = monitor.board()
+    shown = board.rms["compensated"]
+    assert (board.colour == "good") == (not (shown > HEALTHY_RMS).any())
+    for axis, size, limit in zip(AXES, shown, HEALTHY_RMS, strict=True):
+        assert (axis in board.sentence) == (size > limit)
+    assert len(board.sentence.split()) <= 20
 
 
 DONE = "3 of 25 gait cycles used"

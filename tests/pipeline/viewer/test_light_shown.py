@@ -18,8 +18,8 @@ SCREEN = (1920, 1080)
 LAST = 60
 
 
-def board(colour="good", sentence="12 of 25 gait cycles used", peaks=None):
-    return Board(colour, sentence, 0.5, "12 / 25 gait cycles", peaks or {}, 37.0, 7.0, "Markers")
+def board(colour="good", sentence="12 of 25 gait cycles used", rms=None):
+    return Board(colour, sentence, 0.5, "12 / 25 gait cycles", rms or {}, "Markers")
 
 
 def seen_on(browser, path, expected):
@@ -72,7 +72,7 @@ def test_bars_have_one_scale_whatever_the_residuals_are():
     """Twice the residual is twice the bar; beyond its end it is full; the limit stays in place."""
 
     def length(size):
-        picture = np.asarray(draw_board(board(peaks={"measured": np.full(6, size)})), float)
+        picture = np.asarray(draw_board(board(rms={"measured": np.full(6, size)})), float)
         coloured = np.abs(picture - 255 * np.array(to_rgb(COLOURS["measured"]))).max(axis=2) < 2
         row = coloured[FIRST_ROW + 1 + 3 * ROW]
         return int(np.flatnonzero(row)[-1]) - BARS[0]

@@ -37,7 +37,7 @@ FRAMES = 100
 RATE_HZ = 100
 PIXELS = 50
 MEGABYTE = 1e6
-BOARD = Board("good", "12 of 25 gait cycles used", 0.48, "12 / 25 gait cycles", {}, 37.0, 7.0)
+BOARD = Board("good", "12 of 25 gait cycles used", 0.48, "12 / 25 gait cycles", {})
 SIGSTOP = getattr(signal, "SIGSTOP", None)
 
 needs_signals = pytest.mark.skipif(SIGSTOP is None, reason="no SIGSTOP on this system")
