@@ -29,7 +29,6 @@ from urllib.request import ProxyHandler, build_opener
 import numpy as np
 import rerun_cli  # type: ignore[import-untyped]
 from pydantic_core import to_json
-from rerun.experimental import ViewerClient
 
 from pipeline.trial.residuals import AXES, HEALTHY_RMS, UNITS
 from pipeline.viewer.live import FULL_SCALE, Board
@@ -107,6 +106,8 @@ def view(
 
 def _move_cursor(cursor: Cursor, port: int, process: subprocess.Popen[bytes]) -> None:
     """Move the cursor of a window as soon as it has the recording, unless it is closed before."""
+    from rerun.experimental import ViewerClient  # takes long; live sessions do without
+
     deadline = time.monotonic() + MAX_START_S
     while process.poll() is None and time.monotonic() < deadline:
         with suppress(RuntimeError, ConnectionError):

@@ -18,6 +18,7 @@ from rerun.experimental import ViewerClient
 
 from pipeline.figures.style import COLOURS
 from pipeline.viewer.live import MAX_WAITING, Board, LiveScene, LiveView
+from pipeline.viewer.plots import panel_name
 from pipeline.viewer.scene import MODELLED_COLOUR
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.viewer_frames import shown_frames
@@ -147,7 +148,7 @@ def test_a_page_shows_what_comes_and_requests_only_what_is_served_here(trial, fr
         state = settled_page(browser)
         assert state.active.startswith("Recording:hbm_residuals_live:")
         assert (state.timeline, state.playing) == ("time", FOLLOWING)
-        assert {"Light", "Legend", "Fx forward (N)", "Mz about up (N·m)"} <= state.views
+        assert {"Light", "Legend", panel_name(0), panel_name(5)} <= state.views
         walk(view, frames, 50, first=FRAMES)
         wait_for(lambda: page_state(browser).time == (FRAMES + 49) * 10_000_000)
         browser.screenshot(tmp_path / "page.png")
