@@ -131,8 +131,8 @@ def write_results(trials: Trials, seed: int, out: Path) -> Part:
 
 
 def _saved(text: str, figure: Figure, out: Path, name: str) -> Drawn:
-    save_figure(figure, out / "figures" / f"{name}.png")
-    return Drawn(text, drawing(figure, ".png"))
+    save_figure(figure, out / "figures" / name)
+    return Drawn(text, drawing(figure, "png"))
 
 
 def _ranking_tables(ranking: Ranking[Model], title: str, out: Path, prefix: str) -> list[Table]:

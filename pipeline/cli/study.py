@@ -222,18 +222,25 @@ def report(
         bool | None,
         Option("--pages/--no-pages", help="A page of every trial; default: up to 60 trials."),
     ] = None,
+    figures: Annotated[str, Option(help="Formats, e.g. pdf,tiff; default: [figures].")] = "",
 ) -> None:
     """They are made from the results of 'hbm run', and written beside them."""
+    from pipeline.config.schema import FIGURE_FORMATS
+    from pipeline.config.toml_file import nearest
     from pipeline.report.write import NO_PAGES, write_report, writes_pages
     from pipeline.run.store import recorded_study_folder
 
     console = PlainConsole()
+    formats = tuple(filter(None, figures.split(",")))
+    for unknown in {*formats}.difference(FIGURE_FORMATS):
+        raise ValueError(f"--figures {unknown}: no such format{nearest(unknown, FIGURE_FORMATS)}")
     with StepProgress(console, "report", "steps") as progress:
 
         def announce(step: str, done: int = 0, steps: int = 0) -> None:
             progress.update(progress.task, description=step, completed=done, total=steps or None)
 
-        page = write_report(folder, recorded_study_folder(folder), announce, pages=pages)
+        study = recorded_study_folder(folder)
+        page = write_report(folder, study, announce, pages=pages, formats=formats)
     if not writes_pages(folder, pages):
         console.say(NO_PAGES.replace("RESULTS", str(folder)))
     if plan:

@@ -41,6 +41,10 @@ Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
 COVARIATES: Final[tuple[Covariate, ...]] = get_args(Covariate)
 MAIN: Final = "main"
 """Name of the study's own way of processing among its variants."""
+FigureFormat = Literal["pdf", "svg", "png", "tiff"]
+FIGURE_FORMATS: Final[tuple[FigureFormat, ...]] = get_args(FigureFormat)
+TWO_COLUMNS_MM: Final = 120.0
+"""Columns of journals are 80 to 95 mm wide, two of them 165 mm or more."""
 EventMethod = Literal["file", "zeni", "plates", "auto"]
 """Where a trial's gait events come from."""
 
@@ -480,6 +484,32 @@ class Comparison(InputModel):
         return self
 
 
+class Figures(InputModel):
+    """How the figures of the report are written, such as for a journal.
+
+    Examples
+    --------
+    >>> Figures(width_mm=85.0).of_one_column
+    True
+    """
+
+    formats: Annotated[tuple[FigureFormat, ...], Field(strict=False)] = ("png", "svg")
+    """Files of each figure: pdf, svg, png, tiff."""
+    width_mm: Annotated[float, Field(ge=80, le=300)] | None = Field(default=None, examples=[85.0])
+    """One column of a journal is about 85, two are 180; default: a page on the screen."""
+    font_pt: Annotated[float, Field(ge=5, le=14)] | None = Field(default=None, examples=[8.0])
+    """Size of the letters; default: 7 in one column, 8 in two, else 9."""
+    dpi: Annotated[int, Field(ge=300, le=1200)] | None = Field(default=None, examples=[600])
+    """Resolution of PNG and TIFF; default: 300, or 150 if nothing is stated of figures."""
+    decimals: Literal["point", "comma"] = "point"
+    """Sign before decimals: point or comma."""
+
+    @property
+    def of_one_column(self) -> bool:
+        """Whether panels have to stand below each other."""
+        return self.width_mm is not None and self.width_mm < TWO_COLUMNS_MM
+
+
 class PlateContact(InputModel):
     """Whose foot was on a plate, where the centre of pressure cannot tell."""
 
@@ -618,6 +648,7 @@ class StudyFile(RecordingRules):
     """Other ways of processing: name, and the settings that differ; also treadmill.KEY and
     plates.KEY. Each is processed too, and the report says whether the conclusion depends on it."""
     comparison: Comparison | None = None
+    figures: Figures = Figures()
     corrections: Annotated[tuple[Correction, ...], Field(strict=False, exclude=True)] = ()
 
 

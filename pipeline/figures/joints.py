@@ -5,13 +5,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
+from pipeline.config.schema import Figures
 from pipeline.figures.residuals import legend_below, panel_grid
-from pipeline.figures.style import STYLE, draw_band, draw_differences
+from pipeline.figures.style import PAGE, draw_band, draw_differences, head, in_style
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS, JointMotion
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ PANEL_INCH: Final = (2.2, 1.7)
 GAPS: Final = "; gaps: load of the foot, or pose, unknown in most gait cycles"
 """Moments are unknown where it is uncertain whose foot is on a plate, or none carries it."""
 NORMS: Final = Path(__file__).with_name("healthy.csv")
-HEALTHY_COLOUR: Final = "#D5DAE0"
+HEALTHY: Final[Any] = {"color": "#D5DAE0", "lw": 0, "zorder": 0, "label": "healthy ± SD"}
 
 Curve = tuple[str, str, Any, Array, Array]
 """Label, colour and line style of a curve; mean and standard deviation, (101, 13, 3)."""
@@ -47,6 +47,7 @@ def joint_figure(
     motions: tuple[JointMotion, ...] = LEG,
     differing: "Mapping[tuple[str, str], Sequence[CurveDifference]]" = MappingProxyType({}),
     healthy: Mapping[tuple[str, str], Sequence[Array]] = MappingProxyType({}),
+    look: Figures = PAGE,
 ) -> Figure:
     """Draw means over the gait cycle with one standard deviation as a band.
 
@@ -54,40 +55,39 @@ def joint_figure(
     ``healthy`` is as of `healthy_bands`, drawn behind.
     """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
+    heads = [f"{motion.joint} {motion.direction}" for motion in motions]
+    quantities = [f"{name} ({unit})" for name, unit in CURVES.items()]
     percent = np.linspace(0, 100, 101)
-    with mpl.rc_context(STYLE):
-        size = PANEL_INCH[0] * len(motions), PANEL_INCH[1] * len(CURVES) + 0.9
+    with in_style(look):
         gaps = ""
-        figure, panels = panel_grid(len(CURVES), len(motions), size)
+        figure, panels = panel_grid(len(CURVES), len(motions), PANEL_INCH, look)
         panels[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for label, colour, linestyle, mean, spread in curves:
             if np.isnan(mean[:, columns]).any():
                 gaps = GAPS
             for (row, column), panel in np.ndenumerate(panels):
                 band = mean[:, columns[column], row], spread[:, columns[column], row]
-                draw_band(panel, percent, *band, colour, label=label, linestyle=linestyle)
+                draw_band(panel, percent, *band, colour, label=label, ls=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
-            if row == 0:
-                panel.set_title(f"{motions[column].joint} {motions[column].direction}", loc="left")
-            if column == 0:
-                name, unit = [*CURVES.items()][row]
-                panel.set_ylabel(f"{name} ({unit})")
+            above, beside, below = heads[column], quantities[row], "gait\N{NO-BREAK SPACE}cycle (%)"
+            if look.of_one_column:
+                above, beside = beside, above
+            if look.width_mm is not None:  # a panel is as wide as a word; p has its own line
+                above, beside, below = (text.replace(" ", "\n") for text in (above, beside, below))
+                above += "\n" * any(differing.values())
+            if panel.get_subplotspec().is_first_row():
+                panel.set_title(above, loc="left")
+            if panel.get_subplotspec().is_first_col():
+                panel.set_ylabel(beside)
             else:  # the place of an empty label would be found from the ticks
                 panel.yaxis.set_label_coords(0, 0)
-            if row == len(CURVES) - 1:
-                panel.set_xlabel("gait cycle (%)")
+            panel.set_xlabel(below)
             panel.axhline(0, color="black", lw=0.5)
             shown = motions[column].name, [*CURVES][row]
             draw_differences(panel, differing.get(shown, ()))
             if shown in healthy:
                 usual, sd = healthy[shown]
-                panel.fill_between(
-                    *(percent, usual - sd, usual + sd),
-                    color=HEALTHY_COLOUR,
-                    lw=0,
-                    zorder=0,
-                    label="healthy ± SD",
-                )
+                panel.fill_between(percent, usual - sd, usual + sd, **HEALTHY)
         legend_below(figure, panels[0, 0])
-        figure.suptitle(f"{title}{gaps}", fontsize=11)
+        head(figure, title + gaps)
     return figure

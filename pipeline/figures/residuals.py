@@ -4,16 +4,16 @@ import pickle
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Final, Literal, cast
+from typing import TYPE_CHECKING, Any, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
-from pipeline.figures.style import BAND_OPACITY, COLOURS, STYLE
+from pipeline.config.schema import Figures
+from pipeline.figures.style import BAND_OPACITY, COLOURS, PAGE, head, in_style, letters_in
 from pipeline.trial.gait.events import event_times
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, reported, worst_cycles
@@ -22,8 +22,6 @@ from pipeline.trial.result import TrialResult
 if TYPE_CHECKING:
     from pipeline.explain.budget import Bands
 
-UNCOUNTED: Final = "#BBBBBB"
-"""Colour of the part of the gait cycle that counts."""
 SIDE_COLOURS: Final = {"right": "#E69F00", "left": "#56B4E9"}
 """Warm and cool, as in the viewer's scene."""
 USED: Final = "#EEF1F4"
@@ -32,18 +30,23 @@ SHOWN_S: Final = 12.0
 """About ten gait cycles: each can be seen in a figure across a page."""
 MAX_SAMPLES: Final = 800
 """Of a curve: more are finer than the figure."""
-SIZE_INCH: Final = (9.0, 8.0)
-PART_OPACITY: Final = 0.4
-"""Curves and their bands remain visible on it."""
-LABEL_INCH: Final = 2.2
-"""Width of a label in a legend."""
+PANEL_INCH: Final = (9.0, 0.9)
+SIX_PANELS_INCH: Final = (3.2, 2.35)
+OTHERS_INCH: Final = 0.9, 1.5
+"""Height of title, legend and labels together, on a page and where lines are short."""
+KEY_LETTERS: Final = 8
+"""Width of a line and of gaps beside its label in a legend, in letters."""
 LINE_INCH: Final = 0.2
 """Height of a line of a legend."""
-MARGIN_INCH: Final = (0.7, 0.55, 0.2, 0.6)
-"""Left, below, right and above panels whose places are fixed: to find them by their texts takes as
-long as to draw them."""
+MARGIN_INCH: Final = (0.8, 0.55, 0.2, 0.6)
+"""Left, below, right and above panels whose places are fixed."""
 MAX_TICKS: Final = 5
 """Intervals between the ticks of an axis."""
+FEW_PANELS: Final = 6
+"""More would take longer to place by their texts than to draw."""
+LETTERS_PER_TICK: Final = 8
+"""Width of a narrow panel, with its margin, for each interval."""
+MM_PER_INCH: Final = 25.4
 
 
 def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure:
@@ -70,15 +73,15 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
     settled = free_of(result.quality, Quality.SETTLING)[shown]
     *_, wrenches = result.ground.values()
     spread, meaning = _spread(result, bands)
-    with mpl.rc_context(STYLE):
-        figure, grid = panel_grid(2 + len(AXES), 1, SIZE_INCH)
-        grid[0].set_xlim(first, last)  # of all, which share it
-        for panel, k, direction in zip(grid, (2, 0), ("up", "forward"), strict=False):
+    with in_style():
+        figure, grid = panel_grid(2 + len(AXES), 1, PANEL_INCH)
+        grid[0, 0].set_xlim(first, last)  # of all, which share it
+        for panel, k, direction in zip(grid.flat, (2, 0), ("up", "forward"), strict=False):
             for side, colour in SIDE_COLOURS.items():
                 force = wrenches[f"{side}_foot"][shown, k]
                 panel.plot(time, force, color=colour, lw=1.0, label=f"{side} foot")
-            panel.set_ylabel(f"{direction} (N)")
-        for k, panel in enumerate(grid[2:]):
+            panel.set_ylabel(f"force (N),\n{direction}", fontsize="small")
+        for k, panel in enumerate(grid[2:].flat):
             for variant, dynamics in result.variants.items():
                 value = np.where(settled, reported(dynamics.residual)[shown, k], np.nan)
                 panel.plot(time, value, color=COLOURS[variant], lw=0.9, label=variant)
@@ -89,16 +92,15 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
                 )
             if counts.any():  # plates as measured, and what does not count, may be far larger
                 panel.set_ylim(*(1.1 * np.abs(value[counts]).max() * np.array([-1, 1])))
-            panel.set_ylabel(f"{AXES[k]} ({UNITS[k]})")
-        for panel in grid:
+            panel.set_ylabel(axis_label(k), fontsize="small")
+        for panel in grid.flat:
             panel.axhline(0, color="black", lw=0.5)
             panel.patch.set_visible(False)  # what is behind all panels shows
-            panel.yaxis.set_label_coords(-0.065, 0.5)
+            panel.yaxis.set_label_coords(-0.058, 0.5)
         panel.set_xlabel("time (s)")
-        legend_below(figure, grid[0], panel)
+        legend_below(figure, grid[0, 0], panel)
         _draw_phases(figure, result, time, result.counted[shown])
-        title = f"{result.source.name}: forces on the feet and pelvis residuals{around}"
-        figure.suptitle(title, fontsize=10)
+        head(figure, f"{result.source.name}: forces on the feet and pelvis residuals{around}")
     return figure
 
 
@@ -141,35 +143,37 @@ def _draw_phases(figure: Figure, result: TrialResult, time: Array, used: Mask) -
             behind.vlines(inside, 0, 1, color=colour, lw=0.6, ls=style)
 
 
-def six_panels(
-    size_inch: tuple[float, float] = (9, 5), layout: Literal["constrained"] | None = None
-) -> tuple[Figure, Sequence[Axes]]:
-    """Give a figure of six panels: forces above, moments below."""
-    figure, panels = panel_grid(2, 3, size_inch, layout)
-    return figure, panels.ravel()
-
-
 def panel_grid(
-    rows: int,
-    columns: int,
-    size_inch: tuple[float, float],
-    layout: Literal["constrained"] | None = None,
+    rows: int, columns: int, panel_inch: tuple[float, float], look: Figures = PAGE
 ) -> tuple[Figure, Any]:
-    """Give a figure of rows and columns of panels; the lowest ones show the axis of all."""
-    return cast(tuple[Figure, Any], pickle.loads(_stored_grid(rows, columns, size_inch, layout)))
+    """Give a figure of rows and columns of panels; the lowest ones show the axis of all.
+
+    In one column of a journal the rows stand beside each other.
+    """
+    shape = (columns, rows) if look.of_one_column else (rows, columns)
+    size = np.multiply(panel_inch, shape[::-1])
+    if look.width_mm is not None:
+        size *= look.width_mm / MM_PER_INCH / size[0]
+    size_inch = float(size[0]), float(size[1]) + OTHERS_INCH[look != PAGE]
+    figure, panels = pickle.loads(_stored_grid(*shape, size_inch, look))
+    return figure, panels.T if look.of_one_column else panels
 
 
 @cache
-def _stored_grid(rows: int, columns: int, size_inch: tuple[float, float], layout: Any) -> bytes:
+def _stored_grid(rows: int, columns: int, size_inch: tuple[float, float], look: Figures) -> bytes:
     """Give such a figure with the ticks that it may need: a copy takes a fifth of the time."""
-    figure = Figure(figsize=size_inch, layout=layout)
-    panels = figure.subplots(rows, columns, sharex=True)
-    for panel in panels.flat:
-        panel.locator_params(nbins=MAX_TICKS)  # a tick takes as long to draw as a curve
+    fixed = look == PAGE and rows * columns > FEW_PANELS
+    figure = Figure(figsize=size_inch, layout=None if fixed else "constrained")
+    panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    room = letters_in(size_inch[0] / columns) // LETTERS_PER_TICK
+    intervals = (MAX_TICKS, MAX_TICKS) if look.width_mm is None else (max(1, room), MAX_TICKS - 1)
+    for panel in panels.flat:  # a tick takes as long to draw as a curve
+        panel.locator_params("x", nbins=intervals[0])
+        panel.locator_params("y", nbins=intervals[1])
         panel.yaxis.get_major_ticks(MAX_TICKS + 3)
     for panel in panels[:-1].flat:
         panel.xaxis.set_visible(False)
-    if layout is None:
+    if fixed:
         left, bottom, right, top = np.divide(MARGIN_INCH, (*size_inch, *size_inch))
         figure.subplots_adjust(left, bottom, 1 - right, 1 - top, wspace=0.3, hspace=0.2)
     return pickle.dumps((figure, panels))
@@ -180,7 +184,7 @@ def component_figure(
 ) -> Figure:
     """Lay out a panel per component of a wrench; `draw` fills it."""
     rows = 1 + (len(components) > 3)
-    with mpl.rc_context(STYLE):
+    with in_style():
         figure = Figure(figsize=(9, 2.5 * rows + 0.3), layout="constrained")
         panels = figure.subplots(rows, -(-len(components) // rows), squeeze=False).ravel()
         for k, (panel, component) in enumerate(zip(panels, components, strict=True)):
@@ -195,7 +199,8 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
     """Name the curves of panels below all of them, as many in a line as there is room for."""
     of_panels = [panel.get_legend_handles_labels() for panel in panels]
     named = [[*chain(*parts)] for parts in zip(*of_panels, strict=True)]
-    columns = max(1, min(int(figure.get_figwidth() / LABEL_INCH), len(named[1])))
+    longest = max(map(len, named[1]), default=0) + KEY_LETTERS
+    columns = max(1, min(letters_in(figure.get_figwidth()) // longest, len(named[1])))
     if figure.get_layout_engine() is None:
         lines = -(-len(named[1]) // columns)
         bottom_inch = MARGIN_INCH[1] + LINE_INCH * lines
@@ -211,27 +216,6 @@ def mean_part(trials: Iterable[TrialResult]) -> tuple[float, float] | None:
     return (float(known[:, 0].mean()), float(known[:, 1].mean())) if len(known) else None
 
 
-def draw_part(panels: Sequence[Axes], percent: tuple[float, float] | None) -> None:
-    """Mark the part of the gait cycle that counts [%] by a grey band; nothing where it is None."""
-    start, stop = percent or (0.0, 0.0)
-    for panel in panels if percent else ():
-        panel.axvspan(start, stop, color=UNCOUNTED, alpha=PART_OPACITY, lw=0, zorder=0)
-
-
 def axis_label(k: int) -> str:
-    """Give a residual's axis with its direction, such as "Mx (about forward)"."""
-    return f"{AXES[k]} ({DIRECTIONS[k]})"
-
-
-def label_panels(panels: Sequence[Axes]) -> None:
-    """Label six panels of residuals over the gait cycle, two rows of three.
-
-    Before anything is drawn: each curve would find the limits anew from all panels.
-    """
-    panels[0].set_xlim(0, 100)  # of all, which share it
-    for k, panel in enumerate(panels):
-        panel.set_title(axis_label(k), loc="left")
-        panel.set_ylabel(UNITS[k])
-        panel.axhline(0, color="black", lw=0.5)
-    for panel in panels[3:]:
-        panel.set_xlabel("gait cycle (%)")
+    """Give a residual's axis in two lines, such as "Mx (N·m)," and "about forward"."""
+    return f"{AXES[k]} ({UNITS[k]}),\n{DIRECTIONS[k]}"

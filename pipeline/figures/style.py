@@ -1,5 +1,7 @@
 """The style of all figures, and how they are written."""
 
+import re
+import textwrap
 import warnings
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
@@ -13,13 +15,16 @@ import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
+from matplotlib.text import Text
 from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
 from hbm.spatial import Array
+from pipeline.config.schema import FIGURE_FORMATS, FigureFormat, Figures
 from pipeline.io.write import whole_file
 
 if TYPE_CHECKING:
@@ -31,19 +36,27 @@ PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """All others of the colour-blind safe palette of Okabe and Ito but yellow: conditions, plates …"""
 LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Of conditions, so that no two differ by colour alone."""
-MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
-LINE_WIDTH_PT: Final = 1.5
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
 BAR: Final = (1.01, 1.035)
 """Lower and upper edge of a bar over a part of the gait cycle, as shares of the panel's height."""
 MIN_RATIO: Final = 10.0
 """Of the ends of a logarithmic axis: what hardly differs looks so, and there are three ticks."""
-DPI: Final = 150
-"""Resolution of PNG files: 1400 pixels for a figure across a page."""
-
+PAGE: Final = Figures()
+"""Figures on the pages of a report; all others where nothing is stated of them."""
+DPI: Final = 150, 300
+"""Resolution of PNG on a page, 1400 pixels across it, and the least that journals take."""
+P_VALUE: Final = re.compile(r"\b(p [=<] ?0?)\.(?=\d)")
+LETTER: Final = 0.58
+"""Mean width of a letter, of its size."""
 FAST: Final = 1
 """Compression of PNG files: default ones are 7 % smaller, and take three times as long."""
+PRINTERS: Final[Any] = {
+    "pdf": (FigureCanvasPdf, "print_pdf", {"metadata": {"CreationDate": None}}),
+    "svg": (FigureCanvasSVG, "print_svg", {"metadata": {"Date": None}}),
+    "png": (FigureCanvasAgg, "print_png", {"pil_kwargs": {"compress_level": FAST}}),
+    "tiff": (FigureCanvasAgg, "print_tif", {"pil_kwargs": {"compression": "tiff_lzw"}}),
+}
 
 FONTS: Final = ("DejaVu Sans", "Arial Unicode MS", "Noto Sans CJK JP", "Hiragino Sans", "Yu Gothic")
 """Of these, the ones that are installed: the first that has a letter draws it."""
@@ -52,14 +65,17 @@ STYLE: Final[Any] = {
     "font.family": [font for font in FONTS if font in fontManager.get_font_names()],
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "font.size": 9,
-    "axes.titlesize": 9,
+    "axes.titlesize": "medium",
     "axes.titlepad": 9,
     "axes.titley": 1.0,  # no panel has ticks above it, which each drawing would measure
+    "figure.titlesize": "large",
+    "pdf.fonttype": 42,  # letters that can be edited, as journals ask
     "svg.fonttype": "none",
     "svg.hashsalt": "hbm",
     "text.parse_math": False,
 }
+IN_JOURNAL: Final[Any] = {"figure.titlesize": "medium", "lines.linewidth": 1.0}
+"""What is smaller there."""
 
 
 def condition_style(k: int) -> tuple[str, Any]:
@@ -68,9 +84,14 @@ def condition_style(k: int) -> tuple[str, Any]:
 
 
 @contextmanager
-def in_style() -> Iterator[None]:
-    """Draw in the style; in PNG, a letter that no font has is a box, of which nothing is said."""
-    with mpl.rc_context(STYLE), warnings.catch_warnings():
+def in_style(look: Figures = PAGE) -> Iterator[None]:
+    """Draw in the style; but in SVG, a letter that no font has is a box, of which nothing is said.
+
+    Letters are as large as stated or, in a journal, as fit between its columns.
+    """
+    size = look.font_pt or (9 if look.width_mm is None else 7 if look.of_one_column else 8)
+    own = {} if look.width_mm is None else IN_JOURNAL
+    with mpl.rc_context({**STYLE, **own, "font.size": size}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
 
@@ -83,8 +104,7 @@ def draw_band(
     colour: str,
     *,
     label: str | None = None,
-    linestyle: Any = "-",
-    linewidth: float = LINE_WIDTH_PT,
+    **style: Any,
 ) -> None:
     """Draw a mean as a line and its spread on both sides as a band.
 
@@ -96,10 +116,10 @@ def draw_band(
         (N,) each; no band where `spread` is NaN.
     colour
         Of line and band.
-    label, linestyle, linewidth
-        Of the line; its width in points.
+    label, style
+        Of the line.
     """
-    panel.plot(x, mean, color=colour, label=label, ls=linestyle, lw=linewidth)
+    panel.plot(x, mean, color=colour, label=label, **style)
     panel.fill_between(x, mean - spread, mean + spread, color=colour, alpha=BAND_OPACITY, lw=0)
 
 
@@ -115,7 +135,7 @@ def draw_differences(panel: Axes, parts: "Iterable[CurveDifference]") -> None:
         smallest = min(smallest, part.p)
     if smallest < 1.0:
         text = "p < 0.001" if smallest < 0.001 else f"p = {smallest:.3f}"
-        panel.set_title(text, loc="right", fontsize=7)
+        panel.set_title(text, loc="right", fontsize="small")
 
 
 def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
@@ -130,40 +150,57 @@ def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
     panel.yaxis.set_minor_formatter("")
 
 
-def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG and SVG, each completely or not at all; give the SVG."""
-    bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
-    for suffix in (".png", ".svg"):
-        with whole_file(Path(f"{bare}{suffix}")) as temporary:
-            _print(figure, suffix, temporary)
-        figure.set_layout_engine("none")  # the same layout in both files
-    return Path(f"{bare}.svg")
+def letters_in(inch: float) -> int:
+    """Say how many letters of the style fit in a width."""
+    return int(inch * 72 / (LETTER * mpl.rcParams["font.size"]))
 
 
-def drawing(figure: Figure, suffix: str = ".svg") -> str:
-    """Give a figure as a source inside the page, without a file; .png where lines are many."""
-    target = BytesIO()
-    _print(figure, suffix, target)
-    return _source(target.getvalue(), suffix)
+def head(figure: Figure, title: str) -> None:
+    """Put a title above all panels, in as many lines as it needs."""
+    figure.suptitle(textwrap.fill(title, letters_in(figure.get_figwidth() / 1.2)))
 
 
-def picture(path: Path) -> str:
-    """Give a figure's file as a source inside the page."""
-    return _source(path.read_bytes(), path.suffix)
+def save_figure(figure: Figure, path: Path, look: Figures = PAGE) -> str:
+    """Write a figure in the stated formats, each completely or not at all, path without suffix.
 
-
-def _print(figure: Figure, suffix: str, target: Path | BytesIO) -> None:
-    """Draw a figure into a file; savefig() would draw it twice, once for its layout."""
-    figure.dpi = DPI
-    canvas: Any
-    with in_style():
-        if suffix == ".png":
-            canvas = FigureCanvasAgg(figure)
-            canvas.print_png(target, pil_kwargs={"compress_level": FAST})
+    Files of other formats, which would be of another time, go. Gives its source inside a page.
+    """
+    if look.decimals == "comma":
+        _write_commas(figure)
+    svg = _printed(figure, "svg", look)
+    for kind in FIGURE_FORMATS:
+        file = path.with_name(f"{path.name}.{kind}")
+        if kind in look.formats:
+            with whole_file(file) as temporary:
+                temporary.write_bytes(svg if kind == "svg" else _printed(figure, kind, look))
         else:
-            canvas = FigureCanvasSVG(figure)
-            canvas.print_svg(target, metadata={"Date": None})
+            file.unlink(missing_ok=True)
+    return _source(svg, "svg+xml")
 
 
-def _source(content: bytes, suffix: str) -> str:
-    return f"data:{MEDIA_TYPES[suffix]};base64,{b64encode(content).decode()}"
+def _write_commas(figure: Figure) -> None:
+    """Write numbers at ticks, and p, with a comma; names of conditions keep their points."""
+    for panel in figure.axes:
+        panel.yaxis.set_major_formatter(lambda y, _: f"{y:g}".replace(".", ",").replace("-", "−"))
+    for text in figure.findobj(Text):
+        text.set_text(P_VALUE.sub(r"\1,", text.get_text()))
+
+
+def drawing(figure: Figure, kind: FigureFormat = "svg") -> str:
+    """Give a figure as a source inside the page, without a file; png where lines are many."""
+    return _source(_printed(figure, kind, PAGE), {"svg": "svg+xml"}.get(kind, kind))
+
+
+def _printed(figure: Figure, kind: FigureFormat, look: Figures) -> bytes:
+    """Draw a figure as a file; savefig() would draw it twice, once for its layout."""
+    figure.dpi = look.dpi or DPI[look != PAGE]
+    target = BytesIO()
+    canvas, method, options = PRINTERS[kind]
+    with in_style(look):
+        getattr(canvas(figure), method)(target, **options)
+    figure.set_layout_engine("none")  # the same layout in all files
+    return target.getvalue()
+
+
+def _source(content: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{b64encode(content).decode()}"

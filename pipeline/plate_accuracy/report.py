@@ -6,7 +6,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -17,7 +16,7 @@ from compensation.accuracy import orthogonal_rmse
 from compensation.plate_calibration import to_json
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import FILE, PlatesFile, WeightRecording
-from pipeline.figures.style import STYLE, drawing, save_figure
+from pipeline.figures.style import drawing, in_style, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy, mean_loads
 from pipeline.plate_accuracy.response import PEAK, PlateResponse, rms
@@ -96,8 +95,7 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
         f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated."
     )
     figure = linearity_figure(found.trials, verdicts, file.body_mass_kg)
-    save_figure(figure, out / "figures" / "linearity.png")
-    drawn = [Drawn(text, drawing(figure))]
+    drawn = [Drawn(text, save_figure(figure, out / "figures" / "linearity"))]
     for verdict in verdicts:
         response = found.responses.get(verdict.belt)
         if response is not None:
@@ -108,8 +106,8 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
                 f"pressure (arrows: direction) under {file.body_mass_kg:g} kg at each place; dots: "
                 "recorded weights."
             )
-            save_figure(figure, out / "figures" / f"map_{verdict.belt}.png")
-            drawn.append(Drawn(text, drawing(figure, ".png")))
+            save_figure(figure, out / "figures" / f"map_{verdict.belt}")
+            drawn.append(Drawn(text, drawing(figure, "png")))
     plates = tuple(one.calibration for one in verdicts if one.calibration is not None)
     if plates:
         provenance = {
@@ -375,7 +373,7 @@ def map_figure(
         off["corrected"] = place_errors(response, x.ravel(), y.ravel(), weight, calibration)
     force = max(file.limits.force_n, *(np.abs(errors[:, 2]).max() for errors in off.values()))
     shift = max(file.limits.cop_m, *(np.hypot(*errors[:, :2].T).max() for errors in off.values()))
-    with mpl.rc_context(STYLE):
+    with in_style():
         figure = Figure(figsize=(9, 1.7 * len(off) + 0.4), layout="constrained")
         panels = figure.subplots(len(off), 2, squeeze=False, sharex=True, sharey=True)
         for (name, errors), (left, right) in zip(off.items(), panels, strict=True):
@@ -421,7 +419,7 @@ def linearity_figure(
     trials: Sequence[WeightTrial], verdicts: Sequence[PlateVerdict], mass_kg: float
 ) -> Figure:
     """Draw the difference of measured and known vertical force, and where extrapolation begins."""
-    with mpl.rc_context(STYLE):
+    with in_style():
         figure = Figure(figsize=(9, 3), layout="constrained")
         panel = figure.subplots()
         for verdict, marker in zip(verdicts, "ox", strict=False):

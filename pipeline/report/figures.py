@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from math import nan
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -14,22 +15,24 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
+from pipeline.config.schema import Figures
 from pipeline.figures.residuals import (
+    SIX_PANELS_INCH,
     axis_label,
-    draw_part,
-    label_panels,
     legend_below,
     mean_part,
-    six_panels,
+    panel_grid,
 )
 from pipeline.figures.style import (
     COLOURS,
-    LINE_WIDTH_PT,
-    STYLE,
+    PAGE,
     condition_style,
     draw_band,
     draw_differences,
     draw_logarithmic,
+    head,
+    in_style,
+    letters_in,
 )
 from pipeline.report.tables import numbers
 from pipeline.run.load import Curves, Results
@@ -38,14 +41,15 @@ from pipeline.statistics.curves import CurveDifference, parts_of
 from pipeline.statistics.design import TAIL, Design, Weigh
 from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.table_3 import format_p
-from pipeline.trial.residuals import AXES, UNITS
+from pipeline.trial.residuals import AXES
 
-SIX_PANELS_INCH: Final = (9.5, 5.6)
-TITLE_PT: Final = 11
-MIDDLE_LINE_PT: Final = 1.0
+GREY: Final = "#BBBBBB"
+"""Colour of the part of the gait cycle that counts."""
+MIDDLE_LINE: Final = 0.6
+"""Width of curves that are not compared, of that of the others."""
 THIN_LINE_PT: Final = 0.7
-MAX_LABELS: Final = 28
-"""Characters of all conditions together that stand side by side below a panel."""
+MAX_LABELS: Final = 0.6
+"""Share of a panel's width, with its margin, that names of conditions may fill side by side."""
 OFFSET: Final = 0.05
 """Shift of the means of both variants against each other, in steps of conditions."""
 
@@ -71,7 +75,7 @@ def study_figures(
     statistics: pd.DataFrame,
     design: Design,
     curves: pd.DataFrame,
-) -> Iterator[tuple[str, Callable[[], Figure]]]:
+) -> Iterator[tuple[str, Callable[..., Figure]]]:
     """Give every figure of a study's report, to be drawn in any process.
 
     Parameters
@@ -145,6 +149,7 @@ def gait_cycle_figure(
     *,
     grey: tuple[float, float] | None = None,
     differing: Mapping[str, Sequence[CurveDifference]] = MappingProxyType({}),
+    look: Figures = PAGE,
 ) -> Figure:
     """Draw a condition's residuals over the gait cycle with and without compensation.
 
@@ -172,51 +177,43 @@ def gait_cycle_figure(
     keys = ["condition", "compensated", "axis", "percent"]
     of_subjects = shown.groupby(keys, observed=True)["value"]
     mean, sd = of_subjects.mean().unstack("percent"), of_subjects.std().unstack("percent")
+    percent = mean.columns.to_numpy(float)
     order = design.in_order(curves["condition"].cat.categories)
     cells = sorted({key[:2] for key in mean.index}, key=lambda c: (c[1], order.index(c[0])))
-    with mpl.rc_context(STYLE):
-        figure, panels = six_panels(SIX_PANELS_INCH, "constrained")
+    with in_style(look):
+        figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
+        grid[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for name, compensated in cells:
-            colour, linestyle = condition_style(order.index(name))
+            colour, style = condition_style(order.index(name))
             if design.compensated:
                 colour = VARIANTS[compensated].colour
             cell = design.cell(name, compensated)
             compared = cell in (design.judged(condition), design.reference_cell)
-            for axis, panel in zip(AXES, panels, strict=True):
+            width = mpl.rcParams["lines.linewidth"] * (1 if compared else MIDDLE_LINE)
+            for axis, panel in zip(AXES, grid.flat, strict=True):
                 key = name, compensated, axis
-                draw_band(
-                    panel,
-                    mean.columns.to_numpy(float),
-                    mean.xs(key).to_numpy(),
-                    sd.xs(key).to_numpy() if compared else np.full(len(mean.columns), np.nan),
-                    colour,
-                    label=cell,
-                    linestyle=linestyle,
-                    linewidth=LINE_WIDTH_PT if compared else MIDDLE_LINE_PT,
-                )
-        label_panels(panels)
-        draw_part(panels, grey)
-        for axis, panel in zip(AXES, panels, strict=True):
+                band = mean.xs(key).to_numpy(), sd.xs(key).to_numpy() * (1 if compared else nan)
+                draw_band(panel, percent, *band, colour, label=cell, ls=style, lw=width)
+        for k, (axis, panel) in enumerate(zip(AXES, grid.flat, strict=True)):
+            if grey is not None:
+                panel.axvspan(*grey, color=GREY, alpha=0.4, lw=0, zorder=0)
             draw_logarithmic(panel, mean.xs(axis, level="axis").to_numpy())
-            panel.set_ylabel(f"RMS ({panel.get_ylabel()})")
+            panel.set_xlabel("gait cycle (%)")
+            panel.set_ylabel(f"RMS {axis_label(k)}")
             draw_differences(panel, differing.get(axis, ()))
-        legend_below(figure, panels[0])
+        legend_below(figure, grid[0, 0])
         counts = shown.groupby("condition", observed=True)["subject"].nunique()
         over = f", mean ± SD over {numbers(counts, 'subject')}"
         over = over if counts.max() > 1 else " of one subject"
-        pair = f"{design.judged(condition)} differs from {design.reference_cell}"
-        remarks = {
-            "grey: the part that is used": grey is not None,
-            f"black bars: {pair}": any(differing.values()),
-        }
-        extra = "; ".join(remark for remark, holds in remarks.items() if holds)
         title = f"Pelvis residuals, {condition}: RMS over gait cycles{over}"
-        figure.suptitle(f"{title}\n{extra}".strip(), fontsize=TITLE_PT)
+        title += "; grey: the part that is used" * (grey is not None)
+        pair = f"{design.judged(condition)} differs from {design.reference_cell}"
+        head(figure, title + f"; black bars: {pair}" * any(differing.values()))
     return figure
 
 
 def marginal_means_figure(
-    residuals: pd.DataFrame, statistics: pd.DataFrame, design: Design
+    residuals: pd.DataFrame, statistics: pd.DataFrame, design: Design, *, look: Figures = PAGE
 ) -> Figure:
     """Draw the mean RMS residual of every cell, to show an interaction with the condition.
 
@@ -237,10 +234,11 @@ def marginal_means_figure(
         all cells (over all subjects where none has them), each subject as a thin line.
     """
     conditions = design.in_order(residuals["condition"])
-    turned = 30 if len("".join(conditions)) > MAX_LABELS else 0
-    with mpl.rc_context(STYLE):
-        figure, panels = six_panels(SIX_PANELS_INCH, "constrained")
-        for k, panel in enumerate(panels):
+    with in_style(look):
+        figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
+        room = letters_in(figure.get_figwidth() / grid[0, 0].get_gridspec().ncols) * MAX_LABELS
+        turned = 30 if len("".join(conditions)) > room else 0
+        for k, panel in enumerate(grid.flat):
             rows = residuals[residuals["axis"] == AXES[k]]
             cells = rows.pivot(index="subject", columns=["compensated", "condition"], values="rms")
             compared = [column for column in cells.columns if column[1] in design.conditions]
@@ -251,16 +249,15 @@ def marginal_means_figure(
                 rms = cells[compensated].reindex(columns=conditions)
                 shown.append(_draw_means(panel, rms, VARIANTS[compensated]))
             draw_logarithmic(panel, np.concatenate(shown))
-            panel.set_title(axis_label(k), loc="left")
-            panel.set_title(_p_value(statistics, AXES[k], design), loc="right", fontsize=8)
-            panel.set_ylabel(f"RMS ({UNITS[k]})")
+            panel.set_title(_p_value(statistics, AXES[k], design), loc="right", fontsize="small")
+            panel.set_ylabel(f"RMS {axis_label(k)}")
             panel.set_xticks(range(len(conditions)), conditions, rotation=turned)
             panel.set_xlim(-0.3, len(conditions) - 0.7)
         if design.compensated:
-            legend_below(figure, panels[0])
+            legend_below(figure, grid[0, 0])
         over = f", mean and 95 % CI over {numbers(cells.count(), 'subject')}"
         of_one = len(cells) == 1
-        figure.suptitle(f"RMS residuals{' of one subject' if of_one else over}", fontsize=TITLE_PT)
+        head(figure, f"RMS residuals{' of one subject' if of_one else over}")
     return figure
 
 
@@ -277,26 +274,16 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
     panel.add_collection(
         LineCollection(lines, colors=variant.colour, linewidths=THIN_LINE_PT, alpha=0.3)
     )
-    panel.errorbar(
-        *(x, rms.mean()),
-        yerr=half.fillna(0),
-        color=variant.colour,
-        marker=variant.marker,
-        ms=4,
-        capsize=3,
-        label=variant.label,
-    )
+    drawn: Any = {"color": variant.colour, "marker": variant.marker, "label": variant.label}
+    panel.errorbar(x, rms.mean(), half.fillna(0), ms=4, capsize=3, **drawn)
     return np.asarray(rms.mean() + half)
 
 
 def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
     """Give the p-value of the effect that the lines show."""
-    row = statistics[
-        statistics["test"].isin((RM_ANOVA, MIXED_ANOVA))
-        & (statistics["effect"] == ":".join(design.factors))
-        & (statistics["axis"] == axis)
-    ]
-    p = row["p_corrected"].dropna()
+    of_axis = statistics[statistics["axis"] == axis]
+    of_effect = of_axis[of_axis["effect"] == ":".join(design.factors)]
+    p = of_effect[of_effect["test"].isin((RM_ANOVA, MIXED_ANOVA))]["p_corrected"].dropna()
     if p.empty:
         return ""
     written, name = format_p(float(p.iloc[0])), "".join(design.factors[:1])

@@ -141,7 +141,7 @@ def _averaged(
 
 def joint_figures(
     means: JointMeans, design: Design, differing: pd.DataFrame
-) -> Iterator[tuple[str, Callable[[], Figure]]]:
+) -> Iterator[tuple[str, Callable[..., Figure]]]:
     """Give the figures of joints, of each condition without and with compensation, and of all.
 
     Any process can draw them.
@@ -160,11 +160,11 @@ def joint_figures(
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
     best = any(compensated for _, compensated in means.cells)
-    for condition in conditions if best else ():
+    for k, condition in enumerate(conditions if best else ()):
         drawn: list[Curve] = []
         for compensated, variant in VARIANTS.items():
             if (condition, compensated) in means.mean_and_spread:
-                look = variant.label, variant.colour, "-"
+                look = variant.label, variant.colour, condition_style(k)[1]
                 mean, spread = means.mean_and_spread[condition, compensated]
                 drawn.append((*look, mean, spread))
         title = f"Joints of the legs, {condition}: mean ± SD over {over(people[[condition]])}"

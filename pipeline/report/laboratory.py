@@ -354,12 +354,12 @@ def _of_recording(calibration: Calibration, empty: EmptyTreadmill) -> list[Drawn
     for name, before in empty.before.items():
         figure = time_figure(before, before - empty.after[name], empty.rate_hz)
         caption = f"{name} in {file} over time, before and after compensation (its own axes)."
-        drawn.append(Drawn(caption, drawing(figure, ".png")))
+        drawn.append(Drawn(caption, drawing(figure, "png")))
     setup = next(iter(calibration.plates.values())).setup
     for name, spectrum in empty.spectra.items():
         figure = spectrum_figure(spectrum, empty, None if setup is None else setup.cutoff_hz)
         caption = f"Spectra of {name} in {file}, unfiltered; shaded: below the filter of trials."
-        drawn.append(Drawn(caption, drawing(figure, ".png")))
+        drawn.append(Drawn(caption, drawing(figure, "png")))
     return drawn
 
 

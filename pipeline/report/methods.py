@@ -63,39 +63,36 @@ def methods(
         return [pair for pair in design.pairs if " - ".join(pair) in effects]
 
     by_t, by_model = pairs_by("paired t"), pairs_by(MIXED_MODEL)
-    text = (
-        templates()
-        .get_template("methods.txt")
-        .render(
-            trials=trials,
-            design=design,
-            procedures=[trial.procedure for trial in trials],
-            without_shoes=all(map(_without_shoes, trials)),
-            settings=[trial.settings for trial in trials],
-            sexes=sorted({trial.subject.sex for trial in trials}),
-            people=len(results.subjects),
-            people_in_words=_people(results.subjects),
-            conditions=design.in_order(trial.condition for trial in trials),
-            filters=sorted({(t.settings.filter, f"{t.settings.cutoff_hz:g}") for t in trials}),
-            engines=sorted({trial.engine for trial in trials}),
-            treadmill=study.file.treadmill if study else None,
-            compensated=any("compensated" in trial.variants for trial in trials),
-            lags_s=LAGS_S,
-            doubts=dict.fromkeys(note.text for trial in trials for note in trial.of_calibration),
-            tested=list(computed["test"].unique()),
-            by_t=by_t,
-            by_model=by_model,
-            factors_by_model=set(computed.loc[computed["test"] == MIXED_MODEL, "effect"])
-            - {" - ".join(pair) for pair in by_model},
-            judged={(design.judged(c), design.reference_cell) for c in judged_conditions(design)}
-            & {*by_t, *by_model},
-            within_margin=within_margin(design),
-            versions=trials[0].versions,
-            python=platform.python_version(),
-            pingouin=version("pingouin"),
-            curves_tested=bool(design.factors) and len(results.subjects) >= MIN_SUBJECTS,
-            **_cycles(trials, study, design),
-        )
+    template = templates().get_template("methods.txt")
+    text = template.render(
+        trials=trials,
+        design=design,
+        procedures=[trial.procedure for trial in trials],
+        without_shoes=all(map(_without_shoes, trials)),
+        settings=[trial.settings for trial in trials],
+        sexes=sorted({trial.subject.sex for trial in trials}),
+        people=len(results.subjects),
+        people_in_words=_people(results.subjects),
+        conditions=design.in_order(trial.condition for trial in trials),
+        filters=sorted({(t.settings.filter, f"{t.settings.cutoff_hz:g}") for t in trials}),
+        engines=sorted({trial.engine for trial in trials}),
+        treadmill=study.file.treadmill if study else None,
+        compensated=any("compensated" in trial.variants for trial in trials),
+        lags_s=LAGS_S,
+        doubts=dict.fromkeys(note.text for trial in trials for note in trial.of_calibration),
+        tested=list(computed["test"].unique()),
+        by_t=by_t,
+        by_model=by_model,
+        factors_by_model=set(computed.loc[computed["test"] == MIXED_MODEL, "effect"])
+        - {" - ".join(pair) for pair in by_model},
+        judged={(design.judged(c), design.reference_cell) for c in judged_conditions(design)}
+        & {*by_t, *by_model},
+        within_margin=within_margin(design),
+        versions=trials[0].versions,
+        python=platform.python_version(),
+        pingouin=version("pingouin"),
+        curves_tested=bool(design.factors) and len(results.subjects) >= MIN_SUBJECTS,
+        **_cycles(trials, study, design),
     )
     paragraphs = (" ".join(paragraph.split()) for paragraph in re.split(r"\n\s*\n", text))
     return list(filter(None, paragraphs))

@@ -83,16 +83,9 @@ def means(residuals: pd.DataFrame, design: Design) -> Table:
             no_ic, ic = mean.get(False, nan), mean.get(True, nan)
             reduction = number(reduction_percent(no_ic, ic), "z.0f", " %")
             of_ic = mean_sd(ic, sd.get(True, nan)), reduction
-            rows.append(
-                (
-                    "" if k else f"{axis} ({unit})",
-                    condition,
-                    str(count.max()),
-                    mean_sd(no_ic, sd.get(False, nan)),
-                    *(of_ic if compensated else ()),
-                    *((f"{reference[str(axis)]:.1f}",) if compared else ()),
-                )
-            )
+            row = ["" if k else f"{axis} ({unit})", condition, str(count.max())]
+            row += [mean_sd(no_ic, sd.get(False, nan)), *(of_ic if compensated else ())]
+            rows.append([*row, f"{reference[str(axis)]:.1f}"] if compared else row)
     what = " without and with inertia compensation (IC)" * compensated
     caption = f"RMS residuals{what}, mean ± SD over n subjects"
     columns = ("Residual", "Condition", "n", *heads)
@@ -203,17 +196,14 @@ def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
     """
     table = pd.DataFrame(found, columns=[field.name for field in fields(Verdict)])
     table = table.rename(columns={"baseline": "reference"})
-    columns = [
-        *("axis", "unit", "condition", "reference", "difference", "sd", "margin", "n"),
-        *("needed", "needed_as_observed"),
-    ]
+    columns = ["axis", "unit", "condition", "reference", "difference", "sd", "margin", "n"]
     counts = ["needed", "needed_as_observed"]
     if any(verdict.needed_with for verdict in found):
         for k, recordings in enumerate(PLANNED_RECORDINGS):
             counts.append(f"needed_with_{recordings}")
             table[counts[-1]] = [v.needed_with[k] if v.needed_with else None for v in found]
     table = table.assign(margin=design.margin * table["reference"])
-    return table[[*columns, *counts[2:]]].astype(dict.fromkeys(counts, "Int64"))
+    return table[[*columns, *counts]].astype(dict.fromkeys(counts, "Int64"))
 
 
 def plan_markdown(verdicts: Sequence[Verdict], design: Design) -> str:

@@ -16,7 +16,7 @@ from hbm.spelling import join_names
 from pipeline.config.study import Study
 from pipeline.figures.joints import Curve, healthy_bands, joint_figure
 from pipeline.figures.residuals import component_figure, residual_figure
-from pipeline.figures.style import COLOURS, PALETTE, drawing, picture
+from pipeline.figures.style import COLOURS, PALETTE, drawing
 from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
 from pipeline.report.trial_tables import (
@@ -62,7 +62,7 @@ def write_trial_page(
     study: str = "",
     key: str = "",
     command: str = "",
-    figure: Path | None = None,
+    figure: str = "",
 ) -> Path:
     """Write the page of a trial.
 
@@ -83,7 +83,7 @@ def write_trial_page(
     command
         That finds the causes of the residuals; by default of the study or of the recording.
     figure
-        SVG file of the residuals' figure, where it has been drawn already.
+        Of the residuals as a source inside the page, where it has been drawn already.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def write_trial_page(
         viewer += ["--recording", of_study.recording] * bool(of_study.recording)
     command = command or f"hbm explain {'RESULTS' if study else result.source.name}"
     settings = [(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None]
-    shown = picture(figure) if figure else drawing(residual_figure(result, bands))
+    shown = figure or drawing(residual_figure(result, bands))
     blocks: dict[str, Sequence[Block]] = {
         "Residuals": [
             markup("headline.html", sentences=[*verdict_lines(result)]),
@@ -208,7 +208,7 @@ def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
     if doubted := [plate for plate in plates if plate.number in doubted_plates(result)]:
         names = join_names([f"plate {plate.number}" for plate in doubted])
         figure = plate_figure(doubted, result.findings)
-        yield Drawn(f"Channels of {names}, as recorded", drawing(figure, ".png"))
+        yield Drawn(f"Channels of {names}, as recorded", drawing(figure, "png"))
 
 
 def plate_figure(plates: Sequence[Plate], findings: Sequence[Finding]) -> Figure:

@@ -87,16 +87,11 @@ def corrections_table(study: "Study | None", headline: "pd.DataFrame") -> Table 
     """
     if study is None or not study.file.corrections:
         return None
-    rows = [
-        (
-            each.cause,
-            each.setting,
-            str(each.trials),
-            f"{each.residual} {each.before:.1f} → {each.after:.1f}",
-            f"{written(each.held_out_percent, 'z.0f')} %",
-        )
-        for each in study.file.corrections
-    ]
+    rows = []
+    for each in study.file.corrections:
+        effect = f"{each.residual} {each.before:.1f} → {each.after:.1f}"
+        held_out = f"{written(each.held_out_percent, 'z.0f')} %"
+        rows.append((each.cause, each.setting, str(each.trials), effect, held_out))
     before = study.folder / study.file.corrections[0].source / "residuals.csv"
     legend = "The results before the corrections are missing."
     with suppress(OSError, KeyError, ValueError):
@@ -230,18 +225,14 @@ def causes(name: str, explanation: "Explanation") -> tuple[Text, Table]:
         places = (np.clip(np.array(ends), low, high) - low) / (high - low)
         return Interval([f"{3 + 94 * place:.1f}%" for place in places], f"{share} %")
 
-    table = Table(
-        caption=f"{name}: {title}",
-        heads=("Cause", *axes),
-        rows=[
-            (head, *(drawn(cell) if isinstance(cell, Share) else cell for cell in cells))
-            for head, cells in rows
-        ],
-        css_class="budget",
-        legend=(
-            "RMS with 95 % interval of measurement. Dot and line: share of the mean square with 95 "
-            "% interval; dashed: 0 and 100 %. Below 0: without this cause the residual is larger."
-        ),
+    legend = (
+        "RMS with 95 % interval of measurement. Dot and line: share of the mean square with 95 "
+        "% interval; dashed: 0 and 100 %. Below 0: without this cause the residual is larger."
     )
+    shown = [
+        (head, *(drawn(cell) if isinstance(cell, Share) else cell for cell in cells))
+        for head, cells in rows
+    ]
+    table = Table(f"{name}: {title}", ("Cause", *axes), shown, "budget", legend)
     notes = (note.text for note in explanation.budget.notes)
     return Text(name, (*explanation.lines(), *notes)), table

@@ -1,6 +1,6 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from pipeline.budgets.explanation import explanation_of, explanations
 from pipeline.budgets.measurement import study_covariances
 from pipeline.config.comparison import groups, study_design
-from pipeline.config.schema import MAIN, Settings, TrialName
+from pipeline.config.schema import MAIN, Figures, Settings, TrialName
 from pipeline.config.study import Study, read_study
-from pipeline.figures.style import picture, save_figure
+from pipeline.figures.style import PAGE, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.report.blocks import Check, Section, markup, write_page
 from pipeline.report.curves import differing_curves
@@ -82,6 +82,7 @@ def write_report(
     announce: Announce = lambda step, done=0, steps=0: None,
     *,
     pages: bool | None = False,
+    formats: tuple[str, ...] = (),
 ) -> Path:
     """Write tables, statistics, figures and ``report.html`` into a results folder.
 
@@ -98,6 +99,8 @@ def write_report(
     pages
         Whether a page is written for each trial, ``trials/NAME.html``, and linked; None for studies
         of at most `MAX_PAGES` trials.
+    formats
+        Of the figures; empty for those that the study states.
 
     Returns
     -------
@@ -186,17 +189,17 @@ def write_report(
     keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
     of_joints = dict(joint_figures(joints, design, curves))
     of_study_figures = dict(study_figures(results, over_cycles, tests, design, curves))
+    look = PAGE if study is None else study.file.figures
+    look = look.model_copy(update={"formats": formats}) if formats else look
     tasks = [
-        delayed(_draw)(folder / "figures" / name, draw)
+        delayed(_draw)(folder / "figures" / name, draw, look)
         for name, draw in {**of_joints, **of_study_figures}.items()
     ]
     least = 1 if len(results.ratings) >= 2 * MIN_TASKS else MIN_TASKS  # processes have started
-    for count, done in enumerate(in_processes(tasks, least=least), 1):
-        announce(f"drawing: {done}", count, len(tasks))
-
-    def pictures(names: Iterable[str]) -> dict[str, str]:
-        return {name: picture(folder / "figures" / f"{name}.svg") for name in names}
-
+    drawn = dict[str, str]()
+    for name, figure in in_processes(tasks, least=least):
+        drawn[name] = figure
+        announce(f"drawing: {name}", len(drawn), len(tasks))
     paragraphs = methods(results, tests, design, study)
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
@@ -215,9 +218,9 @@ def write_report(
         repeatability=reliability_tables(repeated, design),
         choices=sensitivity,
         tests=tests_table(tests),
-        joints=pictures(of_joints),
+        joints={name: drawn[name] for name in of_joints},
         joint_tables=compensation_tables(results.joints, design),
-        pictures=pictures(of_study_figures),
+        pictures=drawn,
         laboratory=None if study is None else page_of_study(study, folder),
         calibration=None if study is None else study.file.treadmill.calibration,
         any_compensated=bool(results.residuals["compensated"].any()),
@@ -266,10 +269,9 @@ def _with_page(
     return trial_quality(trial)
 
 
-def _draw(path: Path, draw: Callable[[], Figure]) -> str:
-    """Draw a figure into its files, without suffix; give its name."""
-    save_figure(draw(), path)
-    return path.name
+def _draw(path: Path, draw: Callable[..., Figure], look: Figures) -> tuple[str, str]:
+    """Draw a figure into its files, without suffix; give its name, and its source in a page."""
+    return path.name, save_figure(draw(look=look), path, look)
 
 
 def _design(residuals: pd.DataFrame, study: Study | None) -> Design:

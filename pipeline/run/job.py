@@ -210,8 +210,9 @@ def trial_key(study: Study, name: TrialName) -> str:
     treadmill = study.file.treadmill
     names = [trial.file, trial.forces, trial.record, *treadmill.files]
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
+    not_of_trials = {"name", "conditions", "comparison", "variants", "figures"}
     stated = {
-        "study": study.file.model_dump(exclude={"name", "conditions", "comparison", "variants"}),
+        "study": study.file.model_dump(exclude=not_of_trials),
         "trial": (name.recording, trial.session, trial.mend_plates, trial.rename),
         "condition": study.rule(name).model_dump(),
         "subject": person.person.model_dump(),

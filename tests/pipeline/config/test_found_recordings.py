@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pipeline.cli.app import main
 from pipeline.config.found_recordings import found_subjects
 from pipeline.config.recording_names import RecordingName
-from pipeline.config.schema import Comparison, Settings, Treadmill
+from pipeline.config.schema import Comparison, Figures, Settings, Treadmill
 from pipeline.config.study import read_study
 from pipeline.config.templates import write_template
 from pipeline.io.read import read_with_any_axes
@@ -416,7 +416,7 @@ def test_a_written_study_holds_what_is_used_and_with_all_every_setting(named):
         file.unlink()
     assert main(["init", str(folder), "--all"]) == 0
     study = (folder / "study.toml").read_text(encoding="utf-8")
-    for table in (Settings, Treadmill, Comparison):
+    for table in (Settings, Treadmill, Comparison, Figures):
         keys = [rf"^(# )?(\[.*)?{key}\b" for key in table.model_fields]
         assert all(re.search(key, study, re.MULTILINE) for key in keys)
     assert read_study(folder).subjects["S01"].static == "S01_cal.c3d"

@@ -1,23 +1,36 @@
 """Figures of a study: the lines show the data, and every axis is labelled."""
 
+import re
+from functools import partial
+from itertools import combinations
+
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.text import Text
+from PIL import Image
 from scipy import stats
 
-from pipeline.figures.style import COLOURS, condition_style
+from pipeline.cli.app import main
+from pipeline.config.schema import FIGURE_FORMATS, Figures
+from pipeline.figures.style import COLOURS, condition_style, save_figure
+from pipeline.report.curves import differing_curves
 from pipeline.report.figures import (
     gait_cycle_figure,
     marginal_means_figure,
     rms_over_cycles,
     study_figures,
 )
+from pipeline.report.joints import JointMeans, joint_figures
+from pipeline.report.write import write_report
 from pipeline.run.load import Curves, collect
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3, unstated_design
 from pipeline.trial.residuals import AXES
-from tests.pipeline.fake_results import write_fake_results
+from tests.pipeline.fake_results import write_fake_results, write_fake_study
+
+MM_PER_INCH = 25.4
+PT_PER_INCH = 72
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +47,37 @@ def curves(results):
 @pytest.fixture(scope="module")
 def tests(results):
     return statistics(results.residuals, results.subjects)
+
+
+@pytest.fixture(scope="module")
+def every(results, curves, tests):
+    """All figures of a study, to be drawn."""
+    joints = JointMeans(Curves(results.folder / "joint_cycles.parquet"), "cycle")
+    parts = differing_curves(curves, joints, EXPERIMENT_3)
+    one = {"unit": "", "n": 9, "start_percent": 5, "stop_percent": 20, "p": 0.0123}
+    pairs = [
+        *(("Fx", f"{c} IC - baseline no IC") for c in ("sway", "pitch")),
+        *((f"hip_flexion_{c}", "sway IC - sway no IC") for c in ("angle", "moment", "power")),
+    ]
+    rows = [{"curve": curve, "compared": compared, **one} for curve, compared in pairs]
+    parts = pd.DataFrame(rows, columns=parts.columns)
+    of_joints = joint_figures(joints, EXPERIMENT_3, parts)
+    return dict([*study_figures(results, curves, tests, EXPERIMENT_3, parts), *of_joints])
+
+
+def seen_texts(figure):
+    """Texts that are drawn: those of ticks within the axes' limits, and all others."""
+    figure.draw_without_rendering()
+    texts = [*figure.texts, *(text for legend in figure.legends for text in legend.get_texts())]
+    if figure.get_suptitle():
+        texts.append(figure._suptitle)
+    for panel in figure.axes:
+        texts += [child for child in panel.get_children() if isinstance(child, Text)]
+        for axis in filter(lambda axis: axis.get_visible(), (panel.xaxis, panel.yaxis)):
+            low, high = sorted(axis.get_view_interval())
+            ticks = axis.get_major_ticks()
+            texts += [axis.label, *(t.label1 for t in ticks if low <= t.get_loc() <= high)]
+    return [text for text in {id(text): text for text in texts}.values() if text.get_text().strip()]
 
 
 def line(panel, label):
@@ -141,3 +185,121 @@ def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
     whole = incomplete.query("subject != 'sub03'")
     mean = whole.query("axis == 'Fx' and condition == 'baseline' and compensated")["rms"].mean()
     assert figure.axes[0].containers[1][0].get_ydata()[0] == pytest.approx(mean)
+
+
+@pytest.mark.parametrize("width_mm", [85.0, 180.0])
+@pytest.mark.parametrize("name", ["gait_cycle_sway", "marginal_means", "joints_sway", "upper_body"])
+def test_no_text_of_a_figure_for_a_journal_covers_another_or_is_cut_off(every, name, width_mm):
+    figure = every[name](look=Figures(width_mm=width_mm))
+    boxes = {text: text.get_window_extent() for text in seen_texts(figure)}
+    for text, box in boxes.items():
+        if (lines := text.get_text()).endswith("\n"):  # for what is beside it
+            box.y0 += box.height / (lines.count("\n") + 1)
+    for text, box in boxes.items():
+        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1, text
+        assert figure.bbox.y0 <= box.y0 <= box.y1 <= figure.bbox.y1, text
+    for (first, a), (second, b) in combinations(boxes.items(), 2):
+        assert not a.overlaps(b), (first, second)
+
+
+@pytest.mark.parametrize("width_mm", [85.0, 180.0])
+def test_every_file_is_as_wide_as_stated_in_mm_at_300_dpi_or_more(every, width_mm, tmp_path):
+    look = Figures(width_mm=width_mm, formats=FIGURE_FORMATS)
+    save_figure(every["marginal_means"](look=look), tmp_path / "means", look)
+    for suffix in ("png", "tiff"):
+        with Image.open(tmp_path / f"means.{suffix}") as image:
+            dpi = float(image.info["dpi"][0])
+            assert dpi == pytest.approx(300, abs=0.1)
+            assert image.width / dpi * MM_PER_INCH == pytest.approx(width_mm, abs=0.1)
+    page = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", (tmp_path / "means.pdf").read_bytes())
+    drawing = re.search(r'width="([\d.]+)pt"', (tmp_path / "means.svg").read_text("utf-8"))
+    for found in (page, drawing):
+        assert float(found[1]) / PT_PER_INCH * MM_PER_INCH == pytest.approx(width_mm, abs=0.1)
+
+
+def test_letters_have_the_stated_size_and_p_values_little_less(every):
+    figure = every["joints_sway"](look=Figures(width_mm=180.0, font_pt=6.5))
+    sizes = sorted({text.get_fontsize() for text in seen_texts(figure)})
+    assert sizes == pytest.approx([0.833 * 6.5, 6.5])
+
+
+def test_decimals_have_a_comma_where_stated_and_names_keep_their_points(every, tmp_path):
+    for name in ("upper_body", "gait_cycle_sway", "marginal_means"):
+        look = Figures(decimals="comma")
+        figure = every[name](look=look)
+        figure.axes[-1].set_xlabel("shoes 1.5")
+        save_figure(figure, tmp_path / name, look)
+        texts = {text.get_text() for text in seen_texts(figure)}
+        assert [text for text in texts if re.search(r"\d\.\d|[=<] ?\.", text)] == ["shoes 1.5"]
+        assert any(re.search(r"\d,\d", text) for text in texts)
+
+
+def test_a_residuals_axis_has_its_unit_and_direction(every):
+    labels = [panel.get_ylabel() for panel in every["gait_cycle_sway"]().axes]
+    assert labels[0] == "RMS Fx (N),\nforward"
+    assert labels[4] == "RMS My (N·m),\nabout right"
+
+
+def test_in_one_column_forces_are_beside_moments(every):
+    figure = every["gait_cycle_sway"](look=Figures(width_mm=85.0))
+    labels = [panel.get_ylabel().split()[1] for panel in figure.axes]
+    assert labels == ["Fx", "Mx", "Fy", "My", "Fz", "Mz"]
+    places = np.array([panel.get_position().bounds for panel in figure.axes])
+    np.testing.assert_allclose(places[::2, 1], places[1::2, 1])
+    assert (places[::2, 0] < places[1::2, 0]).all()
+
+
+def test_a_condition_has_the_same_line_style_in_figures_of_residuals_and_of_joints(every):
+    of_joints = line(every["joints_sway"]().axes[0], "IC")
+    of_residuals = line(every["gait_cycle_sway"]().axes[0], "sway IC")
+    assert of_joints.get_linestyle() == of_residuals.get_linestyle()
+    assert of_joints.get_color() == of_residuals.get_color() == COLOURS["compensated"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "written"), [((), {"pdf", "svg"}), (("tiff",), {"tiff"})], ids=["stated", "typed"]
+)
+def test_a_report_has_figures_in_the_stated_formats_alone_and_shows_them(
+    results, tests, typed, written, tmp_path, monkeypatch
+):
+    study = write_fake_study(tmp_path / "study", subjects=3)
+    with (study / "study.toml").open("a", encoding="utf-8") as file:
+        file.write('[figures]\nformats = ["pdf", "svg"]\n')
+    draw = partial(marginal_means_figure, results.residuals, tests, EXPERIMENT_3)
+    monkeypatch.setattr("pipeline.report.write.joint_figures", lambda *given: iter(()))
+    monkeypatch.setattr(
+        "pipeline.report.write.study_figures", lambda *_: [("marginal_means", draw)]
+    )
+    out = write_fake_results(tmp_path / "results", subjects=3, cycles=3)
+    (out / "figures").mkdir()
+    (out / "figures" / "marginal_means.png").write_bytes(b"of an earlier report")
+    page = write_report(out, study, formats=typed)
+    names = {path.name for path in (out / "figures").iterdir()}
+    assert names == {f"marginal_means.{suffix}" for suffix in written}
+    assert page.read_text(encoding="utf-8").count("data:image/svg+xml;base64,") == 1
+
+
+@pytest.mark.parametrize(
+    ("stated", "fault"),
+    [
+        ('formats = ["gif"]', "figures.formats.1: input should be 'pdf', 'svg', 'png' or 'tiff'"),
+        ("width_mm = 8.5", "figures.width_mm: input should be greater than or equal to 80"),
+        ("font_pt = 80", "figures.font_pt: input should be less than or equal to 14"),
+        ("dpi = 72", "figures.dpi: input should be greater than or equal to 300"),
+        ('decimals = "coma"', "figures.decimals: input should be 'point' or 'comma'"),
+    ],
+)
+def test_a_wrong_setting_of_figures_is_one_line(stated, fault, tmp_path, capsys):
+    study = write_fake_study(tmp_path / "study", subjects=1)
+    with (study / "study.toml").open("a", encoding="utf-8") as file:
+        file.write(f"[figures]\n{stated}\n")
+    assert main(["check", str(study)]) == 2
+    (said,) = [one for one in capsys.readouterr().err.splitlines() if "figures." in one]
+    assert fault in said
+
+
+def test_an_unknown_format_of_figures_is_refused_before_anything_is_read(tmp_path, capsys):
+    assert main(["report", str(tmp_path), "--figures", "pdf,tif"]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "--figures tif: no such format" in said
+    assert "tiff" in said

@@ -3,10 +3,11 @@
 import hashlib
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 
-from pipeline.config.schema import TrialName
+from pipeline.config.schema import Figures, TrialName
 from pipeline.config.study import read_study
 from pipeline.run.job import trial_key
 from pipeline.run.load import collect, select_trials
@@ -129,3 +130,9 @@ def test_every_file_of_the_treadmill_makes_a_trial_outdated(tmp_path):
         (folder / name).write_text("another", encoding="utf-8")
         keys.add(trial_key(study, TrialName("sub01", "sway")))
     assert len(keys) == 1 + len(names)
+
+
+def test_how_figures_look_makes_no_trial_run_again(study):
+    name = TrialName("sub01", "sway")
+    drawn = study.file.model_copy(update={"figures": Figures(width_mm=85.0)})
+    assert trial_key(replace(study, file=drawn), name) == trial_key(study, name)
