@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pipeline.budgets.explanation import Explanation
 from pipeline.budgets.words import (
     MASS,
     WITH_MARKERS,
@@ -18,6 +19,7 @@ from pipeline.budgets.words import (
 )
 from pipeline.config.schema import Settings, Subject
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare, alike_in_plates
+from pipeline.report.trials import causes
 from pipeline.trial.result import Procedure
 
 CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, 1.0, np.ones(6))
@@ -202,3 +204,28 @@ def test_a_gain_of_the_only_plate_may_be_the_body_model_but_not_one_of_fz():
         budget(replace(only.causes[0], name="plate 1: gain of Fz")), UNCALIBRATED
     )
     assert found.action.startswith("Plate 1 reads")
+
+
+def test_shares_are_drawn_as_intervals_on_one_scale_that_holds_zero_and_all():
+    """From one group to the next and over all axes; what reaches far beyond ends at the border."""
+    shares = np.array([-0.2, 0.0, 0.25, 0.5, 1.0, 1.6])
+    groups = (
+        GroupShare(("delay",), shares, np.full(6, 0.05)),
+        GroupShare(("zero",), shares[::-1], np.full(6, 3.0)),
+    )
+    of_trial = replace(budget(CAUSE), source=Path("walk.c3d"), groups=groups)
+    _, table = causes("walk", Explanation("", of_trial, ()))
+    drawn = {head: cells for head, *cells in table.rows if not isinstance(cells[0], str)}
+    sure, unsure, rest = drawn.values()
+    low, middle, high, zero, whole = np.transpose(
+        [[float(place.rstrip("%")) for place in cell.places] for cell in (*sure, *unsure, *rest)]
+    )
+    assert len({*zero}) == len({*whole}) == 1
+    np.testing.assert_allclose(middle[:6], zero[0] + shares * (whole[0] - zero[0]), atol=0.15)
+    np.testing.assert_allclose(middle[6:12], middle[5::-1])
+    half = 1.96 * 0.05 * (whole[0] - zero[0])
+    np.testing.assert_allclose(high[:6] - middle[:6], half, atol=0.2)
+    assert (np.stack([low, high]) >= 0).all()
+    assert (np.stack([low, high]) <= 100).all()
+    assert np.ptp(low[6:12]) == np.ptp(high[6:12]) == 0  # both ends are beyond the border
+    assert sure[2].text == "25 ± 10 %"
