@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from hbm.spatial import Array
 from pipeline.config.schema import Figures
 from pipeline.figures.residuals import legend_below, panel_grid
-from pipeline.figures.style import PAGE, draw_band, draw_differences, head, in_style
+from pipeline.figures.style import PAGE, add_title, draw_band, draw_differences, in_style
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS, JointMotion
 
 if TYPE_CHECKING:
@@ -89,5 +89,5 @@ def joint_figure(
                 usual, sd = healthy[shown]
                 panel.fill_between(percent, usual - sd, usual + sd, **HEALTHY)
         legend_below(figure, panels[0, 0])
-        head(figure, title + gaps)
+        add_title(figure, title + gaps)
     return figure

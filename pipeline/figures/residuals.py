@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
 from pipeline.config.schema import Figures
-from pipeline.figures.style import BAND_OPACITY, COLOURS, PAGE, head, in_style, letters_in
+from pipeline.figures.style import BAND_OPACITY, COLOURS, PAGE, add_title, in_style, letters_in
 from pipeline.trial.gait.events import event_times
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, reported, worst_cycles
@@ -100,7 +100,7 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
         panel.set_xlabel("time (s)")
         legend_below(figure, grid[0, 0], panel)
         _draw_phases(figure, result, time, result.counted[shown])
-        head(figure, f"{result.source.name}: forces on the feet and pelvis residuals{around}")
+        add_title(figure, f"{result.source.name}: forces on the feet and pelvis residuals{around}")
     return figure
 
 

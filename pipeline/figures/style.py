@@ -90,8 +90,8 @@ def in_style(look: Figures = PAGE) -> Iterator[None]:
     Letters are as large as stated or, in a journal, as fit between its columns.
     """
     size = look.font_pt or (9 if look.width_mm is None else 7 if look.of_one_column else 8)
-    own = {} if look.width_mm is None else IN_JOURNAL
-    with mpl.rc_context({**STYLE, **own, "font.size": size}), warnings.catch_warnings():
+    smaller = {} if look.width_mm is None else IN_JOURNAL
+    with mpl.rc_context({**STYLE, **smaller, "font.size": size}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
 
@@ -155,7 +155,7 @@ def letters_in(inch: float) -> int:
     return int(inch * 72 / (LETTER * mpl.rcParams["font.size"]))
 
 
-def head(figure: Figure, title: str) -> None:
+def add_title(figure: Figure, title: str) -> None:
     """Put a title above all panels, in as many lines as it needs."""
     figure.suptitle(textwrap.fill(title, letters_in(figure.get_figwidth() / 1.2)))
 

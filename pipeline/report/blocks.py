@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from hbm.notes import Note, provenance, warnings_of
+from hbm.notes import Note, warnings_of
 from hbm.spelling import join_names
 from pipeline.io.write import write_text
 
@@ -109,7 +109,7 @@ def templates() -> "Environment":
         lstrip_blocks=True,
     )
     made.filters |= {"in_unit": in_unit, "names": join_names, "each": each, "words": words}
-    made.filters |= {"warnings": warnings_of, "provenance": provenance}
+    made.filters["warnings"] = warnings_of
     return made
 
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 import pandas as pd
 
 from pipeline.report.blocks import Table
-from pipeline.statistics.table_3 import MIN_PRINTED_P
+from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, rows_of
 
 STATISTICS: Final = {"F": "F", "chi2": "χ²"}
@@ -44,14 +44,10 @@ def named(effect: object) -> str:
 def written_test(row: Any) -> str:
     """Write a test as APA has it, with the degrees of freedom that its p-value has."""
     factor = row.epsilon if row.correction == GREENHOUSE_GEISSER else 1.0
-    degrees = [
-        f"{factor * df:.2f}".rstrip("0").rstrip(".") for df in (row.df1, row.df2) if df == df
-    ]
-    p = (
-        "< .001"
-        if row.p_corrected < MIN_PRINTED_P
-        else f"= {row.p_corrected:.3f}".replace("0.", ".")
-    )
+    known = (factor * df for df in (row.df1, row.df2) if not isnan(df))
+    degrees = [f"{df:.2f}".rstrip("0").rstrip(".") for df in known]
+    p = format_p(row.p_corrected).rstrip("*").replace("0.", ".", 1)  # APA: no zero before it
+    p = p.replace("<", "< ") if p.startswith("<") else f"= {p}"
     text = f"{STATISTICS[row.statistic_name]}({', '.join(degrees)}) = {row.statistic:.2f}, p {p}"
     if isnan(row.effect_size):
         return text

@@ -26,11 +26,11 @@ from pipeline.figures.residuals import (
 from pipeline.figures.style import (
     COLOURS,
     PAGE,
+    add_title,
     condition_style,
     draw_band,
     draw_differences,
     draw_logarithmic,
-    head,
     in_style,
     letters_in,
 )
@@ -208,7 +208,7 @@ def gait_cycle_figure(
         title = f"Pelvis residuals, {condition}: RMS over gait cycles{over}"
         title += "; grey: the part that is used" * (grey is not None)
         pair = f"{design.judged(condition)} differs from {design.reference_cell}"
-        head(figure, title + f"; black bars: {pair}" * any(differing.values()))
+        add_title(figure, title + f"; black bars: {pair}" * any(differing.values()))
     return figure
 
 
@@ -257,7 +257,7 @@ def marginal_means_figure(
             legend_below(figure, grid[0, 0])
         over = f", mean and 95 % CI over {numbers(cells.count(), 'subject')}"
         of_one = len(cells) == 1
-        head(figure, f"RMS residuals{' of one subject' if of_one else over}")
+        add_title(figure, f"RMS residuals{' of one subject' if of_one else over}")
     return figure
 
 

@@ -61,14 +61,12 @@ def spatiotemporal(
     """
     on_ground = feet[:, :2, :2] - _way_of_ground(time, feet[:, 2:, :2], events)[:, None]
     measured = {}
-    for side, own_spans in spans.items():
-        own, (start, stop) = SIDES.index(side), own_spans.T
-        other_strike = _first_within(
-            event_times(events, "foot_strike", OTHER_SIDE[side]), own_spans
-        )
-        foot_off = _first_within(event_times(events, "foot_off", side), own_spans)
-        begin, end = (_interpolate(time, on_ground[:, own], at) for at in (start, stop))
-        stride, step = end - begin, end - _interpolate(time, on_ground[:, 1 - own], other_strike)
+    for side, of_side in spans.items():
+        foot, (start, stop) = SIDES.index(side), of_side.T
+        other_strike = _first_within(event_times(events, "foot_strike", OTHER_SIDE[side]), of_side)
+        foot_off = _first_within(event_times(events, "foot_off", side), of_side)
+        begin, end = (_interpolate(time, on_ground[:, foot], at) for at in (start, stop))
+        stride, step = end - begin, end - _interpolate(time, on_ground[:, 1 - foot], other_strike)
         length = np.hypot(*stride.T)
         # the part of the step across the stride, to the left of it: the right foot's is negative
         across = (stride[:, 0] * step[:, 1] - stride[:, 1] * step[:, 0]) / length
