@@ -29,6 +29,7 @@ from pipeline.cli.terminal import (
 if TYPE_CHECKING:
     from hbm.notes import Note
     from pipeline.config.found_recordings import FoundSubject
+    from pipeline.trial.result import TrialResult
     from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 MOST_PLACES = 3
@@ -267,6 +268,7 @@ def view(
     """Show markers, body, plates, forces, and residuals over time, from the worst gait cycle on."""
     from pipeline.budgets.explanation import bands_of
     from pipeline.run.store import read_trial
+    from pipeline.viewer.serve import results_contents
     from pipeline.viewer.serve import view as show
     from pipeline.viewer.trial import opening, write_recording
 
@@ -275,8 +277,14 @@ def view(
         results if results.suffix == RESULT else _result_of(results, subject, condition, number)
     )
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
-    recording = save or folder / "viewer" / f"{result.stem}.rrd"
     film = None if video is None else (video, video_offset_s)
+
+    def recorded(result: Path, trial: "TrialResult", **more: Any) -> Path:
+        recording = save or folder / "viewer" / f"{result.stem}.rrd"
+        recording.parent.mkdir(parents=True, exist_ok=True)
+        write_recording(trial, recording, bands=bands_of(result, trial), **more)
+        return recording
+
     with console.status(Text(f"preparing {result.stem}")):
         trial = read_trial(result)
         other = None
@@ -284,13 +292,12 @@ def view(
             person, _, of_other = beside.rpartition("/")
             other = read_trial(_result_of(folder, person or trial.subject.id, of_other, None))
         cursor = opening(trial, at, beside=other is not None)
-        recording.parent.mkdir(parents=True, exist_ok=True)
-        bands = bands_of(result, trial)
-        write_recording(trial, recording, bands=bands, beside=other, video=film)
+        recording = recorded(result, trial, beside=other, video=film)
     if save:
         console.say(f"recording: {save}")
     else:
-        show(recording, web=web, cursor=cursor, announce=console.say)
+        others = results_contents(result, lambda path: recorded(path, read_trial(path)))
+        show(recording, web=web, cursor=cursor, others=others, announce=console.say)
 
 
 def _result_of(folder: Path, *wanted: str | None) -> Path:

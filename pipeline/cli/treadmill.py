@@ -177,11 +177,11 @@ def signals(
 
 
 def checklist(study: Annotated[Path, Argument(help="Folder with study.toml.")]) -> None:
-    """In the order in which they are made; a recording is done where study.toml states it."""
-    from pipeline.config.study import read_study
+    """In their order; a recording is done where study.toml states it and its file is there."""
+    from pipeline.config.study import read_laboratory
     from pipeline.report.laboratory import recordings_table
 
-    print_block(recordings_table(read_study(study, recordings=False)), PlainConsole())
+    print_block(recordings_table(study, read_laboratory(study)), PlainConsole())
 
 
 @takes(RecordingRequest)

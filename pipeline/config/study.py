@@ -215,10 +215,7 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     folder = Path(folder)
     if folder.name == "study.toml":
         folder = folder.parent
-    if folder.is_file():
-        raise StudyFaults([f"{folder}: is a file; a study is a folder with study.toml in it"])
-    if not (folder / "study.toml").is_file():
-        raise StudyFaults([f"{folder}: no study.toml here; write one with 'hbm init {folder}'"])
+    _require_study(folder)
     faults: list[str] = []
     file = conditions = None
     table = _table(folder / "study.toml", faults)
@@ -247,6 +244,24 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
         raise StudyFaults(faults, folder)
     variants = {v: replace(study, file=ways[v], marker_set=of_v) for v, of_v in sets.items()}
     return replace(study, variants=variants)
+
+
+def read_laboratory(folder: Path) -> StudyFile:
+    """Read a ``study.toml`` alone, whichever of its files are there; StudyFaults if it is wrong."""
+    _require_study(folder)
+    faults: list[str] = []
+    table = read_table(folder / "study.toml")
+    file = check_table("study.toml", table, StudyFile, faults, Around(folder))
+    if file is None:
+        raise StudyFaults(faults, folder)
+    return file
+
+
+def _require_study(folder: Path) -> None:
+    if folder.is_file():
+        raise StudyFaults([f"{folder}: is a file; a study is a folder with study.toml in it"])
+    if not (folder / "study.toml").is_file():
+        raise StudyFaults([f"{folder}: no study.toml here; write one with 'hbm init {folder}'"])
 
 
 def _variants(folder: Path, file: StudyFile, faults: list[str]) -> dict[str, StudyFile]:

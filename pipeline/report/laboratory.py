@@ -29,7 +29,7 @@ from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from hbm.notes import Note, provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import written
-from pipeline.config.study import Study
+from pipeline.config.study import Study, StudyFile
 from pipeline.figures.style import drawing
 from pipeline.io.input_file import read_text
 from pipeline.io.write import read_csv, write_csv, write_text
@@ -141,23 +141,30 @@ def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) 
     return write_page(page, "Laboratory", scope, sections)
 
 
-def recordings_table(study: Study) -> Table:
-    """Say which recordings of a study's laboratory are done, in the order of making them."""
-    treadmill, plates = study.file.treadmill, study.file.plates.calibration
-    beside, checks = "; ".join(treadmill.beside), treadmill.check
-    if file := treadmill.calibration and study.path(treadmill.calibration):
-        if file.suffix.lower() == ".json":  # it says what it was fitted to
-            beside = from_json(read_text(file)).provenance.get(BESIDE, "")
-        checks = checks or "; ".join(read_checks(file)["recording"])
-    recordings = {
-        f"Empty treadmill, signal {ADVISED_PLATFORM_SIGNAL}": treadmill.calibration,
-        "People beside an empty plate: walking, running, on the boards": beside,
-        "Known weights on the running belts, hbm plates": plates,
-        "Empty treadmill on another day, same signal": checks,
-    }
-    missing: Check = ("fail", "missing", "")
+def recordings_table(folder: Path, stated: StudyFile) -> Table:
+    """Say which recordings of a laboratory are in its folder, in the order of making them."""
+    treadmill, plates = stated.treadmill, stated.plates.calibration
+
+    def finding(*names: str | None) -> list[Check]:
+        files = [name for name in names if name]
+        absent = [name for name in files if not (folder / name).is_file()]
+        if files and not absent:
+            return [("pass", "done", "; ".join(files))]
+        return [("fail", "missing", "; ".join(absent))]
+
+    beside, checks = finding(*treadmill.beside), finding(treadmill.check)
+    fitted = folder / (treadmill.calibration or "")
+    if fitted.is_file():
+        if fitted.suffix.lower() == ".json":  # it says what it was fitted to
+            of_fit = from_json(read_text(fitted)).provenance.get(BESIDE, "")
+            beside = [("pass", "done", of_fit)] if of_fit else finding()
+        of_checks = "; ".join(read_checks(fitted)["recording"])
+        checks = checks if treadmill.check or not of_checks else [("pass", "done", of_checks)]
     rows = [
-        (of, [("pass", "done", files) if files else missing]) for of, files in recordings.items()
+        (f"Empty treadmill, signal {ADVISED_PLATFORM_SIGNAL}", finding(treadmill.calibration)),
+        ("People beside an empty plate: walking, running, on the boards", beside),
+        ("Known weights on the running belts, hbm plates", finding(plates)),
+        ("Empty treadmill on another day, same signal", checks),
     ]
     return Table("Recordings of the laboratory", ("Recording", "Finding"), rows, "answers")
 

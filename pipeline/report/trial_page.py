@@ -121,7 +121,7 @@ def write_trial_page(
         "Residuals": [
             markup("headline.html", sentences=[*verdict_lines(result)]),
             Drawn(FORCES, shown),
-            *worst_table(result, shlex.join(viewer), timed=bool(study)),
+            *worst_table(result, shlex.join(viewer)),
             *result_tables(result),
         ],
         "Warnings": [*_warnings(result), *_doubted(result, plates)],

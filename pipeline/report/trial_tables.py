@@ -48,8 +48,8 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
     yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
 
 
-def worst_table(result: TrialResult, command: str, *, timed: bool) -> Iterable[Table]:
-    """Show the gait cycles with the largest residuals, and what opens the viewer (there: timed)."""
+def worst_table(result: TrialResult, command: str) -> Iterable[Table]:
+    """Show the gait cycles with the largest residuals, and what opens the viewer there."""
     worst = worst_cycles(result)[:MAX_WORST]
     reference = reference_of(residual_rows(result))[0].lower()
     rows = [
@@ -57,13 +57,18 @@ def worst_table(result: TrialResult, command: str, *, timed: bool) -> Iterable[T
             f"{cycle.side}, {cycle.start_s:.2f}–{cycle.stop_s:.2f} s",
             f"{cycle.axis}, {cycle.ratio:.1f} × {reference}",
             f"{cycle.rms:.1f} {cycle.unit}",
-            command + f" --at {cycle.start_s:.1f}" * timed,
+            f"{command} --at {cycle.start_s:.1f}",
         )
         for cycle in worst
     ]
     if worst:
         heads = "Gait cycle", "Stands out", "RMS", "In the viewer"
-        yield Table("Worst gait cycles", heads, rows)
+        trial = result.name.stem if result.key else ""
+        links = {
+            row[0]: f"/?trial={trial}&at={cycle.start_s:.2f}"
+            for row, cycle in zip(rows, worst, strict=True)
+        }
+        yield Table("Worst gait cycles", heads, rows, links=links)
 
 
 def gait_table(result: TrialResult) -> Iterable[Table]:

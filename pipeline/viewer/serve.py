@@ -17,13 +17,15 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
 from http.server import BaseHTTPRequestHandler
 from importlib.resources import files
+from mimetypes import guess_type
 from pathlib import Path
 from socketserver import ThreadingTCPServer
 from tempfile import TemporaryFile
 from typing import Final
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 from urllib.request import ProxyHandler, build_opener
 
 import numpy as np
@@ -37,13 +39,14 @@ LOOPBACK: Final = "127.0.0.1"
 VIEWER_FILES: Final = {"/re_viewer.js": "text/javascript", "/re_viewer_bg.wasm": "application/wasm"}
 """Files of Rerun's page that this one needs, and their types."""
 HEADERS: Final = {
-    "Content-Security-Policy": "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; "
-    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; frame-ancestors 'none'",
+    "Content-Security-Policy": "frame-ancestors 'none'",  # pages state what they may load
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
+STREAM: Final = "application/octet-stream"
+REPORT: Final = "/report.html"
 Cursor = tuple[str, int]
 """Timeline and value on it: nanoseconds of "time", else a whole number."""
 Content = Callable[[], Iterable[bytes]]
@@ -70,12 +73,13 @@ def view(
     *,
     web: bool = False,
     cursor: Cursor | None = None,
+    others: Contents | None = None,
     announce: Callable[[str], object] = print,
 ) -> None:
     """Show a recording, ``.rrd``, from a cursor on; until Ctrl-C if it is served (``web``).
 
-    A window is open until it is closed. What is served is announced in a sentence. The cursor is
-    set in the running viewer, since Rerun 0.41 has no place for it in a file.
+    A window is open until it is closed. What is served, with others, is announced in a sentence.
+    The cursor is set in the running viewer, since Rerun 0.41 has no place for it in a file.
 
     Notes
     -----
@@ -89,9 +93,10 @@ def view(
     before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(SIGNAL_EXIT + number))
     try:
         if web:
-            page = page_server(viewer_files(), lambda: [path.read_bytes()], cursor)
+            page = page_server(viewer_files(), lambda: [path.read_bytes()], cursor, others)
             with page as address, suppress(KeyboardInterrupt):
-                announce(f"serving {path.name} at {address} (stop with Ctrl-C)")
+                report = f", the report at {address}report.html" * (REPORT in (others or {}))
+                announce(f"serving {path.name} at {address}{report} (stop with Ctrl-C)")
                 while True:
                     time.sleep(1)
         else:
@@ -248,14 +253,44 @@ class GrowingRecording:
             number += 1
 
 
+def results_contents(result: Path, recorded: Callable[[Path], Path]) -> Contents:
+    """Give the page of a result; of a study's all pages, tables and, recorded when asked, trials.
+
+    Pages show their links to the viewer.
+    """
+    page = result.with_suffix(".html")
+    if result.parent.name != "trials":
+        return {f"/{page.name}": _file(page)} if page.is_file() else {}
+    folder = result.parent.parent
+    files = [*folder.glob("*.*"), *result.parent.glob("*.html")]
+    contents = {f"/{file.relative_to(folder).as_posix()}": _file(file) for file in files}
+    for trial in result.parent.glob("*.parquet"):
+        contents[f"/{trial.stem}.rrd"] = STREAM, partial(_recording, recorded, trial)
+    return contents
+
+
+def _file(file: Path) -> tuple[str, Content]:
+    """Give the type of a file, and what reads it; pages are marked as those of the viewer."""
+    kind = guess_type(file)[0] or STREAM
+    return kind, lambda: [file.read_bytes().replace(b"<body>", b"<body data-viewer>")]
+
+
+def _recording(recorded: Callable[[Path], Path], result: Path) -> list[bytes]:
+    """Record the trial of a result, and give the content of the file."""
+    return [recorded(result).read_bytes()]
+
+
 def page_server(
-    viewer: Mapping[str, bytes], recording: Content, cursor: Cursor | None = None
+    viewer: Mapping[str, bytes],
+    recording: Content,
+    cursor: Cursor | None = None,
+    others: Contents | None = None,
 ) -> Page:
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
     of_viewer = {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
-    data: Contents = {"/recording.rrd": ("application/octet-stream", recording)}
+    data: Contents = {"/recording.rrd": (STREAM, recording)}
     page = _page_files("viewer", cursor)
-    return serve(page | of_viewer | data)
+    return serve({**(others or {}), **page, **of_viewer, **data})
 
 
 def light_server(board: Callable[[], Board], host: str) -> Page:
@@ -322,7 +357,7 @@ class _Handler(BaseHTTPRequestHandler):
         return False
 
     def do_GET(self) -> None:
-        kind, content = self.server.contents.get(urlsplit(self.path).path, ("", None))
+        kind, content = self.server.contents.get(unquote(urlsplit(self.path).path), ("", None))
         if content is None:
             self.send_error(404)
             return

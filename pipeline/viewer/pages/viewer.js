@@ -13,17 +13,18 @@ function pausing([timeline, value]) {
   const time = field(0x1a, [...moment, Number(rest)]);
   return field(0x32, [...field(0x12, field(0x0a, name)), ...time, 0x28, 1]);
 }
+const asked = new URLSearchParams(location.search);  // links of pages name a trial and an instant
 async function start() {
   await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
   window.viewer = new wasm_bindgen.WebHandle({
-    url: [new URL("recording.rrd", location.origin).href],
-    render_backend: new URLSearchParams(location.search).get("renderer"),
+    url: [new URL(`${encodeURIComponent(asked.get("trial") || "recording")}.rrd`, location.origin).href],
+    render_backend: asked.get("renderer"),
     hide_welcome_screen: true,
     check_for_updates_on_startup: false,
     persist: false,
   });
   await window.viewer.start(document.getElementById("canvas"));
-  const cursor = CURSOR;
+  const cursor = asked.has("at") ? ["time", Math.round(1e9 * asked.get("at"))] : CURSOR;
   while (cursor)
     try {
       await window.viewer.viewer_control(new Uint8Array(pausing(cursor)));

@@ -19,7 +19,7 @@ from compensation.protocol import pitch_and_sway_signals
 from hbm.spatial import WRENCH_COMPONENTS, rotation_about
 from pipeline.cli.app import main
 from pipeline.config.schema import Treadmill
-from pipeline.config.study import read_study
+from pipeline.config.study import read_laboratory, read_study
 from pipeline.io.stated import Stated
 from pipeline.report.blocks import Table
 from pipeline.report.empty_treadmill import measure_empty
@@ -343,17 +343,24 @@ def test_recordings_that_a_study_has_are_done_and_the_others_missing(
     checked, moving_study, tmp_path, capsys
 ):
     shutil.copytree(moving_study, tmp_path, dirs_exist_ok=True)
-    study = read_study(tmp_path)
-    done = {row[0].partition(":")[0]: row[1][0] for row in recordings_table(study).rows}
-    assert [rating for rating, *_ in done.values()] == ["pass", "fail", "fail", "fail"]
+    stated = read_laboratory(tmp_path)
+    done = [row[1][0][0] for row in recordings_table(tmp_path, stated).rows]
+    assert done == ["pass", "fail", "fail", "fail"]
 
     # a fitted calibration says itself what it was fitted to, and which checks there were
     for file in checked.glob("lab*"):
         shutil.copy(file, tmp_path)
-    treadmill = study.file.treadmill.model_copy(update={"calibration": "lab.json"})
-    fitted = replace(study, file=study.file.model_copy(update={"treadmill": treadmill}))
-    *_, another_day = recordings_table(fitted).rows
+    treadmill = stated.treadmill.model_copy(update={"calibration": "lab.json"})
+    fitted = stated.model_copy(update={"treadmill": treadmill})
+    *_, another_day = recordings_table(tmp_path, fitted).rows
     assert another_day[1][0][:2] == ("pass", "done")
+
+    # what is stated before it is recorded is missing, and no subject is needed
+    (tmp_path / treadmill.calibration).unlink()
+    for file in tmp_path.glob("sub*"):
+        file.unlink()
+    empty, *_ = recordings_table(tmp_path, fitted).rows
+    assert empty[1][0] == ("fail", "missing", "lab.json")
     assert main(["calibration", "checklist", str(tmp_path)]) == 0
     assert "missing" in capsys.readouterr().out
 

@@ -7,6 +7,7 @@ import sys
 import time
 import urllib.request
 from contextlib import contextmanager
+from dataclasses import replace
 from http.client import HTTPConnection
 from itertools import islice
 from pathlib import Path
@@ -19,6 +20,9 @@ import rerun.blueprint as rrb
 from rerun.experimental import ViewerClient
 
 from pipeline.figures.style import COLOURS
+from pipeline.report.trial_page import write_trial_page
+from pipeline.run.store import write_trial
+from pipeline.trial.residuals import worst_cycles
 from pipeline.viewer.file import printable, recording_file
 from pipeline.viewer.serve import GrowingRecording, free_port, viewer_binary
 from pipeline.viewer.trial import write_recording
@@ -79,15 +83,22 @@ def served(path):
         "view(Path(sys.argv[1]), web=True, cursor=('time', 2_500_000_000), "
         "announce=lambda line: print(line, flush=True))"
     )
+    with started([sys.executable, "-c", program, str(path)]) as served:
+        yield served
+
+
+@contextmanager
+def started(command):
+    """Run a command that serves; give its process and the address of the page."""
     with subprocess.Popen(
-        [sys.executable, "-c", program, str(path)],
+        command,
         stdout=subprocess.PIPE,
         text=True,
         cwd=Path(__file__).resolve().parents[3],
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         try:
-            yield process, re.search(r"http://\S+", process.stdout.readline())[0]
+            yield process, re.search(r"http://\S+/", process.stdout.readline())[0]
         finally:
             process.terminate()
 
@@ -110,6 +121,34 @@ def test_the_page_shows_the_trial_where_it_is_told_to_and_requests_only_what_is_
     assert address + "recording.rrd" in browser.requests
     assert [one for one in browser.requests if not one.startswith(address)] == []
     assert [one for one in browser.complaints if "Content Security Policy" in one] == []
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_links_of_a_trial_s_page_open_its_worst_gait_cycles_where_the_viewer_serves_it(tmp_path):
+    trials = tmp_path / "trials"
+    for number, condition in enumerate(("level", "sway")):
+        result = viewer_trial(FRAMES, moving=bool(number))
+        result = replace(result, condition=condition, key="1")
+        write_trial(result, trials / f"{result.name.stem}.parquet")
+    page = write_trial_page(result, trials / "sub07_sway.html", study="../report.html")
+    (tmp_path / "report.html").write_text("<body>the report")
+    cycle = worst_cycles(result)[0]
+    link = "document.querySelector('a[href^=\"/?\"]')"
+    events = f"getComputedStyle({link}).pointerEvents"
+    command = [sys.executable, "-m", "pipeline.cli", "view", str(tmp_path), "--web"]
+    with started(command) as (_, address), open_browser() as browser:
+        browser.open(page)
+        assert browser.evaluate(events) == "none"
+        browser.open(address + "report.html")
+        assert browser.evaluate("document.body.innerText") == "the report"
+        browser.open(f"{address}trials/{page.name}")
+        assert browser.evaluate(events) == "auto"
+        assert browser.complaints == []
+        browser.evaluate(f"{link}.click()")
+        state = settled_page(browser, seconds=4.0)
+        assert f"{address}sub07_sway.rrd" in browser.requests
+    assert state.time == round(1e9 * round(cycle.start_s, 2))
 
 
 def test_the_page_is_served_on_this_machine_only_and_no_other_port_is_open(recording, home):
