@@ -28,6 +28,8 @@ EYE_FROM_TARGET_M: Final = np.array([1.5, -1.9, 0.35])
 """The camera is ahead of the subject, to the right, slightly above the pelvis."""
 PATH_IN_VIEW_M: Final = 2.5
 """The camera is twice as far away where the pelvis travels this far, and so on in proportion."""
+ROWS: Final = "left_foot", "right_foot", "perturbation", "plates", "residuals"
+"""Of states over time: the viewer shows names of entities."""
 CYCLE: Final = "gait cycle"
 """Timeline whose steps are gait cycles, each shown where it stands out, with its RMS residuals."""
 PERCENT: Final = "gait cycle, %"
@@ -50,7 +52,7 @@ def trial_layout(pelvis: Array, *, video: bool) -> rrb.Blueprint:
     window = _time(-WINDOW_S, WINDOW_S)
     states = rrb.StateTimelineView(
         name="Gait phases",
-        origin="phases",
+        contents=[f"/{row}" for row in ROWS],
         time_view=rrb.archetypes.TimeAxis(view_range=window.range),
     )
     return _with_panels(
@@ -91,29 +93,24 @@ def beside_layout(
     return _with_panels(rrb.Horizontal(*columns, *_videos(video)), timeline=PERCENT)
 
 
-def live_layout(target: Array) -> rrb.Blueprint:
+def live_layout(target: Array, *, light: bool) -> rrb.Blueprint:
     """Lay out a live view, whose camera looks at a point, (3,) [m]; its scales are fixed."""
     window, (width, height) = _time(-LIVE_WINDOW_S, 0.0), SENT
-    light = rrb.Spatial2DView(
+    board = rrb.Spatial2DView(
         name="Light",
         origin="board",
         visual_bounds=rrb.VisualBounds2D(x_range=[0, width], y_range=[0, height]),
         background=rgba(WHITE)[0],
     )
-    return _with_panels(
-        rrb.Horizontal(
-            rrb.Vertical(
-                _scene(target[None]),
-                rrb.Tabs(
-                    _residuals("The last seconds", window, columns=3, scales=FULL_SCALE),
-                    _text("legend"),
-                ),
-                row_shares=[3, 2],
-            ),
-            light,
+    walking = rrb.Vertical(
+        _scene(target[None]),
+        rrb.Tabs(
+            _residuals("The last seconds", window, columns=3, scales=FULL_SCALE),
+            _text("legend"),
         ),
-        state="following",
+        row_shares=[3, 2],
     )
+    return _with_panels(rrb.Horizontal(walking, *[board] * light), state="following")
 
 
 def _time(start: float, stop: float, timeline: str = "time") -> rrb.VisibleTimeRange:

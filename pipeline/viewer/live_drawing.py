@@ -24,13 +24,14 @@ from hbm.markers import Markers
 from pipeline.trial.residuals import reported
 from pipeline.viewer.board import log_board
 from pipeline.viewer.layout import live_layout, log_legend
-from pipeline.viewer.live import LiveScene, News, Screen, ShownFrame
+from pipeline.viewer.live import Board, LiveScene, News, Screen, ShownFrame
 from pipeline.viewer.plots import draw_residual_curves, send_residual_curves
 from pipeline.viewer.scene import draw_scene, send_scene
 from pipeline.viewer.serve import (
     GrowingRecording,
     data_address,
     free_port,
+    light_contents,
     page_server,
     running_viewer,
     viewer_files,
@@ -56,6 +57,8 @@ SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 """Any of them names a screen on Linux."""
 WITHOUT_SCREEN: Final = "show it to a browser (--web), or use --view on a computer with one"
 
+STARTING: Final = Board("look", "Starting", 0.0, "", {})
+
 Shown = tuple[str | None, Callable[[], bool]]
 """Where it is shown, and what waits until all that is drawn is taken; false if the viewer ended."""
 
@@ -65,13 +68,13 @@ class LiveDrawing:
 
     def __init__(self, stream: rr.RecordingStream, scene: LiveScene) -> None:
         self._stream, self._scene = stream, scene
-        self._board = b""
+        self.board, self._drawn = STARTING, b""
         self._start_s: float | None = None
         self._newest_s, self._number = -np.inf, -1
         centers = np.array([plate.center for plate in scene.plates]).reshape(-1, 3)
         ground = centers.mean(axis=0) if len(centers) else np.zeros(3)
         self._surface_m = float(ground[2])
-        layout = live_layout(ground + TARGET_FROM_PLATES_M)
+        layout = live_layout(ground + TARGET_FROM_PLATES_M, light=scene.screen != "browser")
         stream.send_blueprint(layout, make_active=True, make_default=True)
         stream.send_recording_name("live")
         draw_scene(stream, scene.body, scene.markers, scene.plates, scene.variants)
@@ -88,8 +91,11 @@ class LiveDrawing:
                 later.append((number, frame))
         if later:
             self._send_frames(later)
-        if board is not None and (content := pickle.dumps(board)) != self._board:
-            self._board = content  # drawing takes some 50 ms
+        self.board = board or self.board
+        if self._scene.screen == "browser":
+            return  # its page asks for the board
+        if board is not None and (content := pickle.dumps(board)) != self._drawn:
+            self._drawn = content  # drawing takes some 50 ms
             log_board(self._stream, board)
 
     def _send_frames(self, numbered: Sequence[tuple[int, ShownFrame]]) -> None:
@@ -164,9 +170,11 @@ def _draw(inbox: _Input, answer: Callable[[str | OSError | None], None]) -> None
         raise OSError(f"there is no screen; {WITHOUT_SCREEN}")
     rr.set_strict_mode(True)
     stream = rr.RecordingStream(APPLICATION, recording_id=token_hex(8), send_properties=False)
-    shown = _page(stream) if scene.screen == "browser" else _viewer(stream, scene.screen, inbox)
-    with shown as (address, taken):
-        drawing = LiveDrawing(stream, scene)
+    drawing = LiveDrawing(stream, scene)
+    seen = _viewer(stream, scene.screen, inbox)
+    if scene.screen == "browser":
+        seen = _page(stream, lambda: drawing.board)
+    with seen as (address, taken):
         taken()
         answer(address)
         while (news := inbox.messages.get()) is not None:
@@ -179,15 +187,15 @@ def _draw(inbox: _Input, answer: Callable[[str | OSError | None], None]) -> None
 
 
 @contextmanager
-def _page(stream: rr.RecordingStream) -> Iterator[Shown]:
-    """Serve what is drawn to browsers."""
+def _page(stream: rr.RecordingStream, board: Callable[[], Board]) -> Iterator[Shown]:
+    """Serve what is drawn to browsers, beside the light, which is never as late as the viewer."""
     drawn, recording = rr.binary_stream(stream), GrowingRecording(PAGE_BYTES)
 
     def taken() -> bool:
         recording.append(drawn.read() or b"")
         return True
 
-    with page_server(viewer_files(), recording.pieces) as address:
+    with page_server(viewer_files(), recording.pieces, others=light_contents(board)) as address:
         yield address, taken
 
 

@@ -17,8 +17,8 @@ OTHER_COLOUR: Final = "#4A4F57"
 
 
 def panel_name(k: int) -> str:
-    """Name the panel of a residual: direction and unit."""
-    return f"Residual {'force' if k < 3 else 'moment'}, {DIRECTIONS[k]} ({UNITS[k]})"
+    """Name the panel of a residual as the axes of figures: narrow panels cut the end off."""
+    return f"{AXES[k]} ({UNITS[k]}), {DIRECTIONS[k]}"
 
 
 def draw_curves(
@@ -78,15 +78,14 @@ def log_states(
     changes: Sequence[tuple[float, str]],
     colours: Mapping[str, str],
 ) -> None:
-    """Log the states in a row of the phases, each from a time [s] on; "" is none."""
+    """Log the states in a row, each from a time [s] on; "" is none."""
     if not changes:
         return
     times, states = np.array([time for time, _ in changes]), np.array([[s] for _, s in changes])
-    entity = f"phases/{name}"
-    send(stream, entity, clock(times), rr.StateChange, states != "", state=states)
+    send(stream, name, clock(times), rr.StateChange, states != "", state=states)
     names = list(colours)
     shown = rr.StateConfiguration(values=names, labels=names, colors=rgba(*colours.values()))
-    stream.log(entity, shown, static=True)
+    stream.log(name, shown, static=True)
 
 
 def changes_of(mask: Mask, time: Array, label: str) -> list[tuple[float, str]]:

@@ -39,7 +39,7 @@ LOOPBACK: Final = "127.0.0.1"
 VIEWER_FILES: Final = {"/re_viewer.js": "text/javascript", "/re_viewer_bg.wasm": "application/wasm"}
 """Files of Rerun's page that this one needs, and their types."""
 HEADERS: Final = {
-    "Content-Security-Policy": "frame-ancestors 'none'",  # pages state what they may load
+    "Content-Security-Policy": "frame-ancestors 'self'",  # pages state what they may load
     "Cross-Origin-Resource-Policy": "same-origin",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
@@ -47,6 +47,7 @@ HEADERS: Final = {
 }
 STREAM: Final = "application/octet-stream"
 REPORT: Final = "/report.html"
+LIGHT: Final = "/light"
 Cursor = tuple[str, int]
 """Timeline and value on it: nanoseconds of "time", else a whole number."""
 Content = Callable[[], Iterable[bytes]]
@@ -289,26 +290,35 @@ def page_server(
     """Serve the viewer's files, by path, with a recording; give the address of the page."""
     of_viewer = {path: (kind, [viewer[path]].__iter__) for path, kind in VIEWER_FILES.items()}
     data: Contents = {"/recording.rrd": (STREAM, recording)}
-    page = _page_files("viewer", cursor)
-    return serve({**(others or {}), **page, **of_viewer, **data})
+    others = others or {}
+    page = _page_files("viewer", "/", CURSOR=cursor, LIGHT=LIGHT in others)
+    return serve(others | page | of_viewer | data)
 
 
 def light_server(board: Callable[[], Board], host: str) -> Page:
-    """Serve a page with the light, for a phone or a wall, and the board that it asks for."""
+    """Serve a page with the light, for a phone or a wall."""
+    contents = light_contents(board)
+    return serve(contents | {"/": contents[LIGHT]}, host)
+
+
+def light_contents(board: Callable[[], Board]) -> Contents:
+    """Give the page with the light, and the board that it asks for."""
     bars = {"axes": AXES, "units": UNITS, "limits": HEALTHY_RMS, "full": FULL_SCALE}
 
     def content() -> list[bytes]:
         return [to_json(bars | {"board": board()}, fallback=np.ndarray.tolist)]
 
-    return serve(_page_files("light") | {"/board.json": ("application/json", content)}, host)
+    return _page_files("light", LIGHT) | {"/board.json": ("application/json", content)}
 
 
-def _page_files(name: str, cursor: Cursor | None = None) -> Contents:
-    """Give text and script of a page that are a part of the program."""
+def _page_files(name: str, path: str, **values: object) -> Contents:
+    """Give a page of the program, at a path, and its script, in which names become values."""
     folder = files("pipeline.viewer") / "pages"
-    script = (folder / f"{name}.js").read_bytes().replace(b"CURSOR", json.dumps(cursor).encode())
+    script = (folder / f"{name}.js").read_bytes()
+    for key, value in values.items():
+        script = script.replace(key.encode(), json.dumps(value).encode())
     return {
-        "/": ("text/html", [(folder / f"{name}.html").read_bytes()].__iter__),
+        path: ("text/html", [(folder / f"{name}.html").read_bytes()].__iter__),
         f"/{name}.js": ("text/javascript", [script].__iter__),
     }
 

@@ -218,7 +218,7 @@ def _states(result: TrialResult) -> dict[str, list[tuple[float, str]]]:
     }
     for side in ("left", "right"):
         events = [event for event in result.events if event.side == side]
-        states[f"foot_{side}"] = [(event.time, PHASES[event.label]) for event in events]
+        states[f"{side}_foot"] = [(event.time, PHASES[event.label]) for event in events]
     return states
 
 

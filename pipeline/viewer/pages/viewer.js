@@ -14,6 +14,7 @@ function pausing([timeline, value]) {
   return field(0x32, [...field(0x12, field(0x0a, name)), ...time, 0x28, 1]);
 }
 const asked = new URLSearchParams(location.search);  // links of pages name a trial and an instant
+if (LIGHT) Object.assign(document.getElementById("light"), { src: "light", hidden: false });
 async function start() {
   await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
   window.viewer = new wasm_bindgen.WebHandle({

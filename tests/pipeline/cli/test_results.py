@@ -26,7 +26,7 @@ def test_a_trial_is_shown_where_the_studys_files_are_gone(moved, capsys):
     onsets = read_trial(moved / "trials" / "sub02_sway.parquet").onsets
     chunks = [
         chunk.to_record_batch()
-        for chunk in RrdReader(saved).stream().filter(content="/phases/perturbation")
+        for chunk in RrdReader(saved).stream().filter(content="/perturbation")
         if not chunk.is_static
     ]
     assert len(onsets) > 0

@@ -148,7 +148,10 @@ def test_a_page_shows_what_comes_and_requests_only_what_is_served_here(trial, fr
         state = settled_page(browser)
         assert state.active.startswith("Recording:hbm_residuals_live:")
         assert (state.timeline, state.playing) == ("time", FOLLOWING)
-        assert {"Light", "Legend", panel_name(0), panel_name(5)} <= state.views
+        assert {"Legend", panel_name(0), panel_name(5)} <= state.views
+        view.show_board(BOARD)
+        light = "document.getElementById('light').contentDocument.body.innerText"
+        wait_for(lambda: BOARD.sentence in browser.evaluate(light))  # however late the viewer is
         walk(view, frames, 50, first=FRAMES)
         wait_for(lambda: page_state(browser).time == (FRAMES + 49) * 10_000_000)
         browser.screenshot(tmp_path / "page.png")

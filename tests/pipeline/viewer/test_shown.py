@@ -42,9 +42,8 @@ PATIENCE_S = 30
 PIXELS = 50
 WINDOW = (1000, 600)
 PANELS = {
-    *("Residual force, forward (N)", "Residual force, right (N)", "Residual force, up (N)"),
-    "Residual moment, about forward (N·m)",
-    *("Residual moment, about right (N·m)", "Residual moment, about up (N·m)", "Body and forces"),
+    *("Fx (N), forward", "Fy (N), right", "Fz (N), up"),
+    *("Mx (N·m), about forward", "My (N·m), about right", "Mz (N·m), about up", "Body and forces"),
     *("hip flexion (N·m/kg)", "hip abduction (N·m/kg)", "hip internal rotation (N·m/kg)"),
     *("knee flexion (N·m/kg)", "ankle plantarflexion (N·m/kg)", "ankle pronation (N·m/kg)"),
     *("Gait phases", "Marker errors (mm)", "Summary", "Legend"),
@@ -132,7 +131,7 @@ def test_links_of_a_trial_s_page_open_its_worst_gait_cycles_where_the_viewer_ser
         result = replace(result, condition=condition, key="1")
         write_trial(result, trials / f"{result.name.stem}.parquet")
     page = write_trial_page(result, trials / "sub07_sway.html", study="../report.html")
-    (tmp_path / "report.html").write_text("<body>the report")
+    (tmp_path / "report.html").write_text("<link rel=icon href=data:,><body>the report")
     cycle = worst_cycles(result)[0]
     link = "document.querySelector('a[href^=\"/?\"]')"
     events = f"getComputedStyle({link}).pointerEvents"

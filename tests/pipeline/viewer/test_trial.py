@@ -191,15 +191,15 @@ def test_platform_moves_with_its_pose_and_carries_the_plates(stored, trial):
 def test_phases_change_at_the_events_and_perturbations_begin_at_their_onsets(stored, trial):
     for side in ("left", "right"):
         mine = [event for event in trial.events if event.side == side]
-        entity = f"phases/foot_{side}"
+        entity = f"{side}_foot"
         states = [row[0] for row in stored.rows(entity, "state")]
         phase = {"foot_strike": "stance", "foot_off": "swing"}
         assert states == [phase[event.label] for event in mine]
         np.testing.assert_allclose(stored.times(entity), [event.time for event in mine], atol=1e-9)
-    states = [list(row) for row in stored.rows("phases/perturbation", "state")]
+    states = [list(row) for row in stored.rows("perturbation", "state")]
     assert states == [["perturbation"], [], ["perturbation"], []]
     assert ONSETS_S.tolist() == [1.0, 3.0]
-    np.testing.assert_allclose(stored.times("phases/perturbation"), [1.0, 2.0, 3.0, 4.0])
+    np.testing.assert_allclose(stored.times("perturbation"), [1.0, 2.0, 3.0, 4.0])
 
 
 def test_one_recording_and_its_layout_are_in_the_file_and_verify_passes(written):
