@@ -277,6 +277,8 @@ def view(
         results if results.suffix == RESULT else _result_of(results, subject, condition, number)
     )
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
+    if save and at is not None:
+        raise ValueError("--at: a saved recording opens at its start; leave out --save or --at")
     film = None if video is None else (video, video_offset_s)
 
     def recorded(result: Path, trial: "TrialResult", **more: Any) -> Path:

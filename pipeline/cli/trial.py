@@ -132,6 +132,7 @@ def explain(
 def _explain_trial(request: TrialRequest, out: Path) -> int:
     from pipeline.budgets.explanation import BANDS, SUFFIX, explain, write_bands, write_explanation
     from pipeline.report.trial_page import write_trial_page
+    from pipeline.run.store import write_trial
 
     if request.trial.suffix == RESULT:
         raise ValueError(
@@ -147,6 +148,7 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     write_explanation(explanation, out / f"{name}{SUFFIX}")
     assert bands is not None  # it was not read from a file
     write_bands(bands, out / f"{name}{BANDS}")
+    write_trial(replace(result, condition=name), out / f"{name}{RESULT}")
     page = write_trial_page(
         result, out / f"{name}.html", plates=recording.plates, explanation=explanation
     )
@@ -155,8 +157,8 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
         console.say_notes(warnings)
     print_explanation(explanation, console)
     console.say(
-        f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals "
-        "over time)"
+        f"written to {out}: {page.name}; {name}{SUFFIX} (all numbers), {name}{RESULT} (frames) and "
+        f"{name}{BANDS} (residuals over time)"
     )
     numbers = json.loads((out / f"{name}{SUFFIX}").read_text(encoding="utf-8"))
     OUTPUT.result.update(

@@ -186,7 +186,8 @@ def _line(fault: ErrorDetails, kind: type[BaseModel], place: Sequence[str]) -> s
         return f"{key}: no longer needed: {NO_LONGER_NEEDED[place[-1]]}; remove it"
     if fault["type"] == "extra_forbidden":
         known = _known_keys(kind, fault["loc"][:-1])
-        hint = did_you_mean(place[-1], known) or f"; known: {', '.join(known)}"
+        elsewhere = _place_of(place[-1], kind)
+        hint = elsewhere or did_you_mean(place[-1], known) or f"; known: {', '.join(known)}"
         return f"{key}: unknown key{hint}"
     if fault["type"] == "missing":
         return f"{key}: is missing"
@@ -209,6 +210,15 @@ def _hint(fault: ErrorDetails, key: str) -> str:
     unit = next((unit for suffix, unit in UNITS.items() if key.endswith(suffix)), None)
     beyond = fault["type"] in ("less_than_equal", "greater_than_equal")
     return f" (it is in {unit})" if beyond and unit else ""
+
+
+def _place_of(key: str, kind: type[BaseModel]) -> str:
+    """Say where in a file a key belongs, as the end of a message; empty if nowhere."""
+    if key in kind.model_fields:
+        return "; it belongs above the first [table]"
+    inner = ((name, models_in(field.annotation)) for name, field in kind.model_fields.items())
+    tables = [name for name, models in inner for each in models if key in each.model_fields]
+    return f"; it belongs in [{tables[0]}]" if tables else ""
 
 
 def _known_keys(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:

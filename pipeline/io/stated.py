@@ -59,16 +59,17 @@ def parse_mending(text: str) -> tuple[int, str, str]:
 
 
 def correction(*mendings: str) -> str:
-    """Give what to set in a study for mendings, and the options for one trial.
+    """Give what to set above the tables of ``study.toml``, and the options for one trial.
 
     Examples
     --------
     >>> correction("2: turn 90")
-    'mend_plates = ["2: turn 90"] (--mend-plates "2: turn 90")'
+    'mend_plates = ["2: turn 90"] above the tables of study.toml (--mend-plates "2: turn 90")'
     """
     quoted = [f'"{mending}"' for mending in mendings]
     options = " ".join(f"--mend-plates {each}" for each in quoted)
-    return f"mend_plates = [{', '.join(quoted)}] ({options})"
+    stated = f"mend_plates = [{', '.join(quoted)}]"
+    return f"{stated} above the tables of study.toml ({options})"
 
 
 def parse_plate_units(text: str) -> tuple[str, ...]:

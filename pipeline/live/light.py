@@ -118,7 +118,6 @@ def light(
     not_used: Mapping[Quality, float],
     done: str,
     *,
-    ended: bool = False,
     steady: bool = True,
 ) -> tuple[Colour, str]:
     """Give the light of a session: of all that is wrong, the most urgent has the sentence.
@@ -133,9 +132,7 @@ def light(
     not_used
         Reason -> share of the frames of the last two seconds that are not used for it.
     done
-        The gait cycles used so far, in words.
-    ended
-        Whether these are as many as the session is for.
+        The gait cycles used so far, in words, and what to do once they are enough.
     steady
         Whether frames have come for more than two seconds.
 
@@ -167,6 +164,6 @@ def light(
             shown.append(("stop" if stops else "look", note.light))
     if not shown:
         starting: tuple[Colour, str] = "look", "Starting: wait for two seconds of frames"
-        return ("good", f"{done}: end with Ctrl-C" if ended else done) if steady else starting
+        return ("good", done) if steady else starting
     colour, sentence = next((each for each in shown if each[0] == "stop"), shown[0])
     return colour, f"{sentence} (+{len(shown) - 1} more)" if len(shown) > 1 else sentence

@@ -431,9 +431,9 @@ class Monitor:
         shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
         used, wanted = condition.used, self._required
         noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
-        done = f"{used} of {wanted} {noun} used"
-        shown = light(self.look(), shares, done, ended=used >= wanted, steady=steady)
-        progress = used / wanted, f"{used} / {wanted} {noun}"
+        ended = ": end with Ctrl-C" * (used >= wanted)
+        shown = light(self.look(), shares, f"{used} of {wanted} {noun} used{ended}", steady=steady)
+        progress = used / wanted, f"{used} / {wanted} {noun}{ended}"
         return Board(*shown, *progress, condition.recent_rms, senders(streams))
 
     def status(self) -> str:

@@ -145,25 +145,27 @@ def recordings_table(folder: Path, stated: StudyFile) -> Table:
     """Say which recordings of a laboratory are in its folder, in the order of making them."""
     treadmill, plates = stated.treadmill, stated.plates.calibration
 
-    def finding(*names: str | None) -> list[Check]:
+    def finding(key: str, *names: str | None) -> list[Check]:
         files = [name for name in names if name]
         absent = [name for name in files if not (folder / name).is_file()]
         if files and not absent:
             return [("pass", "done", "; ".join(files))]
-        return [("fail", "missing", "; ".join(absent))]
+        return [("fail", "missing", "; ".join(absent) or f"to state as {key}")]
 
-    beside, checks = finding(*treadmill.beside), finding(treadmill.check)
+    beside = finding("treadmill.beside", *treadmill.beside)
+    checks = finding("treadmill.check", treadmill.check)
     fitted = folder / (treadmill.calibration or "")
     if fitted.is_file():
         if fitted.suffix.lower() == ".json":  # it says what it was fitted to
             of_fit = from_json(read_text(fitted)).provenance.get(BESIDE, "")
-            beside = [("pass", "done", of_fit)] if of_fit else finding()
+            beside = [("pass", "done", of_fit)] if of_fit else finding("--beside of the fit")
         of_checks = "; ".join(read_checks(fitted)["recording"])
         checks = checks if treadmill.check or not of_checks else [("pass", "done", of_checks)]
+    empty = finding("treadmill.calibration", treadmill.calibration)
     rows = [
-        (f"Empty treadmill, signal {ADVISED_PLATFORM_SIGNAL}", finding(treadmill.calibration)),
+        (f"Empty treadmill, signal {ADVISED_PLATFORM_SIGNAL}", empty),
         ("People beside an empty plate: walking, running, on the boards", beside),
-        ("Known weights on the running belts, hbm plates", finding(plates)),
+        ("Known weights on the running belts, hbm plates", finding("plates.calibration", plates)),
         ("Empty treadmill on another day, same signal", checks),
     ]
     return Table("Recordings of the laboratory", ("Recording", "Finding"), rows, "answers")
@@ -275,7 +277,11 @@ def _persons(rows: Sequence[LeftOver]) -> str:
     if not rows:
         return "–"
     lightest = lightest_kg(rows)
-    return "any body mass" if lightest < CHILD_KG else f"{lightest:.0f} kg and heavier"
+    return (
+        "any body mass"
+        if lightest < CHILD_KG
+        else f"{lightest:.0f} kg and heavier: residuals rise by 5 % at most"
+    )
 
 
 def _validity(checks: pd.DataFrame) -> str:
@@ -419,7 +425,7 @@ def check_table(found: CalibrationCheck, empty: EmptyTreadmill) -> Table:
         rows,
         "numbers",
         "A calibration is valid where a new fit removes at most half of the limit more (in "
-        "squares), and zeros have moved no more than zeros do.",
+        "squares), and zeros have moved within their limit or three of their standard deviations.",
     )
 
 

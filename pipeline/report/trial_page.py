@@ -109,12 +109,12 @@ def write_trial_page(
     name = str(of_study) if result.key else result.source.stem
     bands = explanation.budget.bands if explanation is not None else None
     found: list[Block] = [] if explanation is None else [*causes(name, explanation)]
-    viewer = ["hbm", "view", f"{path.stem}.parquet"]
+    viewer = ["hbm", "view", str(path.with_suffix(".parquet"))]
     if study:
-        viewer = ["hbm", "view", "RESULTS", "--subject", of_study.subject]
+        viewer = ["hbm", "view", str(path.parent.parent), "--subject", of_study.subject]
         viewer += ["--condition", of_study.condition]
         viewer += ["--recording", of_study.recording] * bool(of_study.recording)
-    command = command or f"hbm explain {'RESULTS' if study else result.source.name}"
+    command = command or f"hbm explain {path.parent.parent if study else result.source.name}"
     settings = [(k, str(v)) for k, v in result.settings.model_dump().items() if v is not None]
     shown = figure or drawing(residual_figure(result, bands))
     blocks: dict[str, Sequence[Block]] = {

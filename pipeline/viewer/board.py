@@ -35,6 +35,8 @@ SENTENCE: Final = ((64, 24, 3), (48, 33, 4), (34, 46, 6))
 RESIDUALS: Final = "RMS of the last ten cycles (line: healthy)"
 SENDERS: Final = (20, 78)
 """Height of the letters, letters in a line."""
+MAX_DONE: Final = 26
+"""Large letters that have room."""
 BARS: Final = (280, 780)
 """Where all bars begin and are full."""
 ROW, FIRST_ROW = 66, 588
@@ -70,7 +72,9 @@ def draw_board(board: Board) -> Image.Image:
     )
     draw.multiline_text((MARGIN, 185), "\n".join(lines), on_colour, _font(size))
 
-    draw.text((MARGIN, BAND + 14), board.done, BLACK, _font(56))
+    draw.text(
+        (MARGIN, BAND + 14), board.done, BLACK, _font(56 if len(board.done) < MAX_DONE else 36)
+    )
     done = MARGIN + (width - 2 * MARGIN) * min(board.progress, 1.0)
     draw.rectangle((MARGIN, BAND + 90, width - MARGIN, BAND + 110), GREY)
     draw.rectangle((MARGIN, BAND + 90, done, BAND + 110), LIGHTS["good"][0])

@@ -84,7 +84,7 @@ def _typed(tried: Correction) -> str:
     if tried.plate_delay_s is None:
         return f"Set {correction(*tried.mendings)}"
     delay, option_ms = tried.plate_delay_s, 1000 * tried.plate_delay_s
-    return f"Set plate_delay_s = {delay:.3f} (--plate-delay-ms {option_ms:.0f})"
+    return f"Set plate_delay_s = {delay:.3f} in [settings] (--plate-delay-ms {option_ms:.0f})"
 
 
 def _rivals(finding: Finding) -> tuple[Finding, ...]:

@@ -1,10 +1,13 @@
 """What residuals are made of, on the command line."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
 from pipeline.cli.app import main
+from pipeline.run.store import read_trial
 from tests.pipeline import lab
 
 
@@ -16,6 +19,9 @@ def test_a_walk_is_explained_and_the_budget_stored(walker, tmp_path, capsys):
     stored = json.loads((tmp_path / "walk_explained.json").read_text())
     assert stored["budget"]["found_cycles"] >= 3
     assert (tmp_path / "walk_bands.parquet").stat().st_size > 0
+    page = (tmp_path / "walk.html").read_text(encoding="utf-8")
+    shown = re.search(f"hbm view ({re.escape(str(tmp_path))}.*) --at", page)
+    assert read_trial(Path(shown[1])).condition == "walk"
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,8 @@ def moved(finished, tmp_path):
 def test_a_trial_is_shown_where_the_studys_files_are_gone(moved, capsys):
     saved = moved / "sway.rrd"
     command = ["view", str(moved), "--subject", "sub02", "--condition", "sway"]
+    assert main([*command, "--save", str(saved), "--at", "3"]) == 2  # no file holds the instant
+    assert not saved.exists()
     assert main([*command, "--save", str(saved)]) == 0
     assert "recording:" in capsys.readouterr().out
     onsets = read_trial(moved / "trials" / "sub02_sway.parquet").onsets

@@ -59,14 +59,17 @@ def test_shoes_are_of_a_subject_and_their_sole_has_no_effect_without_their_mass(
 def test_all_faults_of_all_files_are_reported_at_once(write):
     faults = faults_of(
         write(
-            '[settings]\ncutof_hz = 6.0\nfilter = "zerophase"\n[conditions.walk]\ncycles = 0\n',
+            'cutoff_hz = 6.0\n[settings]\ncutof_hz = 6.0\nfilter = "zerophase"\n'
+            'mend_plates = ["2: turn 90"]\n[conditions.walk]\ncycles = 0\n',
             a='id = "a"\nsex = "femal"\nheight_m = 178\n[trials.wak]\nfile = "wlk.c3d"\n',
             b="mass_kg = 70\nid = \n",
             c='id = "c"\nmass_kg = "70"\n',
         )
     )
     expected = [
+        "study.toml: cutoff_hz: unknown key; it belongs in [settings]",
         "study.toml: settings.cutof_hz: unknown key, did you mean 'cutoff_hz'?",
+        "study.toml: settings.mend_plates: unknown key; it belongs above the first [table]",
         "study.toml: settings.filter: input should be 'realtime' or 'zero_phase', "
         "got 'zerophase', did you mean 'zero_phase'?",
         "study.toml: conditions.walk.cycles: input should be greater than or equal to 1, got 0",

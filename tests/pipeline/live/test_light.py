@@ -35,7 +35,8 @@ def test_the_light_names_each_frequent_fault_and_what_to_do(laboratory, fault):
     if fault == "forward force doubled":  # also about mid-hip; its cycles are used
         assert board.progress >= 1
         assert np.flatnonzero(board.rms["measured"] > HEALTHY_RMS).tolist() == [0, 4, 5]
-    assert board.done == f"{round(REQUIRED * board.progress)} / {REQUIRED} gait cycles"
+    ended = ": end with Ctrl-C" * (board.progress >= 1)
+    assert board.done == f"{round(REQUIRED * board.progress)} / {REQUIRED} gait cycles{ended}"
 
 
 def test_the_light_is_good_again_once_the_fault_is_mended(laboratory):
@@ -122,10 +123,9 @@ def test_every_reason_for_which_frames_are_not_used_and_every_kind_has_a_sentenc
 @given(
     shares=st.dictionaries(st.sampled_from([*OF_FRAMES]), st.floats(0, 1)),
     markers=st.lists(st.sampled_from(["LASIS", "RASIS", "SACR"]), unique=True),
-    ended=st.booleans(),
 )
-def test_the_light_is_never_good_while_something_is_wrong(shares, markers, ended):
-    colour, sentence = light(map(gone, markers), shares, DONE, ended=ended)
+def test_the_light_is_never_good_while_something_is_wrong(shares, markers):
+    colour, sentence = light(map(gone, markers), shares, DONE)
     faults = bool(markers) or any(share > 0.1 for share in shares.values())
     assert (colour != "good") == faults
     assert len(sentence.split()) <= 20

@@ -159,7 +159,7 @@ def test_a_calibration_that_leaves_four_fifths_of_a_limit_is_for_persons_of_60_k
         calibration, plates={"plate 1": replace(model, rms_slow=slow)}, correlation=None
     )
     answers = dict(calibration_verdict(poorer, fitted / "lab.json").rows)
-    assert answers["Persons"] == "60 kg and heavier"
+    assert answers["Persons"].startswith("60 kg and heavier")
 
 
 def test_the_page_says_up_to_which_sway_and_pitch_the_calibration_is_fit(fitted):
