@@ -139,8 +139,8 @@ def test_requests_to_stop_that_are_recorded_interrupt_nothing_however_close_they
     ("words", "suffix", "number"),
     [
         ("residuals {study}/sub01_sway.c3d --out {out} --json", ".svg", signal.SIGINT),
-        ("report {out}", ".csv", signal.SIGTERM),
-        ("export {study} --format c3d --out {out}", ".c3d", signal.SIGINT),
+        ("report {out} --no-pages", ".csv", signal.SIGTERM),
+        ("export {study}/sub01_sway.c3d --format tables --out {out}", ".csv", signal.SIGINT),
     ],
 )
 def test_any_command_that_is_stopped_says_so_and_leaves_no_half_written_file(
