@@ -46,7 +46,7 @@ def written_test(row: Any) -> str:
     factor = row.epsilon if row.correction == GREENHOUSE_GEISSER else 1.0
     known = (factor * df for df in (row.df1, row.df2) if not isnan(df))
     degrees = [f"{df:.2f}".rstrip("0").rstrip(".") for df in known]
-    p = format_p(row.p_corrected).rstrip("*").replace("0.", ".", 1)  # APA: no zero before it
+    p = format_p(row.p_corrected).rstrip("*")
     p = p.replace("<", "< ") if p.startswith("<") else f"= {p}"
     text = f"{STATISTICS[row.statistic_name]}({', '.join(degrees)}) = {row.statistic:.2f}, p {p}"
     if isnan(row.effect_size):

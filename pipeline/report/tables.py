@@ -36,6 +36,8 @@ WINDOWS: Final = {
     "motion": "the time from the onset of each perturbation for which the platform moves fast",
 }
 """Window -> what counts."""
+TABLE_III: Final = "Table III. "
+"""Before the caption of the thesis' table."""
 
 
 def residual_tables(
@@ -62,7 +64,7 @@ def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
     in_two_lines = ([cell.replace(" [", "\n[") for cell in own] for own in columns)
     rows = tuple(zip(*in_two_lines, strict=True))
     of_thesis = design.compensated and design.conditions == EXPERIMENT_3.conditions
-    caption = "Table III. " * of_thesis + "RMS residuals, mean ± SD over n subjects"
+    caption = TABLE_III * of_thesis + "RMS residuals, mean ± SD over n subjects"
     return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
 
 
