@@ -58,6 +58,11 @@ def listed(names: Iterable[object], most: int = MAX_LISTED) -> str:
     return f"{', '.join(every[:most])}{more}" if every else "none"
 
 
+def counted(count: int, noun: str) -> str:
+    """Give a number of things, as in "1 plate" and "4 plates"."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def join_names(names: Sequence[str]) -> str:
     """Join names as in a sentence, with "and" before the last."""
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-from hbm.spelling import join_names
+from hbm.spelling import counted, join_names
 from pipeline.config.schema import NOUNS
 from pipeline.report.blocks import Table, table_of
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
@@ -175,7 +175,7 @@ def reliability_tables(found: pd.DataFrame, design: Design) -> list[Table]:
 def numbers(counts: pd.Series, noun: str) -> str:
     """Write the range of counts with their noun, such as "3 to 5 recordings"."""
     low, high = int(counts.min()), int(counts.max())
-    return f"{low} {noun}{'s' * (low != 1)}" if low == high else f"{low} to {high} {noun}s"
+    return counted(low, noun) if low == high else f"{low} to {high} {noun}s"
 
 
 def described(window: str) -> str:

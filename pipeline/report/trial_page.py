@@ -174,7 +174,7 @@ def findings_table(result: TrialResult) -> Table | None:
     if not result.findings:
         return None
     rows = [row_of(finding, result.plates, result.motion.time) for finding in result.findings]
-    heads = ("Finding", "Size, 95 % interval", "Evidence", "Correction changes", "What to do")
+    heads = ("Finding", "Size; where estimated, 95 % interval", "Evidence", "Correction changes", "What to do")
     return Table(
         "Plates",
         heads,
