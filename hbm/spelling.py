@@ -58,9 +58,9 @@ def listed(names: Iterable[object], most: int = MAX_LISTED) -> str:
     return f"{', '.join(every[:most])}{more}" if every else "none"
 
 
-def counted(count: int, noun: str) -> str:
-    """Give a number of things, as in "1 plate" and "4 plates"."""
-    return f"{count} {noun}{'s' * (count != 1)}"
+def counted(number: int, noun: str) -> str:
+    """Give a number with its noun, "1 trial" or "2 trials"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def join_names(names: Sequence[str]) -> str:

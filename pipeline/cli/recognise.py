@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Final
 
 from hbm.spelling import counted, listed
-from pipeline.cli.output import counted
 
 CALIBRATIONS: Final = ("calibration/", "validation/")
 

@@ -35,7 +35,9 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
         title, reference, _ = reference_of(shown)
         above = [row.axis for row in shown if row.rms > reference[row.axis]]
         beyond = [
-            row for row in threshold_rows(result) if row.compensated == compensated and not row.passed
+            row
+            for row in threshold_rows(result)
+            if row.compensated == compensated and not row.passed
         ]
         peaks = "peaks within Hicks et al. (2015) limits"
         if beyond:

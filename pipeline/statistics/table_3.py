@@ -158,6 +158,12 @@ def format_p(p: float, alpha: float = 0.05) -> str:
     return f"{p:.{decimals}f}".removeprefix("0") + "*" * (p < alpha)
 
 
+def p_equation(p: float) -> str:
+    """Write a p-value in a sentence, such as "p = .012"."""
+    written = format_p(p).rstrip("*")
+    return f"p {written}".replace("<", "< ") if "<" in written else f"p = {written}"
+
+
 Column = tuple[str, list[str]]
 """A column of Table III as it is printed: its head and its text in every row."""
 

@@ -131,7 +131,9 @@ def test_the_primary_analysis_comes_first_as_a_paper_has_it(page, folder):
     columns, share = re.search(r"\*\{(\d+)\}.*?p\{(.*?)\\linewidth", latex).groups()
     assert int(columns) * (float(share) + 2 * 0.004) <= 1
     assert latex.count(r"\label{tab:residuals-1}") == latex.count(r"\begin{sidewaystable}") == 1
-    assert [section.page_width.mm for section in document.sections] == pytest.approx([210, 297], abs=0.1)
+    assert [section.page_width.mm for section in document.sections] == pytest.approx(
+        [210, 297], abs=0.1
+    )
     assert document.core_properties.author == ""
     captions = [b.text for b in document.paragraphs if b.style.name == "Caption"]
     assert captions[0].startswith("Table 1. RMS residuals")
