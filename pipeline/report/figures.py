@@ -46,8 +46,8 @@ from pipeline.trial.residuals import AXES
 
 GREY: Final = "#BBBBBB"
 """Colour of the part of the gait cycle that counts."""
-REFERENCE_LINE: Final = 0.6
-"""Width of curves of the reference beside those of a condition, of that of the others."""
+WIDTHS: Final = {True: 0.5, False: 1.25}
+"""Of curves of the reference and of the condition beside it, of the usual width."""
 THIN_LINE_PT: Final = 0.7
 NEAR: Final = 0.5
 """Of the least value in a panel: intervals that end above have both ends on its axis."""
@@ -191,7 +191,7 @@ def gait_cycle_figure(
             (colour, style), width = condition_style(order.index(name)), 1.0
             if design.compensated:
                 colour, style = VARIANTS[compensated].colour, VARIANTS[compensated].line
-                width = REFERENCE_LINE if name != condition else 1.0
+                width = WIDTHS[name != condition]
             cell = design.cell(name, compensated)
             compared = cell in (design.judged(condition), design.reference_cell)
             width *= mpl.rcParams["lines.linewidth"]
@@ -305,7 +305,7 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> tuple[Array
     )
     drawn: Any = {"color": variant.colour, "marker": variant.marker, "label": variant.label}
     panel.errorbar(x, rms.mean(), half.fillna(0), ls=variant.line, ms=4, capsize=3, **drawn)
-    return x, np.asarray(rms.mean() - half), np.asarray(rms.mean() + half)
+    return x, *(np.asarray(rms.mean() + sign * half) for sign in (-1, 1))
 
 
 def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:

@@ -47,7 +47,7 @@ def _latex_table(table: Table, number: int) -> Iterator[str]:
     yield rf"\begin{{tabular}}{{*{{{len(table.heads)}}}{{{column}}}}}"
     yield r"\toprule"
     for k, texts in enumerate((table.heads, *table.rows)):
-        yield " & ".join(_latex(text) for text in texts) + r" \\" + r" \midrule" * (k == 0)
+        yield " & ".join(_latex(str(text)) for text in texts) + r" \\" + r" \midrule" * (k == 0)
     yield "\\bottomrule\n\\end{tabular}\n\\par\\smallskip"
     yield _latex(table.legend)
     yield rf"\end{{{kind}}}"
