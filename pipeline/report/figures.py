@@ -298,14 +298,15 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> tuple[Array
     n = rms.count()
     quantile = -scipy.special.stdtrit((n - 1).clip(lower=1), TAIL)
     half = quantile * rms.std() / np.sqrt(n)
-    x = np.arange(len(rms.columns)) + variant.offset
+    x = np.arange(len(rms.columns), dtype=np.float64) + variant.offset
     lines = [np.column_stack([x, of_subject]) for of_subject in rms.to_numpy()]
     panel.add_collection(
         LineCollection(lines, colors=variant.colour, linewidths=THIN_LINE_PT, alpha=0.3)
     )
     drawn: Any = {"color": variant.colour, "marker": variant.marker, "label": variant.label}
     panel.errorbar(x, rms.mean(), half.fillna(0), ls=variant.line, ms=4, capsize=3, **drawn)
-    return x, *(np.asarray(rms.mean() + sign * half) for sign in (-1, 1))
+    low, high = (np.asarray(rms.mean() + sign * half, np.float64) for sign in (-1, 1))
+    return x, low, high
 
 
 def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:

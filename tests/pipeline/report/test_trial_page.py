@@ -17,7 +17,7 @@ from pipeline.run import load
 from pipeline.run.store import read_trial, write_trial
 from pipeline.trial.findings.finding import Correction, Finding
 from pipeline.trial.findings.raw import RawFault
-from pipeline.trial.findings.words import note_of
+from pipeline.trial.findings.words import note_of, row_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.residuals import (
     AXES,
@@ -113,6 +113,11 @@ def test_a_pose_is_compared_with_walking_nowhere(trial, tmp_path):
     first, *_ = verdict_lines(pose)
     assert first.startswith("No gait cycles to compare with healthy walking; peak")
     assert "Healthy" not in text_of(write_trial_page(pose, tmp_path / "pose.html"))
+
+
+def test_an_offset_of_a_plate_has_its_unit():
+    size = row_of(Finding("zero", (1,), "", (12.0,), ()), (), np.zeros(0)).size
+    assert size.splitlines()[0] == "plate 1 Fz +12 N"
 
 
 def test_a_single_gait_cycle_has_no_spread():
