@@ -76,7 +76,7 @@ def joint_figure(
                 band = mean[:, columns[column], row], spread[:, columns[column], row]
                 draw_band(panel, percent, *band, colour, label=label, ls=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
-            above, beside = heads[column], [*QUANTITIES.values()][row]
+            above, beside = heads[column], [*QUANTITIES.values()][row].replace(" ", "\n", 1)
             below = "gait\N{NO-BREAK SPACE}cycle (%)"
             if turned:  # a panel may be as wide as a word; p has its own line
                 texts = (beside, above, below)

@@ -48,7 +48,7 @@ FORCES: Final = (
 )
 JOINTS: Final = (
     "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot strike. "
-    "Internal moments by body mass, positive in the direction in which the angle grows. Healthy: "
+    "Internal moments by body mass, positive in the direction (+) in which the angle grows. Healthy: "
     "Pinzone et al. (2014)."
 )
 

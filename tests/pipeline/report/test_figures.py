@@ -252,6 +252,13 @@ def test_a_residuals_axis_has_its_unit_and_direction(every):
     assert labels[4] == "RMS My (N·m),\nabout right"
 
 
+def test_axes_of_joints_have_unit_sign_and_whose_moments_they_are(every):
+    figure = every["joints_sway"]()
+    first = [panel.get_ylabel() for panel in figure.axes if panel.get_ylabel()]
+    assert first[1] == "internal\nmoment (N·m/kg)"
+    assert figure.axes[0].get_title(loc="left").split() == ["hip", "flexion", "+"]
+
+
 def test_in_one_column_forces_are_beside_moments(every):
     figure = every["gait_cycle_sway"](look=Figures(width_mm=85.0))
     labels = [panel.get_ylabel().split()[1] for panel in figure.axes]
