@@ -48,8 +48,8 @@ FORCES: Final = (
 )
 JOINTS: Final = (
     "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot strike. "
-    "Internal moments by body mass, positive in the direction (+) in which the angle grows. Healthy: "
-    "Pinzone et al. (2014)."
+    "Internal moments by body mass, positive in the direction (+) in which the angle grows. "
+    "Healthy: Pinzone et al. (2014)."
 )
 
 
