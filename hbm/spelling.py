@@ -58,6 +58,11 @@ def listed(names: Iterable[object], most: int = MAX_LISTED) -> str:
     return f"{', '.join(every[:most])}{more}" if every else "none"
 
 
+def counted(number: int, noun: str) -> str:
+    """Give a number with its noun, "1 trial" or "2 trials"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def join_names(names: Sequence[str]) -> str:
     """Join names as in a sentence, with "and" before the last."""
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import Array
-from hbm.spelling import listed, written
+from hbm.spelling import counted, listed, written
 from pipeline.explain.budget import Budget, EstimatedCause, SharedCause, alike_in_plates
 from pipeline.explain.cause import OF_PERSON, UNSEEN, groups
 from pipeline.explain.linearise import MIN_CYCLES
@@ -267,7 +267,8 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Row]]:
     plates = "compensated plates" if budget.compensated else "plates as measured"
     counts = "no gait cycles"
     if budget.cycles:
-        counts = f"{budget.cycles} of {budget.found_cycles} gait cycles of one side"
+        found = counted(budget.found_cycles, "gait cycle")
+        counts = f"{budget.cycles} of {found} of one side"
     title = f"Causes of the pelvis residuals of {budget.source.name}, {plates}, {counts}"
     interval = [f"{low:.1f}–{high:.1f}" for low, high in zip(budget.low, budget.high, strict=True)]
     rows: list[Row] = [("RMS", tuple(f"{value:.1f}" for value in budget.rms))]

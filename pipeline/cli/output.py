@@ -102,11 +102,6 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-def counted(number: int, noun: str) -> str:
-    """Give a number with its noun, "1 trial" or "2 trials"."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def tables_in(folder: Path) -> dict[str, Any]:
     """Give the CSV tables of a folder for JSON, by their names, if --json asks for them."""
     if not OUTPUT.json:

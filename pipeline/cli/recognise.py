@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from hbm.spelling import listed
-from pipeline.cli.output import counted
+from hbm.spelling import counted, listed
 
 CALIBRATIONS: Final = ("calibration/", "validation/")
 
@@ -140,6 +139,7 @@ def _recording(path: Path) -> Recognised:
     elif plates:
         fitted = f"hbm calibration fit {path} --out calibration.json"
         uses = fitted, f"hbm calibration check CALIBRATION {path}"
-    seconds, count = len(markers.time) / markers.rate_hz, f"{len(plates) or 'no'} plates"
+    seconds = len(markers.time) / markers.rate_hz
+    count = counted(len(plates), "plate") if plates else "no plates"
     what = f"a {kind} recording, {seconds:.1f} s, {len(markers.names)} markers, {count}"
     return Recognised(what, uses, walking)

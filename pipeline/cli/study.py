@@ -10,9 +10,9 @@ from rich.table import Table
 from rich.text import Text
 from typer import Argument, Option
 
-from hbm.spelling import listed, printable
+from hbm.spelling import counted, listed, printable
 from pipeline.cli.options import RESULT, Jobs, Out, ResultsFolder, StudyFolder
-from pipeline.cli.output import OUTPUT, counted, plain_notes
+from pipeline.cli.output import OUTPUT, plain_notes
 from pipeline.cli.stopping import stoppable
 from pipeline.cli.terminal import (
     PlainConsole,

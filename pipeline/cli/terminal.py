@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.notes import Note, provenance, warnings_of
-from hbm.spelling import listed, printable
-from pipeline.cli.output import OUTPUT, counted
+from hbm.spelling import counted, listed, printable
+from pipeline.cli.output import OUTPUT
 from pipeline.cli.stopping import stoppable
 
 if TYPE_CHECKING:

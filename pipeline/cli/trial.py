@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from hbm.notes import warnings_of
-from hbm.spelling import listed
+from hbm.spelling import counted, listed
 from pipeline.cli.options import (
     RESULT,
     Jobs,
@@ -21,7 +21,7 @@ from pipeline.cli.options import (
     require_no_options,
     takes,
 )
-from pipeline.cli.output import OUTPUT, counted, plain_notes
+from pipeline.cli.output import OUTPUT, plain_notes
 from pipeline.cli.request import TrialRequest, chain_of, process
 from pipeline.cli.terminal import (
     PlainConsole,

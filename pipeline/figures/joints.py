@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 LEG: Final = tuple(m for m in JOINT_MOTIONS if m.joint in ("hip", "knee", "ankle"))
 UPPER_BODY: Final = tuple(m for m in JOINT_MOTIONS if m not in LEG)
 PANEL_INCH: Final = (2.2, 1.7)
+QUANTITIES: Final = {
+    "angle": "angle (deg)",
+    "moment": "internal moment (N·m/kg)",
+    "power": "generated power (W/kg)",
+}
+"""Each of `CURVES` with its unit, and what is positive."""
 GAPS: Final = "; gaps: load of the foot, or pose, unknown in most gait cycles"
 """Moments are unknown where it is uncertain whose foot is on a plate, or none carries it."""
 NORMS: Final = Path(__file__).with_name("healthy.csv")
@@ -55,12 +61,13 @@ def joint_figure(
     ``healthy`` is as of `healthy_bands`, drawn behind.
     """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
-    heads = [f"{motion.joint} {motion.direction}" for motion in motions]
-    quantities = [f"{name} ({unit})" for name, unit in CURVES.items()]
+    # "+": that direction is positive
+    heads = [f"{motion.joint} {motion.direction}\N{NO-BREAK SPACE}+" for motion in motions]
+    turned = look.width_mm is not None
     percent = np.linspace(0, 100, 101)
     with in_style(look):
         gaps = ""
-        figure, panels = panel_grid(len(CURVES), len(motions), PANEL_INCH, look)
+        figure, panels = panel_grid(len(CURVES), len(motions), PANEL_INCH, look, turned=turned)
         panels[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for label, colour, linestyle, mean, spread in curves:
             if np.isnan(mean[:, columns]).any():
@@ -69,11 +76,11 @@ def joint_figure(
                 band = mean[:, columns[column], row], spread[:, columns[column], row]
                 draw_band(panel, percent, *band, colour, label=label, ls=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
-            above, beside, below = heads[column], quantities[row], "gait\N{NO-BREAK SPACE}cycle (%)"
-            if look.of_one_column:
-                above, beside = beside, above
-            if look.width_mm is not None:  # a panel is as wide as a word; p has its own line
-                above, beside, below = (text.replace(" ", "\n") for text in (above, beside, below))
+            above, beside = heads[column], [*QUANTITIES.values()][row].replace(" ", "\n", 1)
+            below = "gait\N{NO-BREAK SPACE}cycle (%)"
+            if turned:  # a panel may be as wide as a word; p has its own line
+                texts = (beside, above, below)
+                above, beside, below = (text.replace(" ", "\n") for text in texts)
                 above += "\n" * any(differing.values())
             if panel.get_subplotspec().is_first_row():
                 panel.set_title(above, loc="left")
@@ -89,5 +96,5 @@ def joint_figure(
                 usual, sd = healthy[shown]
                 panel.fill_between(percent, usual - sd, usual + sd, **HEALTHY)
         legend_below(figure, panels[0, 0])
-        add_title(figure, title + gaps)
+        add_title(figure, title + gaps, look)
     return figure

@@ -13,7 +13,15 @@ from matplotlib.figure import Figure
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
 from pipeline.config.schema import Figures
-from pipeline.figures.style import BAND_OPACITY, COLOURS, PAGE, add_title, in_style, letters_in
+from pipeline.figures.style import (
+    BAND_OPACITY,
+    COLOURS,
+    LINES,
+    PAGE,
+    add_title,
+    in_style,
+    letters_in,
+)
 from pipeline.trial.gait.events import event_times
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, reported, worst_cycles
@@ -33,7 +41,7 @@ MAX_SAMPLES: Final = 800
 PANEL_INCH: Final = (9.0, 0.9)
 SIX_PANELS_INCH: Final = (3.2, 2.35)
 OTHERS_INCH: Final = 0.9, 1.5
-"""Height of title, legend and labels together, on a page and where lines are short."""
+"""Height of title, legend and labels together, on a page and in a journal."""
 KEY_LETTERS: Final = 8
 """Width of a line and of gaps beside its label in a legend, in letters."""
 LINE_INCH: Final = 0.2
@@ -47,6 +55,8 @@ FEW_PANELS: Final = 6
 LETTERS_PER_TICK: Final = 8
 """Width of a narrow panel, with its margin, for each interval."""
 MM_PER_INCH: Final = 25.4
+MAX_HEIGHT_MM: Final = 225.0
+"""Of a figure in a journal, whose caption is below it."""
 
 
 def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure:
@@ -84,7 +94,8 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
         for k, panel in enumerate(grid[2:].flat):
             for variant, dynamics in result.variants.items():
                 value = np.where(settled, reported(dynamics.residual)[shown, k], np.nan)
-                panel.plot(time, value, color=COLOURS[variant], lw=0.9, label=variant)
+                style = {"lw": 0.9, "ls": LINES[variant] if len(result.variants) > 1 else "-"}
+                panel.plot(time, value, color=COLOURS[variant], label=variant, **style)
             if spread is not None:
                 low, high = value - spread[shown, k], value + spread[shown, k]
                 panel.fill_between(
@@ -144,19 +155,27 @@ def _draw_phases(figure: Figure, result: TrialResult, time: Array, used: Mask) -
 
 
 def panel_grid(
-    rows: int, columns: int, panel_inch: tuple[float, float], look: Figures = PAGE
+    rows: int,
+    columns: int,
+    panel_inch: tuple[float, float],
+    look: Figures = PAGE,
+    *,
+    turned: bool | None = None,
 ) -> tuple[Figure, Any]:
     """Give a figure of rows and columns of panels; the lowest ones show the axis of all.
 
-    In one column of a journal the rows stand beside each other.
+    Turned, by default in one column of a journal, the rows stand beside each other.
     """
-    shape = (columns, rows) if look.of_one_column else (rows, columns)
+    turned = look.of_one_column if turned is None else turned
+    shape = (columns, rows) if turned else (rows, columns)
     size = np.multiply(panel_inch, shape[::-1])
+    others = OTHERS_INCH[look != PAGE]
     if look.width_mm is not None:
         size *= look.width_mm / MM_PER_INCH / size[0]
-    size_inch = float(size[0]), float(size[1]) + OTHERS_INCH[look != PAGE]
+        size[1] = min(size[1], MAX_HEIGHT_MM / MM_PER_INCH - others)
+    size_inch = float(size[0]), float(size[1]) + others
     figure, panels = pickle.loads(_stored_grid(*shape, size_inch, look))
-    return figure, panels.T if look.of_one_column else panels
+    return figure, panels.T if turned else panels
 
 
 @cache

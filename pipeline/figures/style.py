@@ -20,8 +20,9 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 from matplotlib.text import Text
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import ArrayLike
+from PIL import Image
 
 from hbm.spatial import Array
 from pipeline.config.schema import FIGURE_FORMATS, FigureFormat, Figures
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 COLOURS: Final = {"measured": "#D55E00", "compensated": "#0072B2"}
 """Vermilion and blue mean plates as measured and compensated, in every figure and in the viewer."""
+LINES: Final = {"measured": "--", "compensated": "-"}
+"""Of both where they are drawn together, so that they differ without colours."""
 PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """All others of the colour-blind safe palette of Okabe and Ito but yellow: conditions, plates …"""
 LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
@@ -46,7 +49,7 @@ PAGE: Final = Figures()
 """Figures on the pages of a report; all others where nothing is stated of them."""
 DPI: Final = 150, 300
 """Resolution of PNG on a page, 1400 pixels across it, and the least that journals take."""
-P_VALUE: Final = re.compile(r"\b(p [=<] ?0?)\.(?=\d)")
+P_VALUE: Final = re.compile(r"\b(p [=<] ?)0?\.(?=\d)")
 LETTER: Final = 0.58
 """Mean width of a letter, of its size."""
 FAST: Final = 1
@@ -55,7 +58,7 @@ PRINTERS: Final[Any] = {
     "pdf": (FigureCanvasPdf, "print_pdf", {"metadata": {"CreationDate": None}}),
     "svg": (FigureCanvasSVG, "print_svg", {"metadata": {"Date": None}}),
     "png": (FigureCanvasAgg, "print_png", {"pil_kwargs": {"compress_level": FAST}}),
-    "tiff": (FigureCanvasAgg, "print_tif", {"pil_kwargs": {"compression": "tiff_lzw"}}),
+    "tiff": (FigureCanvasAgg, "print_tif", {}),
 }
 
 FONTS: Final = ("DejaVu Sans", "Arial Unicode MS", "Noto Sans CJK JP", "Hiragino Sans", "Yu Gothic")
@@ -134,7 +137,7 @@ def draw_differences(panel: Axes, parts: "Iterable[CurveDifference]") -> None:
         panel.axvspan(start, stop, *BAR, color="black", lw=0, clip_on=False)
         smallest = min(smallest, part.p)
     if smallest < 1.0:
-        text = "p < 0.001" if smallest < 0.001 else f"p = {smallest:.3f}"
+        text = "p < .001" if smallest < 0.001 else f"p = {smallest:.3f}".replace("0.", ".")
         panel.set_title(text, loc="right", fontsize="small")
 
 
@@ -147,7 +150,7 @@ def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
     panel.set_ylim(*np.exp([middle - half, middle + half]))
     panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     panel.yaxis.set_major_formatter("{x:g}")
-    panel.yaxis.set_minor_formatter("")
+    panel.yaxis.set_minor_locator(NullLocator())
 
 
 def letters_in(inch: float) -> int:
@@ -155,9 +158,14 @@ def letters_in(inch: float) -> int:
     return int(inch * 72 / (LETTER * mpl.rcParams["font.size"]))
 
 
-def add_title(figure: Figure, title: str) -> None:
-    """Put a title above all panels, in as many lines as it needs."""
-    figure.suptitle(textwrap.fill(title, letters_in(figure.get_figwidth() / 1.2)))
+def add_title(figure: Figure, title: str, look: Figures = PAGE) -> None:
+    """Put a title above all panels, in as many lines as it needs.
+
+    In a figure for a journal, which has it in the caption, it is the label of the figure alone.
+    """
+    figure.set_label(title)
+    if look.width_mm is None:
+        figure.suptitle(textwrap.fill(title, letters_in(figure.get_figwidth() / 1.2)))
 
 
 def save_figure(figure: Figure, path: Path, look: Figures = PAGE) -> str:
@@ -183,7 +191,7 @@ def _write_commas(figure: Figure) -> None:
     for panel in figure.axes:
         panel.yaxis.set_major_formatter(lambda y, _: f"{y:g}".replace(".", ",").replace("-", "−"))
     for text in figure.findobj(Text):
-        text.set_text(P_VALUE.sub(r"\1,", text.get_text()))
+        text.set_text(P_VALUE.sub(r"\g<1>0,", text.get_text()))
 
 
 def drawing(figure: Figure, kind: FigureFormat = "svg") -> str:
@@ -199,6 +207,10 @@ def _printed(figure: Figure, kind: FigureFormat, look: Figures) -> bytes:
     with in_style(look):
         getattr(canvas(figure), method)(target, **options)
     figure.set_layout_engine("none")  # the same layout in all files
+    if kind == "tiff":  # as journals ask: without transparency
+        image, target = Image.open(target), BytesIO()
+        dpi = figure.dpi, figure.dpi
+        image.convert("RGB").save(target, "TIFF", compression="tiff_lzw", dpi=dpi)
     return target.getvalue()
 
 

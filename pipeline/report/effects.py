@@ -6,7 +6,7 @@ from typing import Any, Final
 import pandas as pd
 
 from pipeline.report.blocks import Table
-from pipeline.statistics.table_3 import format_p
+from pipeline.statistics.table_3 import p_equation
 from pipeline.trial.residuals import AXES, rows_of
 
 STATISTICS: Final = {"F": "F", "chi2": "χ²"}
@@ -46,9 +46,8 @@ def written_test(row: Any) -> str:
     factor = row.epsilon if row.correction == GREENHOUSE_GEISSER else 1.0
     known = (factor * df for df in (row.df1, row.df2) if not isnan(df))
     degrees = [f"{df:.2f}".rstrip("0").rstrip(".") for df in known]
-    p = format_p(row.p_corrected).rstrip("*").replace("0.", ".", 1)  # APA: no zero before it
-    p = p.replace("<", "< ") if p.startswith("<") else f"= {p}"
-    text = f"{STATISTICS[row.statistic_name]}({', '.join(degrees)}) = {row.statistic:.2f}, p {p}"
+    text = f"{STATISTICS[row.statistic_name]}({', '.join(degrees)}) = {row.statistic:.2f}, "
+    text += p_equation(row.p_corrected)
     if isnan(row.effect_size):
         return text
     low, high = (f"{bound:.2f}" for bound in (row.ci_low, row.ci_high))

@@ -25,6 +25,7 @@ from pipeline.figures.residuals import (
 )
 from pipeline.figures.style import (
     COLOURS,
+    LINES,
     PAGE,
     add_title,
     condition_style,
@@ -40,14 +41,16 @@ from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.curves import CurveDifference, parts_of
 from pipeline.statistics.design import TAIL, Design, Weigh
 from pipeline.statistics.recordings import subject_means
-from pipeline.statistics.table_3 import format_p
+from pipeline.statistics.table_3 import p_equation
 from pipeline.trial.residuals import AXES
 
 GREY: Final = "#BBBBBB"
 """Colour of the part of the gait cycle that counts."""
-MIDDLE_LINE: Final = 0.6
-"""Width of curves that are not compared, of that of the others."""
+WIDTHS: Final = {True: 0.5, False: 1.25}
+"""Of curves of the reference and of the condition beside it, of the usual width."""
 THIN_LINE_PT: Final = 0.7
+NEAR: Final = 0.5
+"""Of the least value in a panel: intervals that end above have both ends on its axis."""
 MAX_LABELS: Final = 0.6
 """Share of a panel's width, with its margin, that names of conditions may fill side by side."""
 OFFSET: Final = 0.05
@@ -59,13 +62,14 @@ class Variant(NamedTuple):
 
     label: str
     colour: str
+    line: str
     marker: str
     offset: float
 
 
 VARIANTS: Final = {
-    False: Variant("no IC", COLOURS["measured"], "s", -OFFSET),
-    True: Variant("IC", COLOURS["compensated"], "o", OFFSET),
+    False: Variant("no IC", COLOURS["measured"], LINES["measured"], "s", -OFFSET),
+    True: Variant("IC", COLOURS["compensated"], LINES["compensated"], "o", OFFSET),
 }
 
 
@@ -170,8 +174,8 @@ def gait_cycle_figure(
     -------
     matplotlib.figure.Figure
         Six panels: mean over subjects of the RMS over gait cycles at each percent, on logarithmic
-        axes, ± SD of the two cells that are compared. Colours mean compensation, where there is
-        any, and line styles conditions.
+        axes, ± SD of the two cells that are compared. Colours and line styles mean compensation
+        and thin lines the reference; without compensation, colours and line styles conditions.
     """
     shown = curves[curves["condition"].isin((design.reference, condition))]
     keys = ["condition", "compensated", "axis", "percent"]
@@ -184,12 +188,13 @@ def gait_cycle_figure(
         figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
         grid[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for name, compensated in cells:
-            colour, style = condition_style(order.index(name))
+            (colour, style), width = condition_style(order.index(name)), 1.0
             if design.compensated:
-                colour = VARIANTS[compensated].colour
+                colour, style = VARIANTS[compensated].colour, VARIANTS[compensated].line
+                width = WIDTHS[name != condition]
             cell = design.cell(name, compensated)
             compared = cell in (design.judged(condition), design.reference_cell)
-            width = mpl.rcParams["lines.linewidth"] * (1 if compared else MIDDLE_LINE)
+            width *= mpl.rcParams["lines.linewidth"]
             for axis, panel in zip(AXES, grid.flat, strict=True):
                 key = name, compensated, axis
                 band = mean.xs(key).to_numpy(), sd.xs(key).to_numpy() * (1 if compared else nan)
@@ -208,7 +213,7 @@ def gait_cycle_figure(
         title = f"Pelvis residuals, {condition}: RMS over gait cycles{over}"
         title += "; grey: the part that is used" * (grey is not None)
         pair = f"{design.judged(condition)} differs from {design.reference_cell}"
-        add_title(figure, title + f"; black bars: {pair}" * any(differing.values()))
+        add_title(figure, title + f"; black bars: {pair}" * any(differing.values()), look)
     return figure
 
 
@@ -234,6 +239,7 @@ def marginal_means_figure(
         all cells (over all subjects where none has them), each subject as a thin line.
     """
     conditions = design.in_order(residuals["condition"])
+    any_cut = False
     with in_style(look):
         figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
         room = letters_in(figure.get_figwidth() / grid[0, 0].get_gridspec().ncols) * MAX_LABELS
@@ -244,11 +250,18 @@ def marginal_means_figure(
             compared = [column for column in cells.columns if column[1] in design.conditions]
             if not cells.dropna(subset=compared).empty:
                 cells = cells.dropna(subset=compared)
-            shown = [cells.to_numpy().ravel()]
-            for compensated in sorted(rows["compensated"].unique()):
-                rms = cells[compensated].reindex(columns=conditions)
-                shown.append(_draw_means(panel, rms, VARIANTS[compensated]))
+            values = cells.to_numpy().ravel()
+            shown, lower = [values], list[tuple[str, Array, Array]]()
+            variants = sorted(rows["compensated"].unique())
+            for compensated in variants:
+                variant, rms = VARIANTS[compensated], cells[compensated].reindex(columns=conditions)
+                if len(variants) == 1:
+                    variant = variant._replace(line="-", offset=0.0)
+                x, low, high = _draw_means(panel, rms, variant)
+                lower.append((variant.colour, x, low))
+                shown += [low[low >= NEAR * np.nanmin(values)], high]
             draw_logarithmic(panel, np.concatenate(shown))
+            any_cut |= _draw_cuts(panel, lower)
             panel.set_title(_p_value(statistics, AXES[k], design), loc="right", fontsize="small")
             panel.set_ylabel(f"RMS {axis_label(k)}")
             panel.set_xticks(range(len(conditions)), conditions, rotation=turned)
@@ -257,26 +270,43 @@ def marginal_means_figure(
             legend_below(figure, grid[0, 0])
         over = f", mean and 95 % CI over {numbers(cells.count(), 'subject')}"
         of_one = len(cells) == 1
-        add_title(figure, f"RMS residuals{' of one subject' if of_one else over}")
+        over += "; arrows: intervals that end below the axis" * any_cut
+        add_title(figure, f"RMS residuals{' of one subject' if of_one else over}", look)
     return figure
 
 
-def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> Array:
+def _draw_cuts(panel: Axes, lower: Sequence[tuple[str, Array, Array]]) -> bool:
+    """Draw an arrow where an interval ends below the axis; say whether there is one.
+
+    Of colours, places and lower ends.
+    """
+    bottom, cuts = panel.get_ylim()[0], 0
+    for colour, x, low in lower:
+        cut = x[low < bottom]
+        cuts += len(cut)
+        shape: Any = {"color": colour, "marker": "v", "ls": "none", "ms": 4}
+        (arrows,) = panel.plot(cut, np.full(len(cut), bottom), clip_on=False, **shape)
+        arrows.set_in_layout(False)
+    return cuts > 0
+
+
+def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> tuple[Array, Array, Array]:
     """Draw means with intervals over conditions, and each subject as a thin line.
 
-    Gives the upper ends of the intervals, which fit on a logarithmic axis; lower ones may not.
+    Gives places, lower and upper ends. Upper ones fit on a logarithmic axis; lower ones may not.
     """
     n = rms.count()
     quantile = -scipy.special.stdtrit((n - 1).clip(lower=1), TAIL)
     half = quantile * rms.std() / np.sqrt(n)
-    x = np.arange(len(rms.columns)) + variant.offset
+    x = np.arange(len(rms.columns), dtype=np.float64) + variant.offset
     lines = [np.column_stack([x, of_subject]) for of_subject in rms.to_numpy()]
     panel.add_collection(
         LineCollection(lines, colors=variant.colour, linewidths=THIN_LINE_PT, alpha=0.3)
     )
     drawn: Any = {"color": variant.colour, "marker": variant.marker, "label": variant.label}
-    panel.errorbar(x, rms.mean(), half.fillna(0), ms=4, capsize=3, **drawn)
-    return np.asarray(rms.mean() + half)
+    panel.errorbar(x, rms.mean(), half.fillna(0), ls=variant.line, ms=4, capsize=3, **drawn)
+    low, high = (np.asarray(rms.mean() + sign * half, np.float64) for sign in (-1, 1))
+    return x, low, high
 
 
 def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
@@ -286,6 +316,5 @@ def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
     p = of_effect[of_effect["test"].isin((RM_ANOVA, MIXED_ANOVA))]["p_corrected"].dropna()
     if p.empty:
         return ""
-    written, name = format_p(float(p.iloc[0])), "".join(design.factors[:1])
-    name = "interaction" if len(design.factors) > 1 else name
-    return f"{name} p {written if written.startswith('<') else f'= {written}'}"
+    name = "interaction" if len(design.factors) > 1 else "".join(design.factors)
+    return f"{name} {p_equation(float(p.iloc[0]))}"

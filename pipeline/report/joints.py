@@ -160,11 +160,11 @@ def joint_figures(
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
     best = any(compensated for _, compensated in means.cells)
-    for k, condition in enumerate(conditions if best else ()):
+    for condition in conditions if best else ():
         drawn: list[Curve] = []
         for compensated, variant in VARIANTS.items():
             if (condition, compensated) in means.mean_and_spread:
-                look = variant.label, variant.colour, condition_style(k)[1]
+                look = variant.label, variant.colour, variant.line
                 mean, spread = means.mean_and_spread[condition, compensated]
                 drawn.append((*look, mean, spread))
         title = f"Joints of the legs, {condition}: mean ± SD over {over(people[[condition]])}"

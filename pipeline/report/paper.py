@@ -1,55 +1,86 @@
 """The primary analysis for a manuscript: its paragraph and tables, for Word and for LaTeX."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 from zipfile import ZipFile, ZipInfo
 
-import pandas as pd
-
 from pipeline.io.write import whole_file, write_text
 from pipeline.report.blocks import Table
+from pipeline.report.tables import TABLE_III
 
-IN_LATEX: Final = {"−": "$-$", "±": r"$\pm$", "·": r"$\cdot$", "×": r"$\times$", "²": "$^2$"} | {
-    **{"→": r"$\to$", "η": r"$\eta$", "✔": "yes", "✖": "no", "–": "--"}
+IN_LATEX: Final = {
+    **{"\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "_": r"\_", "#": r"\#", "$": r"\$"},
+    **{"{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{"<": "$<$", ">": "$>$", "−": "$-$", "±": r"$\pm$", "·": r"$\cdot$", "×": r"$\times$"},
+    **{"→": r"$\to$", "η": r"$\eta$", "χ": r"$\chi$", "²": "$^2$"},
+    **{"✔": "yes", "✖": "no", "–": "--", "\n": " "},
 }
-"""Characters that LaTeX does not know without further packages."""
+"""Characters that LaTeX reads otherwise, or does not know without further packages."""
+MAX_UPRIGHT: Final = 7
+"""Columns of a table across an upright page; wider ones are turned."""
+A4_MM: Final = (210, 297)
+CELL_PT: Final = 8
 
 
 def write_paper(folder: Path, title: str, paragraph: str, tables: Sequence[Table]) -> None:
     """Write ``results.docx`` and ``results.tex``: a paragraph, and tables whose cells are texts."""
     _write_word(folder / "results.docx", title, paragraph, tables)
-    parts = [r"% needs \usepackage{booktabs}", _latex(paragraph)]
-    for table in tables:
-        frame = pd.DataFrame(table.rows, columns=[*table.heads])
-        text = frame.to_latex(index=False, escape=True, caption=table.caption, position="htbp")
-        parts += [_latex(text, escape=False), _latex(table.legend)]
+    parts = [r"% needs \usepackage{array,booktabs,rotating}", _latex(paragraph)]
+    parts += ["\n".join(_latex_table(table, k)) for k, table in enumerate(tables, 1)]
     write_text("\n\n".join(parts) + "\n", folder / "results.tex")
 
 
-def _latex(text: str, *, escape: bool = True) -> str:
+def _latex(text: str) -> str:
     """Write a text so that LaTeX typesets it."""
-    if escape:
-        for special in "&%_#$":
-            text = text.replace(special, rf"\{special}")
-    for character, command in IN_LATEX.items():
-        text = text.replace(character, command)
-    return text
+    written = "".join(IN_LATEX.get(letter, letter) for letter in text)
+    return written.replace(r"$\eta$p$^2$", r"$\eta_p^2$")
+
+
+def _latex_table(table: Table, number: int) -> Iterator[str]:
+    """Write the lines of a table as wide as a page, whose cells break between words."""
+    kind = "table" if len(table.heads) <= MAX_UPRIGHT else "sidewaystable"
+    column = rf">{{\raggedright\arraybackslash}}p{{{0.9 / len(table.heads):.3f}\linewidth}}"
+    yield rf"\begin{{{kind}}}[htbp]"
+    yield r"\scriptsize\setlength{\tabcolsep}{0.004\linewidth}"
+    yield rf"\caption{{{_latex(_caption(table))}}}\label{{tab:residuals-{number}}}"
+    yield rf"\begin{{tabular}}{{*{{{len(table.heads)}}}{{{column}}}}}"
+    yield r"\toprule"
+    for k, texts in enumerate((table.heads, *table.rows)):
+        yield " & ".join(_latex(str(text)) for text in texts) + r" \\" + r" \midrule" * (k == 0)
+    yield "\\bottomrule\n\\end{tabular}\n\\par\\smallskip"
+    yield _latex(table.legend)
+    yield rf"\end{{{kind}}}"
+
+
+def _caption(table: Table) -> str:
+    """Give a caption without the number that the table has on the page of the report."""
+    return table.caption.removeprefix(TABLE_III)
 
 
 def _write_word(path: Path, title: str, paragraph: str, tables: Sequence[Table]) -> None:
-    """Write a document whose bytes depend on its content alone."""
+    """Write a document whose bytes depend on its content alone; tables are on pages turned."""
     from docx import Document  # here: it takes long to load
+    from docx.enum.section import WD_ORIENT
+    from docx.shared import Mm, Pt
 
     document = Document()
+    document.core_properties.author = document.core_properties.comments = ""
     document.add_heading(title)
     document.add_paragraph(paragraph)
-    for table in tables:
-        document.add_paragraph(table.caption, style="Caption")
+    document.add_section()
+    for section, size in zip(document.sections, (A4_MM, A4_MM[::-1]), strict=True):
+        section.page_width, section.page_height = map(Mm, size)
+        section.left_margin = section.right_margin = Mm(20)
+    section.orientation = WD_ORIENT.LANDSCAPE
+    for number, table in enumerate(tables, 1):
+        document.add_paragraph(f"Table {number}. {_caption(table)}", style="Caption")
         grid = document.add_table(0, len(table.heads), style="Light Shading")
         for texts in (table.heads, *table.rows):
             for cell, text in zip(grid.add_row().cells, texts, strict=True):
-                cell.text = text
+                cell.width = Mm((A4_MM[1] - 40) / len(table.heads))
+                cell.paragraphs[0].add_run(text).font.size = Pt(CELL_PT)
+                cell.paragraphs[0].paragraph_format.space_after = Pt(0)
         document.add_paragraph(table.legend)
     with whole_file(path) as temporary:
         document.save(str(temporary))

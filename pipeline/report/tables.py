@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-from hbm.spelling import join_names
+from hbm.spelling import counted, join_names
 from pipeline.config.schema import NOUNS
 from pipeline.report.blocks import Table, table_of
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
@@ -36,6 +36,8 @@ WINDOWS: Final = {
     "motion": "the time from the onset of each perturbation for which the platform moves fast",
 }
 """Window -> what counts."""
+TABLE_III: Final = "Table III. "
+"""Before the caption of the thesis' table."""
 
 
 def residual_tables(
@@ -62,7 +64,7 @@ def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
     in_two_lines = ([cell.replace(" [", "\n[") for cell in own] for own in columns)
     rows = tuple(zip(*in_two_lines, strict=True))
     of_thesis = design.compensated and design.conditions == EXPERIMENT_3.conditions
-    caption = "Table III. " * of_thesis + "RMS residuals, mean ± SD over n subjects"
+    caption = TABLE_III * of_thesis + "RMS residuals, mean ± SD over n subjects"
     return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
 
 
@@ -173,7 +175,7 @@ def reliability_tables(found: pd.DataFrame, design: Design) -> list[Table]:
 def numbers(counts: pd.Series, noun: str) -> str:
     """Write the range of counts with their noun, such as "3 to 5 recordings"."""
     low, high = int(counts.min()), int(counts.max())
-    return f"{low} {noun}{'s' * (low != 1)}" if low == high else f"{low} to {high} {noun}s"
+    return counted(low, noun) if low == high else f"{low} to {high} {noun}s"
 
 
 def described(window: str) -> str:

@@ -16,7 +16,7 @@ from hbm.spelling import join_names
 from pipeline.config.study import Study
 from pipeline.figures.joints import Curve, healthy_bands, joint_figure
 from pipeline.figures.residuals import component_figure, residual_figure
-from pipeline.figures.style import COLOURS, PALETTE, drawing
+from pipeline.figures.style import COLOURS, LINES, PALETTE, drawing
 from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
 from pipeline.report.trial_tables import (
@@ -48,8 +48,8 @@ FORCES: Final = (
 )
 JOINTS: Final = (
     "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot strike. "
-    "Internal moments by body mass, positive in the direction in which the angle grows. Healthy: "
-    "Pinzone et al. (2014)."
+    "Internal moments by body mass, positive in the direction (+) in which the angle grows. "
+    "Healthy: Pinzone et al. (2014)."
 )
 
 
@@ -158,9 +158,15 @@ def write_changed_page(
 
 def _joints(result: TrialResult) -> Iterator[Drawn]:
     """Draw mean and SD of the joints over the gait cycles of both sides, where there are any."""
+    of_variants = joint_curves(result)
     curves: list[Curve] = [
-        (variant, COLOURS[variant], "-", *mean_and_sd(np.concatenate([*of_sides.values()])))
-        for variant, of_sides in joint_curves(result).items()
+        (
+            variant,
+            COLOURS[variant],
+            LINES[variant] if len(of_variants) > 1 else "-",
+            *mean_and_sd(np.concatenate([*of_sides.values()])),
+        )
+        for variant, of_sides in of_variants.items()
         if of_sides
     ]
     if curves:
@@ -174,7 +180,13 @@ def findings_table(result: TrialResult) -> Table | None:
     if not result.findings:
         return None
     rows = [row_of(finding, result.plates, result.motion.time) for finding in result.findings]
-    heads = ("Finding", "Size, 95 % interval", "Evidence", "Correction changes", "What to do")
+    heads = (
+        "Finding",
+        "Size; where estimated, 95 % interval",
+        "Evidence",
+        "Correction changes",
+        "What to do",
+    )
     return Table(
         "Plates",
         heads,

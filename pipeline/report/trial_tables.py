@@ -9,6 +9,7 @@ from hbm.notes import warnings_of
 from hbm.spelling import join_names, written
 from pipeline.report.blocks import Table
 from pipeline.report.trials import NOT_KNOWN, trial_quality
+from pipeline.statistics.table_3 import mean_sd
 from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.gait.spatiotemporal import QUANTITIES, spatiotemporal
@@ -23,8 +24,8 @@ MAX_WORST: Final = 5
 def verdict_lines(result: TrialResult) -> Iterable[str]:
     """Compare the residuals closest to the truth with others, in one sentence; count the warnings.
 
-    The reference of RMS is healthy walking, or what is expected where markers do not show all
-    segments; that of peaks the limits of Hicks et al. (2015).
+    The reference of RMS over gait cycles is healthy walking, or what is expected where markers do
+    not show all segments; that of peaks the limits of Hicks et al. (2015).
     """
     if result.shortage:
         yield f"No residuals: {result.shortage}."
@@ -33,17 +34,25 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
     if shown:
         title, reference, _ = reference_of(shown)
         above = [row.axis for row in shown if row.rms > reference[row.axis]]
-        lead = "Typical of level walking: all six axes below"
-        if above:
-            lead = f"{join_names(above) if len(above) < len(shown) else 'All six axes'} above"
-        best = [row for row in threshold_rows(result) if row.compensated == compensated]
-        beyond = [row for row in best if not row.passed]
+        beyond = [
+            row
+            for row in threshold_rows(result)
+            if row.compensated == compensated and not row.passed
+        ]
         peaks = "peaks within Hicks et al. (2015) limits"
         if beyond:
-            quantities = join_names([f"{row.quantity}s" for row in beyond])
+            quantities = join_names([f"peak {row.quantity}" for row in beyond])
             shares = join_names([f"{row.above_percent:.1f}" for row in beyond])
             peaks = f"{quantities} above Hicks et al. (2015) limits in {shares} % of frames"
-        yield f"{lead} {title.lower()} values; {peaks}."
+        lead = f"RMS of all six axes below {title.lower()} values"
+        if result.span is not None:
+            lead = "No gait cycles to compare with healthy walking"
+        elif above:
+            lead = f"{join_names(above) if len(above) < len(shown) else 'All six axes'} above"
+            lead += f" {title.lower()} values"
+        elif not beyond:
+            lead = f"Typical of level walking: {lead}"
+        yield f"{lead}; {peaks}."
     warnings = len(warnings_of(result.notes))
     yield f"{warnings or 'No'} warning{'s' * (warnings != 1)}."
 
@@ -83,7 +92,7 @@ def gait_table(result: TrialResult) -> Iterable[Table]:
     rows = []
     for k, (quantity, unit) in enumerate(QUANTITIES.items()):
         digits = 2 if unit.startswith("m") else 0
-        cells = [f"{mean[k]:.{digits}f} ± {sd[k]:.{digits}f}" for mean, sd in means.values()]
+        cells = [mean_sd(mean[k], sd[k], f".{digits}f") for mean, sd in means.values()]
         if not any(np.isnan(mean[k]) for mean, _ in means.values()):
             rows.append((f"{quantity.capitalize()} ({unit})", *cells))
     if means and rows:
@@ -96,20 +105,21 @@ def result_tables(result: TrialResult) -> Iterable[Table]:
     """Give the residuals, with what they are compared with, and the quality of the trial."""
     headline = [row for row in residual_rows(result) if row.headline]
     title, reference, meaning = reference_of(headline)
-    heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", title)
+    walked = result.span is None  # the reference is of gait cycles
+    heads = ("Residual", "Plates", "RMS", "Mean", "SD", "Peak", "RMS, %", *[title] * walked)
     rows = [
         (
             f"{row.axis} ({row.unit})",
             "compensated" if row.compensated else "measured",
             *(written(value, "z.1f") for value in (row.rms, row.mean, row.sd, row.peak)),
             f"{row.rms_percent:.2f}",
-            f"{reference[row.axis]:.1f}",
+            *[f"{reference[row.axis]:.1f}"] * walked,
         )
         for row in headline
     ]
     legend = (
         "x forward, y right, z up; moments about mid-hip; % of body weight, or of body weight × "
-        f"stature. {meaning}"
+        f"stature. {meaning * walked}"
     )
     if rows:
         yield Table("Pelvis residuals", heads, rows, "numbers", legend)

@@ -227,7 +227,7 @@ def causes(name: str, explanation: "Explanation") -> tuple[Text, Table]:
 
     legend = (
         "RMS with 95 % interval of measurement. Dot and line: share of the mean square with 95 "
-        "% interval; dashed: 0 and 100 %. Below 0: without this cause the residual is larger."
+        "% interval; dotted: 0 and 100 %. Below 0: without this cause the residual is larger."
     )
     shown = [
         (head, *(drawn(cell) if isinstance(cell, Share) else cell for cell in cells))

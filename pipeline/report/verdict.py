@@ -115,8 +115,6 @@ def _paragraph(
         weakest = max(rows_of(of_effect), key=lambda row: (row.p_corrected, -row.effect_size))
         what = f"{named(effect)} ({weakest.test}), weakest in {weakest.axis}"
         sentences.append(f"Effect of {what}: {written_test(weakest)}.")
-    if len(design.pairs) > 1:
-        sentences.append(f"CI: simultaneous over {len(design.pairs)} planned pairs (Bonferroni).")
     absent = [f"{state.name} ({state.state})" for state in states if not state.in_tables]
     excluded = f"; without {join_names(absent)}" if absent else ", none excluded"
     subjects = numbers(pd.Series([v.n for v in found if v.n]), "subject")
@@ -210,12 +208,8 @@ def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]
         lines = [f"{v.ic:.1f} {v.unit}"]
         if not isnan(v.no_ic) and design.compensated:
             lines = [f"{number(v.no_ic, '.1f')} → {lines[0]}"]
-        lines[0] += f", {number(v.percent(v.difference), '+z.0f')} %"
+        lines[0] += f", {v.written_percent()}"
     known = v.n and not isnan(v.high)
-    if known:
-        bounded = isfinite(v.low_percent) and isfinite(v.high_percent)
-        low, high = (number(bound, "+z.0f") for bound in (v.low_percent, v.high_percent))
-        lines[0] += f" [{low}, {high}]" if bounded else " [unbounded]"
     if v.measurement:
         lines.append(f"measurement {interval(*v.measurement)} {v.unit}")
     if known:

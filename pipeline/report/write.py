@@ -17,7 +17,7 @@ from pipeline.config.schema import MAIN, Figures, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import PAGE, save_figure
 from pipeline.io.write import write_csv, write_text
-from pipeline.report.blocks import Check, Section, markup, write_page
+from pipeline.report.blocks import Check, Drawn, Section, markup, write_page
 from pipeline.report.curves import differing_curves
 from pipeline.report.effects import tests_table
 from pipeline.report.figures import rms_over_cycles, study_figures
@@ -73,6 +73,8 @@ SECTIONS: Final = {
 MAX_PAGES: Final = 60
 """Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
 NO_PAGES: Final = "No pages of single trials were written: hbm report RESULTS --pages writes them."
+TYPED_WIDTH_MM: Final = 180.0
+"""Width of figures whose formats are typed, if the study states none: two columns of a journal."""
 Announce = Callable[..., None]
 
 
@@ -190,13 +192,15 @@ def write_report(
     of_joints = dict(joint_figures(joints, design, curves))
     of_study_figures = dict(study_figures(results, over_cycles, tests, design, curves))
     look = PAGE if study is None else study.file.figures
-    look = look.model_copy(update={"formats": formats}) if formats else look
+    if formats:
+        update = {"formats": formats, "width_mm": look.width_mm or TYPED_WIDTH_MM}
+        look = look.model_copy(update=update)
     tasks = [
         delayed(_draw)(folder / "figures" / name, draw, look)
         for name, draw in {**of_joints, **of_study_figures}.items()
     ]
     least = 1 if len(results.ratings) >= 2 * MIN_TASKS else MIN_TASKS  # processes have started
-    drawn = dict[str, str]()
+    drawn = dict[str, Drawn]()
     for name, figure in in_processes(tasks, least=least):
         drawn[name] = figure
         announce(f"drawing: {name}", len(drawn), len(tasks))
@@ -269,9 +273,10 @@ def _with_page(
     return trial_quality(trial)
 
 
-def _draw(path: Path, draw: Callable[..., Figure], look: Figures) -> tuple[str, str]:
-    """Draw a figure into its files, without suffix; give its name, and its source in a page."""
-    return path.name, save_figure(draw(look=look), path, look)
+def _draw(path: Path, draw: Callable[..., Figure], look: Figures) -> tuple[str, Drawn]:
+    """Draw a figure into its files, without suffix; give its name, its title and its source."""
+    figure = draw(look=look)
+    return path.name, Drawn(str(figure.get_label()), save_figure(figure, path, look))
 
 
 def _design(residuals: pd.DataFrame, study: Study | None) -> Design:

@@ -23,7 +23,7 @@ from hbm.ik.problem import known_markers, undetermined
 from hbm.notes import Note, warnings_of
 from hbm.plausibility.motion import implausible
 from hbm.signals.filtering import low_pass
-from hbm.spelling import did_you_mean, listed
+from hbm.spelling import counted, did_you_mean, listed
 from pipeline.config.schema import Condition, PlateContact, SubjectFile, Trial, WantedWindow
 from pipeline.config.study import Study
 from pipeline.io.c3d.second_reader import compare_readers
@@ -269,7 +269,7 @@ class _TrialCheck:
         rate_hz, plates, analog = self.markers.rate_hz, self.plates, self.recording.analog
         contents = [f"{duration_s:.1f} s, {len(self.markers.names)} markers at {rate_hz:g} Hz"]
         if plates:
-            contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
+            contents.append(f"{counted(len(plates), 'plate')} at {plates[0].rate_hz:.6g} Hz")
         if analog is not None:
             channels = zip(analog.names, analog.units, strict=True)
             contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))

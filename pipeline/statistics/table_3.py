@@ -146,16 +146,22 @@ def _measurement_sds(
 
 
 def format_p(p: float, alpha: float = 0.05) -> str:
-    """Write a p-value for a table: three decimals, "<0.001" below that, a star below alpha.
+    """Write a p-value as APA has it: three decimals, "<.001" below that, a star below alpha.
 
     More decimals are written where three would put it on the other side of alpha.
     """
     if isnan(p):
         return "–"
     if p < MIN_PRINTED_P:
-        return f"<{MIN_PRINTED_P}" + "*" * (p < alpha)
+        return f"<{MIN_PRINTED_P}".replace("0.", ".") + "*" * (p < alpha)
     decimals = next((d for d in range(3, 16) if (round(p, d) < alpha) == (p < alpha)), 16)
-    return f"{p:.{decimals}f}" + "*" * (p < alpha)
+    return f"{p:.{decimals}f}".removeprefix("0") + "*" * (p < alpha)
+
+
+def p_equation(p: float) -> str:
+    """Write a p-value in a sentence, such as "p = .012"."""
+    written = format_p(p).rstrip("*")
+    return f"p {written}".replace("<", "< ") if "<" in written else f"p = {written}"
 
 
 Column = tuple[str, list[str]]
@@ -237,7 +243,7 @@ def table_3_legend(table: pd.DataFrame, design: Design) -> str:
         correction = design.correction.capitalize()
         corrected = f", {correction}-corrected for {len(design.pairs)} planned pairs"
     tests = "paired t-test and exact Wilcoxon signed-rank test"
-    parts.append(f"p-values: {tests}{corrected}; * p < 0.05")
+    parts.append(f"p-values: {tests}{corrected}; * p < .05")
     return " ".join([*(f"{part}." for part in parts), *sorted(incomplete)])
 
 

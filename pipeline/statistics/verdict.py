@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isnan, nan
+from math import isfinite, isnan, nan
 from typing import Final, Literal
 
 import numpy as np
@@ -36,6 +36,7 @@ MAX_NONCENTRALITY: Final = 1e3
 """The power is 1 long before; SciPy's noncentral t distribution becomes NaN beyond."""
 SAME_MEAN: Final = 1e-6
 """Two means that differ less, relatively, weigh subjects alike."""
+NO_EXACT_TEST: Final = "no exact test of so few can become significant"
 Answer = Literal["within margin", "above", "inconclusive", "no interval", "no data"]
 
 
@@ -110,6 +111,15 @@ class Verdict:
         """Give a difference in percent of the baseline."""
         return 100 * value / self.baseline if self.baseline > 0 else nan
 
+    def written_percent(self) -> str:
+        """Write the difference in percent of the baseline with the interval that judges it."""
+        text = f"{number(self.percent(self.difference), '+z.0f')} %"
+        if isnan(self.high_percent):
+            return text
+        bounds = self.low_percent, self.high_percent
+        low, high = (number(bound, "+z.0f") for bound in bounds)
+        return f"{text} [{low}, {high}]" if all(map(isfinite, bounds)) else f"{text} [unbounded]"
+
 
 def verdicts(
     residuals: pd.DataFrame,
@@ -145,7 +155,8 @@ def verdicts(
     Bonferroni-corrected t-test is significant. That of the ratio is Fieller's (1954) at the same
     level, since the baseline is an estimate too. "within margin" is a test of non-inferiority
     with the design's margin (one side of Schuirmann 1987), by default the 20 % of bioequivalence,
-    as a residual below the baseline is no error: the t-test of ``ic - 1.2 baseline`` against zero.
+    as a residual below the baseline is no error: the t-test of ``ic - 1.2 baseline`` against zero,
+    of a baseline that is shown to differ from zero, as no ratio to others has a bounded interval.
     A difference that is not significant is no evidence for it. No answer depends on the intervals
     of measurement.
     """
@@ -210,7 +221,7 @@ def _without_compensation(values: pd.DataFrame, verdict: Verdict, design: Design
 def _verdict(unjudged: Verdict, compared: CellComparison, design: Design) -> Verdict:
     """Judge a comparison of a residual with its reference."""
     alpha = (1 - CONFIDENCE) / max(len(design.pairs), 1)
-    excess = (1.0, -(1 + design.margin))  # of the residual over the reference with the margin
+    most = 1 + design.margin
     baseline, difference = float(compared.means[1]), compared.difference
     low, high = compared.interval(alpha)
     low_ratio, high_ratio = compared.ratio_interval(alpha)
@@ -220,11 +231,11 @@ def _verdict(unjudged: Verdict, compared: CellComparison, design: Design) -> Ver
         if compared.subjects < MIN_SUBJECTS:
             return None
         room = design.margin * baseline - true_difference
-        return subjects_needed(compared.spread(excess, recordings), room, alpha / 2)
+        return subjects_needed(compared.spread((1.0, -most), recordings), room, alpha / 2)
 
     return replace(
         unjudged,
-        answer=_answer(low, within=compared.bounds(excess, alpha / 2)[1] <= 0),
+        answer=_answer(low, within=high_ratio <= most),
         ic=float(compared.means[0]),
         baseline=baseline,
         difference=difference,
@@ -323,16 +334,27 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     Returns
     -------
     tuple of str
-        The compared conditions first, then the reference. None of a condition whose verdicts are
-        all inconclusive with so few subjects that no exact test can become significant.
+        What is compared; the compared conditions, then the reference; whether subjects are few.
     """
     compared = [v for v in found if v.n >= MIN_SUBJECTS]
-    few = _are_few(compared, design)
-    by_condition = (
-        _headline([v for v in compared if v.condition == condition], design, name_undecided=not few)
-        for condition in (*design.others, design.reference)
+    if not compared:
+        return ()
+    of_what, than = (
+        (" with inertia compensation", " without it") if design.compensated else ("", "")
     )
-    return tuple(filter(None, by_condition))
+    pairs = len(design.pairs)
+    together = f" simultaneous over {pairs} planned pairs (Bonferroni)" * (pairs > 1)
+    sentences = [
+        f"Each residual{of_what} was compared with that of {design.reference}{than}: difference in "
+        f"percent [95 % CI{together}] and in its unit."
+    ]
+    for condition in (*design.others, design.reference):
+        if of_condition := [v for v in compared if v.condition == condition]:
+            sentences.append(_headline(of_condition, design))
+    if _are_few(compared, design):
+        subjects = max(v.n for v in compared)
+        sentences.append(f"{subjects} subjects are a demonstration: {NO_EXACT_TEST}.")
+    return tuple(sentences)
 
 
 def open_questions(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
@@ -340,10 +362,8 @@ def open_questions(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> t
     compared = [v for v in found if v.n >= MIN_SUBJECTS]
     sentences = []
     if count := sum(v.answer == "inconclusive" for v in compared):
-        subjects = max(v.n for v in compared)
-        start = f"{subjects} subjects are a demonstration: " * _are_few(compared, design)
         sentences.append(
-            f"{start}{count} of {len(compared)} comparisons {'is' if count == 1 else 'are'} "
+            f"{count} of {len(compared)} comparisons {'is' if count == 1 else 'are'} "
             "inconclusive; plan.md says how many subjects would decide them."
         )
     open_margins = []
@@ -367,36 +387,32 @@ def _are_few(compared: Sequence[Verdict], design: Design) -> bool:
     return len(design.pairs) * 2.0 ** (1 - subjects) > 1 - CONFIDENCE
 
 
-def _headline(verdicts: Sequence[Verdict], design: Design, *, name_undecided: bool) -> str:
-    """State a condition's verdicts in one sentence; empty where no residual is named."""
-    condition = verdicts[0].condition if verdicts else ""
+def _headline(verdicts: Sequence[Verdict], design: Design) -> str:
+    """State a condition's verdicts in one sentence, which names every residual."""
+    condition = verdicts[0].condition
     within, above = within_margin(design), f"above {design.reference}"
     if condition == design.reference:
-        within, above = f"not increased by more than {100 * design.margin:g} %", "increased"
+        margin = f"by more than {100 * design.margin:g} %"
+        within, above = f"not increased {margin}", "increased"
         if all(v.answer == "within margin" for v in verdicts):
-            return (
-                f"In {condition}, no residual is increased by more than {100 * design.margin:g} %."
-            )
+            return f"In {condition}, compensation increases no residual {margin}."
     answers: dict[Answer, str] = {
-        "within margin": within + " with compensation" * design.compensated,
+        "within margin": within,
         "above": above,
+        "inconclusive": "inconclusive",
+        "no interval": "without an interval",
     }
-    if name_undecided:
-        answers["inconclusive"] = "inconclusive"
     parts = list[str]()
     for answer, words in answers.items():
-        chosen = [v for v in verdicts if v.answer == answer]
-        if named := [_estimate(v, first=v is chosen[0] and not parts) for v in chosen]:
+        if named := [_estimate(v) for v in verdicts if v.answer == answer]:
             parts.append(f"{join_names(named)} {'is' if len(named) == 1 else 'are'} {words}")
-    return f"In {condition}, {'; '.join(parts)}." if parts else ""
+    return f"In {condition}, {'; '.join(parts)}."
 
 
-def _estimate(verdict: Verdict, *, first: bool) -> str:
-    """Name a residual with its difference from the reference and the interval, as APA has it."""
-    words = ("difference ", "95 % CI ") if first else ("", "")
-    low, high = (number(bound, "z.1f") for bound in (verdict.low, verdict.high))
-    estimate = number(verdict.difference, "z.1f")
-    return f"{verdict.axis} ({words[0]}{estimate} {verdict.unit}, {words[1]}[{low}, {high}])"
+def _estimate(verdict: Verdict) -> str:
+    """Name a residual with its difference from the reference."""
+    size = f"{number(verdict.difference, '+z.1f')} {verdict.unit}"
+    return f"{verdict.axis} ({verdict.written_percent()}, {size})"
 
 
 def within_margin(design: Design) -> str:

@@ -122,7 +122,7 @@ def _said(
             total = {"total_n": sum(size), "mass_kg": sum(size) / GRAVITY_MPS2}
             words = {"components": name or "none", "remedy": remedy}
             note = Note.of("plates_not_zeroed", rest_n=rest_n, **total, **words)
-            forces = (f"{k} Fz {written(force, '+.0f')}" for k, force in rest_n.items())
+            forces = (f"{k} Fz {written(force, '+.0f')} N" for k, force in rest_n.items())
             return note, "plates: not zero without load", "\n".join([*forces, *name.split(", ")])
         case "jumps":
             note = of_jumps("plate_jumps", sizes=sizes)

@@ -368,10 +368,10 @@ def normalise(time: ArrayLike, values: ArrayLike, cycles: ArrayLike, samples: in
 def mean_and_sd(curves: Array) -> tuple[Array, Array]:
     """Give mean and SD over cycles, (C, samples, ...) to (samples, ...), of what is known of each.
 
-    NaN where no cycle is known.
+    NaN where no cycle is known; the SD where only one is.
     """
     known = np.ma.masked_invalid(curves)
-    mean, sd = (np.ma.filled(x, np.nan) for x in (known.mean(axis=0), known.std(axis=0)))
+    mean, sd = (np.ma.filled(x, np.nan) for x in (known.mean(axis=0), known.std(axis=0, ddof=1)))
     return np.asarray(mean), np.asarray(sd)
 
 

@@ -1,5 +1,6 @@
 """Causes in words."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,6 +20,7 @@ from pipeline.budgets.words import (
 )
 from pipeline.config.schema import Settings, Subject
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare, alike_in_plates
+from pipeline.report.blocks import templates
 from pipeline.report.trials import causes
 from pipeline.trial.result import Procedure
 
@@ -229,3 +231,7 @@ def test_shares_are_drawn_as_intervals_on_one_scale_that_holds_zero_and_all():
     assert (np.stack([low, high]) <= 100).all()
     assert np.ptp(low[6:12]) == np.ptp(high[6:12]) == 0  # both ends are beyond the border
     assert sure[2].text == "25 ± 10 %"
+    shown = re.sub("<[^>]+>", "", str(templates().get_template("blocks.html").module.table(table)))
+    assert "25 ± 10 %" in shown  # for those who do not see the dots
+    once = replace(of_trial, cycles=1, found_cycles=1)
+    assert budget_table(once)[0].endswith("1 of 1 gait cycle of one side")

@@ -51,7 +51,7 @@ def test_a_part_of_a_single_percent_has_a_bar_outside_the_panel_and_p_is_beside_
     assert [(bar.x0, bar.x1) for bar in bars] == [(66.5, 67.5), (98.5, 100)]
     top = panel.get_ylim()[1]
     assert all(bar.y0 > top for bar in bars)
-    assert panel.get_title(loc="right") == "p = 0.030"
+    assert panel.get_title(loc="right") == "p = .030"
 
 
 def test_the_colours_of_plates_as_measured_and_compensated_mean_nothing_else():

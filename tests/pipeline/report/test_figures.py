@@ -13,7 +13,7 @@ from scipy import stats
 
 from pipeline.cli.app import main
 from pipeline.config.schema import FIGURE_FORMATS, Figures
-from pipeline.figures.style import COLOURS, condition_style, save_figure
+from pipeline.figures.style import COLOURS, LINES, condition_style, save_figure
 from pipeline.report.curves import differing_curves
 from pipeline.report.figures import (
     gait_cycle_figure,
@@ -119,18 +119,21 @@ def test_a_gait_cycle_is_the_mean_and_sd_over_subjects(curves):
     assert band[:, 1].max() == pytest.approx(spread.max())
 
 
-def test_colours_mean_compensation_and_line_styles_conditions(curves):
-    """In every figure, so that no two conditions differ by colour alone."""
+def test_colour_and_line_style_mean_compensation_and_thin_lines_the_reference(curves):
+    """So that no two curves differ by colour alone."""
     panels = [gait_cycle_figure(curves, c, EXPERIMENT_3).axes[0] for c in ("sway", "pitch")]
-    styles = {}
+    styles, widths = {}, {}
     for panel, condition in zip(panels, ("sway", "pitch"), strict=True):
         for name in ("baseline", condition):
             for label, variant in (("no IC", "measured"), ("IC", "compensated")):
                 drawn = line(panel, f"{name} {label}")
                 assert drawn.get_color() == COLOURS[variant]
-                styles.setdefault(name, set()).add(drawn.get_linestyle())
-    assert all(len(of_condition) == 1 for of_condition in styles.values())
-    assert len(set.union(*styles.values())) == 3
+                styles.setdefault(label, set()).add(drawn.get_linestyle())
+                widths.setdefault(name, set()).add(drawn.get_linewidth())
+    assert styles == {"no IC": {"--"}, "IC": {"-"}}
+    (thin,), (wide,), others = widths["baseline"], widths["sway"], widths["pitch"]
+    assert thin < wide
+    assert others == {wide}
     looks = [condition_style(k) for k in range(25)]
     assert len(set(looks)) == 25
     assert not {colour for colour, _ in looks} & {*COLOURS.values()}
@@ -164,6 +167,14 @@ def test_every_interval_ends_on_the_axis_or_at_its_lower_edge(results, tests):
         for _, _, (bars,) in panel.containers:
             ends = np.array(bars.get_segments())[:, :, 1]
             assert ends.max() <= high
+            arrows = [
+                x
+                for drawn in panel.get_lines()
+                if drawn.get_marker() == "v"
+                for x in drawn.get_xdata()
+            ]
+            below = np.array(bars.get_segments())[ends.min(axis=1) < low, 0, 0]
+            assert {*below} <= {*arrows}
             assert panel.get_yscale() == "log"
 
 
@@ -209,6 +220,7 @@ def test_every_file_is_as_wide_as_stated_in_mm_at_300_dpi_or_more(every, width_m
     for suffix in ("png", "tiff"):
         with Image.open(tmp_path / f"means.{suffix}") as image:
             dpi = float(image.info["dpi"][0])
+            assert suffix == "png" or image.mode == "RGB"
             assert dpi == pytest.approx(300, abs=0.1)
             assert image.width / dpi * MM_PER_INCH == pytest.approx(width_mm, abs=0.1)
     page = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+)", (tmp_path / "means.pdf").read_bytes())
@@ -240,6 +252,13 @@ def test_a_residuals_axis_has_its_unit_and_direction(every):
     assert labels[4] == "RMS My (N·m),\nabout right"
 
 
+def test_axes_of_joints_have_unit_sign_and_whose_moments_they_are(every):
+    figure = every["joints_sway"]()
+    first = [panel.get_ylabel() for panel in figure.axes if panel.get_ylabel()]
+    assert first[1] == "internal\nmoment (N·m/kg)"
+    assert figure.axes[0].get_title(loc="left").split() == ["hip", "flexion", "+"]
+
+
 def test_in_one_column_forces_are_beside_moments(every):
     figure = every["gait_cycle_sway"](look=Figures(width_mm=85.0))
     labels = [panel.get_ylabel().split()[1] for panel in figure.axes]
@@ -249,11 +268,39 @@ def test_in_one_column_forces_are_beside_moments(every):
     assert (places[::2, 0] < places[1::2, 0]).all()
 
 
-def test_a_condition_has_the_same_line_style_in_figures_of_residuals_and_of_joints(every):
-    of_joints = line(every["joints_sway"]().axes[0], "IC")
-    of_residuals = line(every["gait_cycle_sway"]().axes[0], "sway IC")
-    assert of_joints.get_linestyle() == of_residuals.get_linestyle()
-    assert of_joints.get_color() == of_residuals.get_color() == COLOURS["compensated"]
+@pytest.mark.parametrize(("variant", "name"), [("compensated", "IC"), ("measured", "no IC")])
+def test_compensation_has_the_same_style_in_figures_of_residuals_of_joints_and_of_means(
+    every, variant, name
+):
+    drawn = [line(every["joints_sway"]().axes[0], name)]
+    drawn.append(line(every["gait_cycle_sway"]().axes[0], f"sway {name}"))
+    means = every["marginal_means"]().axes[0].containers
+    drawn += [points for points, *_ in means if points.get_color() == COLOURS[variant]]
+    styles = {(one.get_color(), one.get_linestyle()) for one in drawn}
+    assert styles == {(COLOURS[variant], LINES[variant])}
+
+
+def test_what_a_figure_for_a_journal_has_no_title_for_is_its_label(every):
+    figure = every["gait_cycle_sway"](look=Figures(width_mm=180.0))
+    assert figure.get_suptitle() == ""
+    assert "mean ± SD over 3 subjects" in figure.get_label()
+
+
+def test_panels_of_joints_across_two_columns_are_wide_enough_to_be_read(every):
+    figure = every["upper_body"](look=Figures(width_mm=180.0))
+    figure.draw_without_rendering()
+    width, height = figure.get_size_inches() * MM_PER_INCH
+    for panel in figure.axes:
+        place = panel.get_position()
+        assert place.width * width > 30
+        assert place.height * height > 12
+    assert height <= 230
+
+
+def test_means_of_one_series_stand_at_their_ticks(results, tests):
+    measured = results.residuals.query("not compensated")
+    panel = marginal_means_figure(measured, tests, EXPERIMENT_3).axes[0]
+    assert panel.containers[0][0].get_xdata().tolist() == panel.get_xticks().tolist()
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from pipeline.run import provenance
 from pipeline.run.store import write_trial
 from pipeline.statistics.measurement import CELL
 from pipeline.trial.quality import Quality
+from pipeline.trial.residuals import AXES
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.fake_results import (
     fake_trial,
@@ -119,11 +120,23 @@ def test_the_primary_analysis_comes_first_as_a_paper_has_it(page, folder):
     assert re.search(r"F[\w ]*\([\d.]+, [\d.]+\) = [\d.]+, p [<=] \.\d{3}, ηp² = ", before)
     assert "12 trials; without sub02 sway (failed) and sub04 pitch (excluded)." in before
     assert page.text.count("4 subjects are a demonstration") == 1
+    of_sway = re.search(r"In sway, (.*?)\. In ", before)[1]
+    assert all(f"{axis} (" in of_sway for axis in AXES)
     paragraph = re.search('id="result">(.*?)</p>', page.source)[1]
     document = Document(str(folder / "results.docx"))
     assert unescape(paragraph) in [block.text for block in document.paragraphs]
     latex = (folder / "results.tex").read_text(encoding="utf-8")
     assert paragraph[:20] in latex
+    assert not re.search(r"(?<!\$)[<>]|Table III|η|²", latex.replace(">{", ""))
+    columns, share = re.search(r"\*\{(\d+)\}.*?p\{(.*?)\\linewidth", latex).groups()
+    assert int(columns) * (float(share) + 2 * 0.004) <= 1
+    assert latex.count(r"\label{tab:residuals-1}") == latex.count(r"\begin{sidewaystable}") == 1
+    assert [section.page_width.mm for section in document.sections] == pytest.approx(
+        [210, 297], abs=0.1
+    )
+    assert document.core_properties.author == ""
+    captions = [b.text for b in document.paragraphs if b.style.name == "Caption"]
+    assert captions[0].startswith("Table 1. RMS residuals")
     table = pd.read_csv(folder / "table_3.csv")
     assert len(document.tables[0].rows) == 1 + len(table)
     row = table[(table["axis"] == "Fy") & (table["condition"] == "sway")].iloc[0]

@@ -17,7 +17,8 @@ from pipeline.run import load
 from pipeline.run.store import read_trial, write_trial
 from pipeline.trial.findings.finding import Correction, Finding
 from pipeline.trial.findings.raw import RawFault
-from pipeline.trial.findings.words import note_of
+from pipeline.trial.findings.words import note_of, row_of
+from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.residuals import (
     AXES,
     HEALTHY_RMS,
@@ -90,10 +91,10 @@ def test_the_page_has_the_numbers_of_the_tables(trial, page):
     [
         (
             1.0,
-            r"Fy and Mz above healthy values; forces and moments above .* in [\d.]+ and [\d.]+ %",
+            r"Fy and Mz above healthy values; peak force and peak moment above .* in [\d.]+ and",
         ),
-        (0.35, r"Typical of level walking: all six axes below healthy values; moments above .*"),
-        (0.01, r"Typical of level walking: all six axes below healthy values; peaks within .*"),
+        (0.35, r"RMS of all six axes below healthy values; peak moment above .*"),
+        (0.01, r"Typical of level walking: RMS of all six axes below healthy values; peaks within"),
     ],
 )
 def test_the_first_sentence_compares_with_healthy_walking_and_with_published_limits(
@@ -105,6 +106,24 @@ def test_the_first_sentence_compares_with_healthy_walking_and_with_published_lim
     assert re.match(sentence, first)
     assert "Hicks et al. (2015) limits" in first
     assert len(re.findall(r"\w[\w.]*", first)) <= 25
+
+
+def test_a_pose_is_compared_with_walking_nowhere(trial, tmp_path):
+    pose = replace(trial, cycles={}, events=(), span=(1.0, 3.0))
+    first, *_ = verdict_lines(pose)
+    assert first.startswith("No gait cycles to compare with healthy walking; peak")
+    assert "Healthy" not in text_of(write_trial_page(pose, tmp_path / "pose.html"))
+
+
+def test_an_offset_of_a_plate_has_its_unit():
+    size = row_of(Finding("zero", (1,), "", (12.0,), ()), (), np.zeros(0)).size
+    assert size.splitlines()[0] == "plate 1 Fz +12 N"
+
+
+def test_a_single_gait_cycle_has_no_spread():
+    mean, sd = mean_and_sd(np.ones((1, 3)))
+    assert mean.tolist() == [1, 1, 1]
+    assert np.isnan(sd).all()
 
 
 def test_the_worst_gait_cycles_are_listed_with_what_shows_them(trial, tmp_path):

@@ -89,7 +89,7 @@ def test_p_values_are_the_bonferroni_ones_of_the_planned_pairs(tests, table):
 @pytest.mark.parametrize(
     ("p", "written"),
     [
-        *((0.0, "<0.001*"), (0.04, "0.040*"), (0.04996, "0.04996*"), (0.05, "0.050")),
+        *((0.0, "<.001*"), (0.04, ".040*"), (0.04996, ".04996*"), (0.05, ".050")),
     ],
 )
 def test_p_is_never_written_as_zero_and_on_the_side_of_alpha_where_it_is(p, written):

@@ -98,7 +98,8 @@ def test_the_interval_agrees_with_the_corrected_tests(excess, spread, n, seed):
     assert (verdict.low > 0 or verdict.high < 0) == (5 * p < 0.05)
     excess = cells["sway", True] - (1 + EXPERIMENT_3.margin) * cells["baseline", False]
     one_sided = stats.ttest_1samp(excess, 0, alternative="less").pvalue
-    assert (verdict.answer == "within margin") == (one_sided <= 0.05 / 5 / 2)
+    bounded = np.isfinite(verdict.high_percent)
+    assert (verdict.answer == "within margin") == (one_sided <= 0.05 / 5 / 2 and bounded)
 
 
 def test_one_subject_has_means_but_no_interval():
@@ -211,15 +212,30 @@ def test_one_subject_has_an_interval_of_measurement():
     assert half == pytest.approx(1.96 * 5, rel=1e-3)
 
 
-def test_the_headline_names_each_residual_with_its_estimate():
+def test_no_residual_is_within_the_margin_where_its_ratio_to_baseline_is_unbounded():
+    """The excess over 120 % of baseline is −5 N in both subjects, but baseline may be zero."""
+    baseline = np.array([10.0, 22.0])
+    cells = {(c, ic): 1.2 * baseline - 5 for c in CONDITIONS for ic in (False, True)}
+    verdict = sway(residuals(cells | {("baseline", False): baseline}))
+    assert verdict.answer == "inconclusive"
+    assert verdict.written_percent().endswith("[unbounded]")
+
+
+@pytest.mark.parametrize(("subjects", "few"), [(9, False), (2, True)])
+def test_the_headline_gives_every_residual_its_interval_in_percent(subjects, few):
     answers = {"Fx": "within margin", "Fy": "above", "Fz": "above", "Mx": "inconclusive"}
-    sizes = {"difference": -1.26, "low": -3.04, "high": 0.52}
-    found = [Verdict(axis, "N", "sway", answer, n=9, **sizes) for axis, answer in answers.items()]
-    assert headlines(found)[0] == (
-        "In sway, Fx (difference −1.3 N, 95 % CI [−3.0, 0.5]) is not more than 20 % above baseline "
-        "with compensation; Fy (−1.3 N, [−3.0, 0.5]) and Fz (−1.3 N, [−3.0, 0.5]) are above "
-        "baseline; Mx (−1.3 N, [−3.0, 0.5]) is inconclusive."
+    sizes = {"baseline": 10.0, "difference": -1.26, "low_percent": -30.4, "high_percent": 5.2}
+    found = [
+        Verdict(axis, "N", "sway", answer, n=subjects, **sizes) for axis, answer in answers.items()
+    ]
+    compared, sway, *demonstration = headlines(found)
+    assert "with that of baseline without it" in compared
+    assert sway == (
+        "In sway, Fx (−13 % [−30, +5], −1.3 N) is not more than 20 % above baseline; "
+        "Fy (−13 % [−30, +5], −1.3 N) and Fz (−13 % [−30, +5], −1.3 N) are above "
+        "baseline; Mx (−13 % [−30, +5], −1.3 N) is inconclusive."
     )
+    assert bool(demonstration) == few
 
 
 ALPHA = 0.05 / 5 / 2
