@@ -29,7 +29,8 @@ from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from hbm.notes import Note, provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import written
-from pipeline.config.study import Study, StudyFile
+from pipeline.config.schema import StudyFile
+from pipeline.config.study import Study
 from pipeline.figures.style import drawing
 from pipeline.io.input_file import read_text
 from pipeline.io.write import read_csv, write_csv, write_text
