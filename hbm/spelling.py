@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib.resources import files
+from textwrap import fill
 from typing import Any, Final
 from unicodedata import combining, normalize
 
@@ -16,6 +17,8 @@ END_SHOWN: Final = 120
 """Characters at the end of a longer message."""
 MAX_LISTED: Final = 8
 """Names in a message."""
+TERMINAL: Final = 80
+"""Characters in a line."""
 
 
 def printable(text: str) -> str:
@@ -49,6 +52,12 @@ def both_ends(text: str, characters: int) -> str:
     if len(text) <= characters:
         return text
     return f"{text[: characters - END_SHOWN - 3]} … {text[-END_SHOWN:]}"
+
+
+def wrapped(text: str) -> str:
+    """Give a long line as lines that fit a terminal."""
+    whole: Any = {"break_long_words": False, "break_on_hyphens": False}
+    return fill(text, TERMINAL, subsequent_indent="  ", **whole)
 
 
 def listed(names: Iterable[object], most: int = MAX_LISTED) -> str:
