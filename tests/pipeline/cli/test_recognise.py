@@ -2,12 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pipeline.cli.app import main
 from pipeline.cli.recognise import recognise
+from pipeline.io.read import read_with_any_axes
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
@@ -48,6 +50,30 @@ def test_a_study_its_calibration_and_its_settings_are_recognised(moving_study):
     assert found.commands[0] == f"hbm check {moving_study}"
     assert recognise(moving_study / "study.toml").what == found.what
     assert recognise(moving_study / "sub01.toml").what == "a subject file of a study"
+
+
+def test_a_study_that_cannot_be_read_is_checked_and_not_run_or_shown_live(moving_study, tmp_path):
+    live = f"hbm live --study {moving_study} --subject sub01"
+    assert recognise(moving_study).commands[-1] == live
+    (tmp_path / "study.toml").write_text("[conditions.walk]\n[treadmil]\n")
+    assert recognise(tmp_path).commands == (f"hbm check {tmp_path}",)
+
+
+@pytest.mark.parametrize(("share", "load_n"), [(0.001, 0.0), (1.0, 700.0)])
+def test_a_recording_of_a_person_beside_an_empty_plate_is_fitted_with_that_of_the_empty_one(
+    moving_study, tmp_path, share, load_n
+):
+    """Hardly a motion of the platform, or somebody on a plate."""
+    empty = read_with_any_axes(moving_study / "empty.c3d")
+    values, mean = empty.analog.values, empty.analog.values.mean(axis=0)
+    shaken = replace(empty.analog, values=mean + share * (values - mean))
+    first, *others = empty.plates
+    loaded = replace(first, wrench_in_plate=first.wrench_in_plate + np.eye(6)[2] * load_n)
+    path = tmp_path / "beside.c3d"
+    write_c3d(path, empty.markers, [loaded, *others], analog=shaken)
+    assert recognise(path).commands == (
+        f"hbm calibration fit EMPTY.c3d --beside {path} --out calibration.json",
+    )
 
 
 def test_a_recording_without_plates_is_a_static_or_needs_forces(folder, capsys):
