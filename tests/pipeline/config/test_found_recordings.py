@@ -336,24 +336,31 @@ ORDERS = (
         "S1_{p}_{c}_{r}",
         "{c}_{r}_{p}",
         "Day1/{p}_{c}_{r}",
+        "2024-05-03_{p}_{c}_{r:02d}",
     ),
 )
 PEOPLE = (
     *(("P01", "P02"), ("AB", "CD"), ("EC", "MS"), ("anna", "bert"), ("1", "2"), ("S1", "S2")),
     *(("Smith_J", "Doe_A"), ("sub-1", "sub-2"), ("Pat 1", "Pat 2"), ("HC_01", "PD_01")),
-    *(("KO03", "KO04"), ("Subject A", "Subject B"), ("12345", "67890")),
+    *(("KO03", "KO04"), ("Subject A", "Subject B"), ("12345", "67890"), ("JdV", "MvB")),
 )
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_no_habit_of_naming_makes_a_study_of_wrong_people(recorded, tmp_path, monkeypatch, order):
-    """Two people, two conditions, two recordings each and a pose: they are found, or nobody is."""
+@pytest.mark.parametrize("conditions", [("slow", "fast"), ("normaal", "schoen")])
+def test_no_habit_of_naming_makes_a_study_of_wrong_people(
+    recorded, tmp_path, monkeypatch, order, conditions
+):
+    """Two people, two conditions, two recordings each and a pose: they are found, or nobody is.
+
+    Each pattern that is shown in that case gives the study that is shown.
+    """
     files = {kind: read_with_any_axes(recorded / f"{kind}.c3d") for kind in ("walk", "pose")}
     read = lambda path: files["pose" if "static" in str(path) else "walk"]  # noqa: E731
     monkeypatch.setattr("pipeline.config.found_recordings.read_with_any_axes", read)
     for number, people in enumerate(PEOPLE):
         folder, whose = tmp_path / str(number), dict[str, str]()
-        for p, c, r in product(people, ("slow", "fast"), (1, 2)):
+        for p, c, r in product(people, conditions, (1, 2)):
             whose[f"{order.format(p=p, c=c, r=r)}.c3d"] = p
         whose[f"{order.format(p=people[0], c='static', r=1)}.c3d"] = people[0]
         for name in whose:
@@ -363,6 +370,8 @@ def test_no_habit_of_naming_makes_a_study_of_wrong_people(recorded, tmp_path, mo
         of_subjects = [{whose[file] for file in one.files} for one in found.subjects]
         assert found.readings or sorted(map(sorted, of_subjects)) == [[p] for p in sorted(people)]
         ways = ([{whose[f] for f in one.files} for one in way] for way in found.readings.values())
+        for pattern, subjects in found.readings.items():
+            assert found_subjects(folder, pattern).subjects == subjects
         if found.readings and order != "{p}{c}{r}":  # one of them is what was meant
             assert any(sorted(map(sorted, way)) == [[p] for p in sorted(people)] for way in ways)
 
@@ -385,8 +394,11 @@ def test_one_person_with_two_spellings_is_asked_for(named, capsys):
     ("pattern", "message"),
     [
         ("{person}_{condition}", "--pattern: no place 'person'; there are subject, condition"),
-        ("{condition}_{recording}", "the folders P01, P02 are not in it; state what they say"),
-        ("{subject}-{condition}", "no trial has such a name; one is P01/slow_1.c3d"),
+        (
+            "{condition}_{recording}",
+            "the folders P01, P02 are not in it; 'hbm init' without --pattern",
+        ),
+        ("{subject}-{condition}", "no trial has such a name, as P01/slow_1.c3d; 'hbm init' with"),
     ],
 )
 def test_a_pattern_that_does_not_fit_says_so_in_one_line(named, capsys, pattern, message):
