@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
+from anyascii import anyascii
 
-from hbm.spelling import shown, without_accents
+from hbm.spelling import shown
 from pipeline.config.input_model import RESERVED
 from pipeline.config.recording_names import DIGITS, WITHOUT, RecordingName, Said, said_by, usual
 from pipeline.config.schema import COVARIATES
@@ -286,10 +287,10 @@ def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str,
 
 
 def valid_names(texts: Iterable[str], otherwise: str) -> dict[str, str]:
-    """Give names that a study can have, different ones of different texts."""
+    """Give names that a study can have, in Latin letters; different ones of different texts."""
     names, taken = dict[str, str](), {*TAKEN}
     for text in dict.fromkeys(texts):
-        letters = re.sub("[^A-Za-z0-9]+", "-", re.sub("['’]", "", without_accents(text)))
+        letters = re.sub("[^A-Za-z0-9]+", "-", re.sub("['’]", "", anyascii(text)))
         base = letters[:MAX_LETTERS].strip("-") or otherwise
         numbered = (f"{base}-{number}" for number in count(2))
         names[text] = next(n for n in chain([base], numbered) if n.casefold() not in taken)

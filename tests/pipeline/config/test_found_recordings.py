@@ -192,7 +192,12 @@ def said(one):
             {"sub01": "static loafers sneakers"},
         ),
         (("01_slow", "02_slow"), USUAL, {"01": " slow", "02": " slow"}),
-        (("王_walk_1", "李_walk_1"), USUAL, {"sub01": " walk", "sub01-2": " walk"}),
+        (("王_walk_1", "李_walk_1"), USUAL, {"Wang": " walk", "Li": " walk"}),
+        (
+            ("Sørensen_barfuß_1", "Łukasz_barfuß_1", "李娜_barfuß_1", "李那_barfuß_1"),
+            USUAL,
+            dict.fromkeys(("Sorensen", "Lukasz", "LiNa", "LiNa-2"), " barfuss"),
+        ),
         (
             ("anna_P1_slow", "anna_P2_slow"),
             "{condition}_{subject}_{condition}",
