@@ -135,7 +135,7 @@ def check(
                 progress.show(path.name, done, len(recordings))
     for fault in found.faults:
         console.say(f"FAULT {fault}")
-    places = {remark.place for remark in found.remarks}
+    places = {remark.place for remark in found.remarks}.intersection(loaded.files)
     doubtful = [remark for remark in found.remarks if remark.doubtful]
     by_text: dict[Note | str, list[str]] = {}  # one of many files is printed once
     for remark in found.remarks if OUTPUT.verbose else doubtful:
