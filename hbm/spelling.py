@@ -94,6 +94,7 @@ def no_segment(name: object, known: Iterable[str]) -> str:
 
 Table = dict[str, Any]
 """The contents of a TOML text before they are checked."""
+DECIMAL_COMMA: Final = re.compile(r"^ *([\w.-]+ *= *[+-]?(\d+),(\d+)) *(?:#.*)?$", re.MULTILINE)
 DEEP_KEY: Final = re.compile(r"(?:[\w-]+\s*\.\s*){100}")
 """A dotted key of a hundred parts; the parser needs memory with the square of their number."""
 
@@ -121,6 +122,10 @@ def parse_toml(text: str) -> Table:
     --------
     >>> parse_toml("[markers]")
     {'markers': {}}
+    >>> parse_toml("height_m = 1,64")
+    Traceback (most recent call last):
+    ...
+    ValueError: height_m = 1,64: decimals have a point: 1.64
     >>> parse_toml("a." * 200 + "b = 1")
     Traceback (most recent call last):
     ...
@@ -132,3 +137,8 @@ def parse_toml(text: str) -> Table:
         return tomllib.loads(text)
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
+    except tomllib.TOMLDecodeError as error:
+        if comma := DECIMAL_COMMA.search(text):
+            right = f"{comma[2]}.{comma[3]}"
+            raise ValueError(f"{comma[1]}: decimals have a point: {right}") from error
+        raise

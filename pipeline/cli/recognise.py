@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from hbm.spelling import listed
+from hbm.spelling import listed, parse_toml
 from pipeline.cli.output import counted
 
 if TYPE_CHECKING:
@@ -82,14 +82,13 @@ def _folder(path: Path) -> Recognised:
 
 
 def _of_study(path: Path) -> tuple[str, ...]:
-    """Give what can be done with a study; one with faults is checked first."""
-    from pipeline.config.study import read_study
-
+    """Give what can be done with a study; one without subjects or not in TOML is checked alone."""
     check = f"hbm check {path}"
     try:
-        subjects = [*read_study(path, recordings=False).subjects]
-    except ValueError:
+        tables = [parse_toml(file.read_text("utf-8")) for file in sorted(path.glob("*.toml"))]
+    except (ValueError, OSError):
         return (check,)
+    subjects = [table["id"] for table in tables if {"id", "trials"} <= table.keys()]
     live = (f"hbm live --study {path} --subject {subject}" for subject in subjects[:1])
     return (check, f"hbm run {path}", *live) if subjects else (check,)
 

@@ -52,10 +52,14 @@ def test_a_study_its_calibration_and_its_settings_are_recognised(moving_study):
     assert recognise(moving_study / "sub01.toml").what == "a subject file of a study"
 
 
-def test_a_study_that_cannot_be_read_is_checked_and_not_run_or_shown_live(moving_study, tmp_path):
+def test_a_study_without_subjects_or_not_in_toml_is_checked_and_nothing_else(
+    moving_study, tmp_path
+):
     live = f"hbm live --study {moving_study} --subject sub01"
     assert recognise(moving_study).commands[-1] == live
-    (tmp_path / "study.toml").write_text("[conditions.walk]\n[treadmil]\n")
+    (tmp_path / "study.toml").write_text("[conditions.walk]\n")
+    assert recognise(tmp_path).commands == (f"hbm check {tmp_path}",)
+    (tmp_path / "sub01.toml").write_text('id = "sub01"\nheight_m = 1,64\n[trials]\n')
     assert recognise(tmp_path).commands == (f"hbm check {tmp_path}",)
 
 
@@ -108,11 +112,13 @@ def test_what_is_no_recording_is_named_by_residuals_with_what_to_do(folder, movi
     assert f"next: hbm check {moving_study}" in line
 
 
-def test_what_is_neither_a_command_nor_a_file_gets_the_nearest_command(capsys):
+def test_what_is_neither_a_command_nor_a_file_gets_the_nearest_one(folder, capsys):
     assert main(["residual"]) == 2
     assert "residuals" in capsys.readouterr().err
     assert main(["walk.c3d"]) == 2
-    assert "walk.c3d" in capsys.readouterr().err
+    assert "walk.c3d: no such file" in capsys.readouterr().err
+    assert main([str(folder / "standig.c3d")]) == 2
+    assert "standig.c3d: no such file, did you mean 'standing.c3d'?" in capsys.readouterr().err
 
 
 def test_a_calibration_is_recognised(tmp_path, moving_study, capsys):

@@ -543,7 +543,7 @@ def test_options_of_a_trial_are_refused_for_a_folder(folder, capsys):
 
 def test_an_empty_folder_gets_an_example(tmp_path, capsys):
     assert main(["init", str(tmp_path / "new")]) == 0
-    assert "study.toml, sub01.toml" in capsys.readouterr().out
+    assert "sub01.toml (a template: there is no such folder)" in capsys.readouterr().out
 
 
 def test_real_children_have_their_pose_found(shared_data):

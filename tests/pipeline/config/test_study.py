@@ -59,6 +59,11 @@ def test_what_is_wrong_with_a_subject_is_one_line_in_python_too(stated, said):
     assert "\n" not in str(caught.value)
 
 
+def test_a_decimal_comma_is_said_to_be_a_point(write):
+    fault = only_fault_of(write(sub01=f"height_m = 1,64  # by tape\n{PERSON}"))
+    assert "height_m = 1,64: decimals have a point: 1.64" in fault
+
+
 def test_shoes_are_of_a_subject_and_their_sole_has_no_effect_without_their_mass(write):
     shod = "shoe_mass_kg = 0.3\nsole_height_m = 0.025\n"
     subjects = read_study(write(a=shod + PERSON, b=PERSON.replace("sub01", "b"))).subjects
