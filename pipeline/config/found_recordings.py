@@ -245,8 +245,8 @@ def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
 def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
     """Give the ways to read names, by the places that may say whose they are; the likeliest first.
 
-    Likely are several subjects and conditions, in all combinations, of every name; else the subject
-    of the fewest places, and the first of them.
+    Likely are several subjects and conditions, in all combinations, of every name, and no subject
+    that is a number at the end; else the subject of the fewest places, and the first of them.
     """
     names = [one.name for one in recorded if not one.pose]
     patterns = Counter(way for name in names for way in name.patterns())
@@ -263,7 +263,9 @@ def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
         conditions = len({condition for subject in subjects for condition in subject.trials})
         crossed = cells / max(1, len(subjects) * conditions)
         several = (len(subjects) > 1) * 1.1 + (conditions > 1)
-        ways.append((read * several * crossed**2, pattern, subjects))
+        repeated = pattern.endswith("{subject}") and all(one.name.isdecimal() for one in subjects)
+        likely = read * several * crossed**2 * (0.5 if repeated else 1.0)
+        ways.append((likely, pattern, subjects))
     ways.sort(key=lambda way: (-way[0], way[1].count("{subject}"), way[1].find("{subject}")))
     ways = [way for way in ways if way[2]]
     people = [{frozenset(subject.files) for subject in subjects} for *_, subjects in ways]

@@ -374,11 +374,20 @@ def test_no_habit_of_naming_makes_a_study_of_wrong_people(
         found = found_subjects(folder)
         of_subjects = [{whose[file] for file in one.files} for one in found.subjects]
         assert found.readings or sorted(map(sorted, of_subjects)) == [[p] for p in sorted(people)]
-        ways = ([{whose[f] for f in one.files} for one in way] for way in found.readings.values())
         for pattern, subjects in found.readings.items():
             assert found_subjects(folder, pattern).subjects == subjects
-        if found.readings and order != "{p}{c}{r}":  # one of them is what was meant
-            assert any(sorted(map(sorted, way)) == [[p] for p in sorted(people)] for way in ways)
+        meant = [[person] for person in sorted(people)]
+        ways = [
+            sorted(sorted({whose[file] for file in one.files}) for one in way)
+            for way in found.readings.values()
+        ]
+        if people == ("JdV", "MvB") and order.startswith("2024"):
+            assert ways[0] == meant
+        unclear = order == "{p}{c}{r}" or (  # such as normaal_1_2
+            order == "{c}_{r}_{p}" and people[0].isdecimal() and conditions[0] == "normaal"
+        )
+        if found.readings and not unclear:  # one of them is what was meant
+            assert meant in ways
 
 
 def test_groups_whose_numbers_are_the_same_have_the_pose_of_each_person(named):
@@ -530,7 +539,8 @@ def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp
         "S02 walking 01",
         "S02 walking 02",
     ]
-    assert check_study(study).faults == []
+    (copied,) = check_study(study).faults
+    assert copied.said.startswith("the same recording as S02 walking 01")
     results = tmp_path / "results"
     assert main(["run", str(folder), "--subject", "S01", "--out", str(results)]) == 0
     assert (results / "trials" / "S01_walking.parquet").is_file()
