@@ -13,14 +13,14 @@ from numbers import Integral, Real
 from string import Formatter
 from typing import Any, Final, Literal, SupportsFloat
 
-from hbm.spelling import packaged_toml, printable, written
+from hbm.spelling import packaged_toml, printable, wrapped, written
 
 Level = Literal["warning", "provenance"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
 GivenValue = str | SupportsFloat | Sequence[str] | Mapping[str, SupportsFloat]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Note:
     """One finding about a body, a recording or a trial.
 
@@ -64,6 +64,9 @@ class Note:
 
     def __hash__(self) -> int:
         return hash((self.code, self.text))
+
+    def __repr__(self) -> str:
+        return wrapped(f"Note({self.code!r}: {self.text})")
 
     def __str__(self) -> str:
         return self.text

@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib.resources import files
+from textwrap import fill
 from typing import Any, Final
 from unicodedata import combining, normalize
 
@@ -16,6 +17,8 @@ END_SHOWN: Final = 120
 """Characters at the end of a longer message."""
 MAX_LISTED: Final = 8
 """Names in a message."""
+TERMINAL: Final = 80
+"""Characters in a line."""
 
 
 def printable(text: str) -> str:
@@ -49,6 +52,12 @@ def both_ends(text: str, characters: int) -> str:
     if len(text) <= characters:
         return text
     return f"{text[: characters - END_SHOWN - 3]} … {text[-END_SHOWN:]}"
+
+
+def wrapped(text: str) -> str:
+    """Give a long line as lines that fit a terminal."""
+    whole: Any = {"break_long_words": False, "break_on_hyphens": False}
+    return fill(text, TERMINAL, subsequent_indent="  ", **whole)
 
 
 def listed(names: Iterable[object], most: int = MAX_LISTED) -> str:
@@ -90,6 +99,7 @@ def no_segment(name: object, known: Iterable[str]) -> str:
 
 Table = dict[str, Any]
 """The contents of a TOML text before they are checked."""
+DECIMAL_COMMA: Final = re.compile(r"^ *([\w.-]+ *= *[+-]?(\d+),(\d+)) *(?:#.*)?$", re.MULTILINE)
 DEEP_KEY: Final = re.compile(r"(?:[\w-]+\s*\.\s*){100}")
 """A dotted key of a hundred parts; the parser needs memory with the square of their number."""
 
@@ -117,6 +127,10 @@ def parse_toml(text: str) -> Table:
     --------
     >>> parse_toml("[markers]")
     {'markers': {}}
+    >>> parse_toml("height_m = 1,64")
+    Traceback (most recent call last):
+    ...
+    ValueError: height_m = 1,64: decimals have a point: 1.64
     >>> parse_toml("a." * 200 + "b = 1")
     Traceback (most recent call last):
     ...
@@ -128,3 +142,8 @@ def parse_toml(text: str) -> Table:
         return tomllib.loads(text)
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
+    except tomllib.TOMLDecodeError as error:
+        if comma := DECIMAL_COMMA.search(text):
+            right = f"{comma[2]}.{comma[3]}"
+            raise ValueError(f"{comma[1]}: decimals have a point: {right}") from error
+        raise

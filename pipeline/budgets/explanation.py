@@ -309,11 +309,13 @@ def processed(job: Job) -> tuple[Recording, TrialResult]:
 
     A ValueError where the result is missing or not up to date, or the recording is gone.
     """
-    path = job.target.parent.parent / "trials" / f"{job.target.stem}.parquet"
+    results = job.target.parent.parent
+    path = results / "trials" / f"{job.target.stem}.parquet"
+    again = f"hbm run {job.study.folder} --out {results}"
     try:
         result = read_trial(path)
     except FileNotFoundError:
-        raise ValueError("it has no result; run 'hbm run' first") from None
+        raise ValueError(f"it has no result; next: {again}") from None
     person, trial = job.study.subject(job.name.subject), job.study.trial(job.name)
     assert trial.file is not None  # it would not be planned
     if not job.study.path(trial.file).is_file():
@@ -321,7 +323,7 @@ def processed(job: Job) -> tuple[Recording, TrialResult]:
             f"the recording {trial.file} is missing, and only it shows the causes of residuals"
         )
     if result.key != trial_key(job.study, job.name):
-        raise ValueError("its result is not up to date; run 'hbm run' first")
+        raise ValueError(f"its result is not up to date; next: {again} --overwrite")
     return read_study_file(job.study, trial.file, trial, person.static), result
 
 

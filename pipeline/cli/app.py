@@ -229,11 +229,17 @@ def _with_command(typed: list[str]) -> list[str] | None:
 
     What else a file or folder is, is printed, with what can be done with it; None is returned.
     """
-    if typed[0] in COMMANDS or typed[0].startswith("-") or not os.path.lexists(typed[0]):
+    if typed[0] in COMMANDS or typed[0].startswith("-"):
         return typed
+    path = Path(typed[0])
+    if not os.path.lexists(path):
+        if path.name == typed[0] and not path.suffix:
+            return typed
+        near = did_you_mean(path.name, [each.name for each in path.parent.glob("*")])
+        raise ValueError(f"{path}: no such file{near}")
     from pipeline.cli.recognise import recognise
 
-    found = recognise(Path(typed[0]))
+    found = recognise(path)
     others = [word for word in typed[1:] if word.startswith("-")]
     if (without := {*others} - {"--json", "--quiet"}) and not found.walking:
         raise ValueError(f"{listed(sorted(without))} has no effect: {typed[0]} is {found}")

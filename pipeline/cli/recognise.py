@@ -3,9 +3,12 @@
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from hbm.spelling import counted, listed
+from hbm.spelling import counted, listed, parse_toml
+
+if TYPE_CHECKING:
+    from pipeline.io.recording import Recording
 
 CALIBRATIONS: Final = ("calibration/", "validation/")
 
@@ -56,13 +59,15 @@ def _folder(path: Path) -> Recognised:
     if (path / "study.toml").is_file():
         subjects = len([*path.glob("*.toml")]) - 1
         what = f"a study with {counted(subjects, 'subject file')}"
-        return Recognised(what, (f"hbm check {path}", f"hbm run {path}", f"hbm live {path}"))
+        return Recognised(what, _of_study(path))
     if (path / "plates.toml").is_file():
         return Recognised("recordings of known weights (experiment 1)", (f"hbm plates {path}",))
     if results := [*path.glob("trials/*.parquet")]:
         what = f"the results of a study, {counted(len(results), 'trial')}"
         commands = (f"hbm report {path}", f"hbm view {path}", f"hbm explain {path}")
         return Recognised(what, (*commands, f"hbm export {path} --format tables --out DIR"))
+    if path.name == "trials" and any(path.glob("*.parquet")):
+        return _folder(path.absolute().parent)
     if all((path / name).is_dir() for name in CALIBRATIONS):
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
     from pipeline.io.read import is_recording  # numpy, which the others do without
@@ -73,6 +78,18 @@ def _folder(path: Path) -> Recognised:
         return Recognised(what, (f"hbm init {path}", f"hbm {found[-1]}"))
     what = "a folder without study, results or recordings"
     return Recognised(what, (f"hbm init {path}", "hbm demo"))
+
+
+def _of_study(path: Path) -> tuple[str, ...]:
+    """Give what can be done with a study; one without subjects or not in TOML is checked alone."""
+    check = f"hbm check {path}"
+    try:
+        tables = [parse_toml(file.read_text("utf-8")) for file in sorted(path.glob("*.toml"))]
+    except (ValueError, OSError):
+        return (check,)
+    subjects = [table["id"] for table in tables if {"id", "trials"} <= table.keys()]
+    live = (f"hbm live --study {path} --subject {subject}" for subject in subjects[:1])
+    return (check, f"hbm run {path}", *live) if subjects else (check,)
 
 
 def _result(path: Path) -> Recognised:
@@ -125,21 +142,45 @@ def _json(path: Path) -> Recognised:
 
 def _recording(path: Path) -> Recognised:
     """Say what a recording holds."""
-    from pipeline.io.read import file_format, read_with_any_axes
+    from pipeline.io.read import FORCES_BESIDE, file_format, read_with_any_axes
     from pipeline.io.recording import MIN_MARKERS
 
     kind, recording = file_format(path), read_with_any_axes(path)
     markers, plates = recording.markers, recording.plates
     walking = bool(plates) and len(markers.names) >= MIN_MARKERS
     uses: tuple[str, ...]
-    uses = (f"hbm residuals TRIAL --static {path}", f"hbm residuals {path} --forces FORCES.mot")
+    uses = (f"hbm residuals TRIAL --static {path}",)
+    if kind in FORCES_BESIDE:
+        uses += (f"hbm residuals {path} --forces FORCES.mot",)
     if walking:
         exported = f"hbm export {path} --format osim --format tables --out DIR"
         uses = f"hbm residuals {path}", f"hbm explain {path}", exported, f"hbm live --replay {path}"
     elif plates:
-        fitted = f"hbm calibration fit {path} --out calibration.json"
-        uses = fitted, f"hbm calibration check CALIBRATION {path}"
+        uses = _of_treadmill(path, recording)
     seconds = len(markers.time) / markers.rate_hz
     count = counted(len(plates), "plate") if plates else "no plates"
     what = f"a {kind} recording, {seconds:.1f} s, {len(markers.names)} markers, {count}"
     return Recognised(what, uses, walking)
+
+
+def _of_treadmill(path: Path, recording: "Recording") -> tuple[str, ...]:
+    """Give what can be done with plates without a body: by the platform's motion and their load."""
+    from compensation.inertia.quality import MIN_LOAD_N
+    from compensation.inputs import refuse_still_platform
+    from pipeline.config.schema import Treadmill
+    from pipeline.trial.ground import accelerometers as of_treadmill
+
+    try:
+        sensors = of_treadmill.find_accelerometers(recording)
+        treadmill = Treadmill(accelerometers=sensors)
+        clock, readings = of_treadmill.accelerations(recording, treadmill)
+    except ValueError:
+        return ()
+    filtered = of_treadmill.setup_of(recording, treadmill).low_pass(readings, clock)
+    load_n = max(abs(float(plate.wrench[:, 2].mean())) for plate in recording.plates)
+    with suppress(ValueError):
+        refuse_still_platform(*of_treadmill.without_gaps(filtered))
+        if load_n < MIN_LOAD_N:
+            fitted = f"hbm calibration fit {path} --out calibration.json"
+            return fitted, f"hbm calibration check CALIBRATION.json {path}"
+    return (f"hbm calibration fit EMPTY.c3d --beside {path} --out calibration.json",)

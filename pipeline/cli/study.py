@@ -52,7 +52,7 @@ def init(
     from pipeline.io.read import read_with_any_axes
     from pipeline.trial.ground.accelerometers import find_accelerometers
 
-    console = PlainConsole()
+    console, new = PlainConsole(), not folder.exists()
     with console.status("reading recordings"):
         found = found_subjects(folder, pattern)
     for way, subjects in found.readings.items():
@@ -89,7 +89,9 @@ def init(
     files = ", ".join(path.name for path in written)
     platform = ", how the platform moves as [treadmill.platform]" if treadmill else ""
     todo = f"state sex, height_m and mass_kg of each subject{platform}, then hbm check {folder}"
-    console.say(f"written to {folder}: {files}; next: {todo}")
+    why = "there is no such folder" if new else "no recording in it is used"
+    template = "" if found.subjects else f" (a template: {why})"
+    console.say(f"written to {folder}: {files}{template}; next: {todo}")
 
 
 def _grid(subjects: Sequence["FoundSubject"], most: int | None = None) -> Table:
@@ -135,7 +137,7 @@ def check(
                 progress.show(path.name, done, len(recordings))
     for fault in found.faults:
         console.say(f"FAULT {fault}")
-    places = {remark.place for remark in found.remarks}
+    places = {remark.place for remark in found.remarks}.intersection(loaded.files)
     doubtful = [remark for remark in found.remarks if remark.doubtful]
     by_text: dict[Note | str, list[str]] = {}  # one of many files is printed once
     for remark in found.remarks if OUTPUT.verbose else doubtful:

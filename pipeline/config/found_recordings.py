@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
+from anyascii import anyascii
 
-from hbm.spelling import shown, without_accents
+from hbm.spelling import shown
 from pipeline.config.input_model import RESERVED
-from pipeline.config.recording_names import DIGITS, RecordingName, Said, said_by, usual
+from pipeline.config.recording_names import DIGITS, WITHOUT, RecordingName, Said, said_by, usual
 from pipeline.config.schema import COVARIATES
 from pipeline.io.read import is_recording, read_with_any_axes
 from pipeline.io.recording import MIN_MARKERS, Recording
@@ -118,12 +119,16 @@ def found_subjects(folder: Path, pattern: str = "") -> FoundStudy:
     recorded, empty, unused = _people_in(folder)
     if not pattern and (doubtful := _doubtful(recorded)):
         unclear = {name.stem: "its name does not say surely whose it is" for name in doubtful}
-        return FoundStudy([], [], unclear, _readings(recorded))
+        if readings := _readings(recorded):
+            return FoundStudy([], [], unclear, readings)
+        raise ValueError(f"{doubtful[0].stem} does not say surely whose it is; state a --pattern")
     said = said_by(pattern, [one.file for one in recorded]) if pattern else _said(recorded)
     subjects = _subjects(recorded, said, unused)
     if pattern and recorded and not subjects:
         file = next((one.file for one in recorded if not one.pose), recorded[0].file)
-        raise ValueError(f"--pattern {shown(pattern)}: no trial has such a name; one is {file}")
+        raise ValueError(
+            f"--pattern {shown(pattern)}: no trial has such a name, as {file}; {WITHOUT}"
+        )
     return FoundStudy(subjects, empty, unused, {})
 
 
@@ -240,19 +245,29 @@ def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
 def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
     """Give the ways to read names, by the places that may say whose they are; the likeliest first.
 
-    Likely are several subjects and conditions, in all combinations.
+    Likely are several subjects and conditions, in all combinations, of every name, and no subject
+    that is a number at the end; else the subject of the fewest places, and the first of them.
     """
-    patterns = Counter(way for one in recorded if not one.pose for way in one.name.patterns())
+    names = [one.name for one in recorded if not one.pose]
+    patterns = Counter(way for name in names for way in name.patterns())
     commonest = {places: pattern for (places, pattern), _ in reversed(patterns.most_common())}
     files, ways = [one.file for one in recorded], list[tuple[float, str, list[FoundSubject]]]()
     for pattern in dict.fromkeys(commonest.values()):
-        subjects = _subjects(recorded, said_by(pattern, files), {})
+        try:
+            said = said_by(pattern, files)
+        except ValueError:  # folders that it leaves out tell recordings apart
+            continue
+        subjects = _subjects(recorded, said, {})
+        read = sum(one.file in said for one in recorded if not one.pose) / len(names)
         cells = sum(len(subject.trials) for subject in subjects)
         conditions = len({condition for subject in subjects for condition in subject.trials})
         crossed = cells / max(1, len(subjects) * conditions)
         several = (len(subjects) > 1) * 1.1 + (conditions > 1)
-        ways.append((several * crossed**2, pattern, subjects))
-    ways.sort(key=lambda way: -way[0])
+        repeated = pattern.endswith("{subject}") and all(one.name.isdecimal() for one in subjects)
+        likely = read * several * crossed**2 * (0.5 if repeated else 1.0)
+        ways.append((likely, pattern, subjects))
+    ways.sort(key=lambda way: (-way[0], way[1].count("{subject}"), way[1].find("{subject}")))
+    ways = [way for way in ways if way[2]]
     people = [{frozenset(subject.files) for subject in subjects} for *_, subjects in ways]
     different = [way for k, way in enumerate(ways) if people[k] not in people[:k]]
     return {way[1]: way[2] for way in (different if different[1:] else ways)[:MAX_READINGS]}
@@ -274,10 +289,10 @@ def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str,
 
 
 def valid_names(texts: Iterable[str], otherwise: str) -> dict[str, str]:
-    """Give names that a study can have, different ones of different texts."""
+    """Give names that a study can have, in Latin letters; different ones of different texts."""
     names, taken = dict[str, str](), {*TAKEN}
     for text in dict.fromkeys(texts):
-        letters = re.sub("[^A-Za-z0-9]+", "-", re.sub("['’]", "", without_accents(text)))
+        letters = re.sub("[^A-Za-z0-9]+", "-", re.sub("['’]", "", anyascii(text)))
         base = letters[:MAX_LETTERS].strip("-") or otherwise
         numbered = (f"{base}-{number}" for number in count(2))
         names[text] = next(n for n in chain([base], numbered) if n.casefold() not in taken)

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from functools import cache
 from typing import Annotated, Any, Final
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from hbm.spelling import printable
+from hbm.spelling import printable, wrapped
+from pipeline.config.toml_file import describe_faults
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import parse_mending, parse_plate_units
 from pipeline.io.units import acceleration_in_mps2, length_in_m
@@ -37,6 +38,22 @@ class InputModel(BaseModel):
         allow_inf_nan=False,
         use_attribute_docstrings=True,
     )
+
+    def __init__(self, /, **stated: Any) -> None:
+        """Check what is stated; what is wrong is one line."""
+        try:
+            super().__init__(**stated)
+        except ValidationError as error:
+            faults = "; ".join(describe_faults(error, type(self), stated))
+            raise ValueError(f"{type(self).__name__}: {faults}") from None
+
+    # else pydantic would call it for models within models and files too
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    def __repr__(self) -> str:
+        return wrapped(super().__repr__())
+
+    __str__ = __repr__
 
 
 def bounds_of(kind: type[InputModel], name: str) -> str:

@@ -26,6 +26,7 @@ BOUNDARIES: Final = {
 }
 """Between two places without a mark: the last of digits and letters, else the first capital."""
 INITIALS: Final = re.compile("[A-Z]{2}")
+WITHOUT: Final = "'hbm init' without --pattern shows the ways in which names can be read"
 TIME: Final = re.compile("[Tt][0-9]")
 """A time of measurement, such as T1, before further fields."""
 
@@ -150,7 +151,8 @@ class RecordingName(NamedTuple):
             places = [last]
         for number in range(min(len(places), 3) + 1):
             for chosen in combinations(places[:3], number):
-                yield chosen, self._pattern(chosen)
+                if last not in chosen[1:] or last - 1 in chosen:  # a number follows its name
+                    yield chosen, self._pattern(chosen)
 
     def _pattern(self, person: Sequence[int]) -> str:
         """Give its pattern if the fields at some places say whose it is."""
@@ -162,7 +164,8 @@ class RecordingName(NamedTuple):
                 place = self.fields.index(part.text)  # a folder said it before
             bare, role, last = _bare(part.text), "{condition}", part is self.parts[-1]
             if place in person:
-                known = [usual(word) for word in WORD.findall(part.text)]
+                words = WORD.findall(part.text)  # a single letter in JdV is no word
+                known = [usual(word) for word in words if len(word) > 1 or not words[1:]]
                 role = "{subject}" if not any(known) else "{subject}{condition}{recording}"
                 if known and all(known) and not part.text[0].isdecimal():
                     role = "{condition}{subject}" if part.text[-1] in DIGITS else "{subject}"
@@ -171,6 +174,8 @@ class RecordingName(NamedTuple):
             elif last and "." not in part.text and part.text[-1] in DIGITS:
                 role = "{recording}" if bare in ("", *TRIAL) else "{condition}{recording}"
             placed = re.sub("[^-_ ]+", role, stem[part.start : part.stop])
+            if role == "{condition}{recording}":  # of a word and its number with a mark between
+                placed = re.sub(r"\{recording\}([-_ ])\{condition\}", r"\1", placed)
             pattern, end = pattern + stem[end : part.start] + placed, part.stop
         return re.sub(r"[*]([-_ ]?[*])+", "*", pattern + stem[end:])
 
@@ -239,10 +244,7 @@ def said_by(pattern: str, files: Iterable[str]) -> dict[str, Said]:
             person, what = "-".join(said_of["subject"]), "-".join(said_of["condition"])
             said[file] = Said(person, what.lower(), name.session)
     if len(above) > 1:
-        raise ValueError(
-            f"--pattern: the folders {listed(sorted(above))} are not in it; state what they say, "
-            f'such as "{{subject}}/{pattern}" or "*/{pattern}"'
-        )
+        raise ValueError(f"--pattern: the folders {listed(sorted(above))} are not in it; {WITHOUT}")
     return said
 
 

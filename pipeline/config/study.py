@@ -128,6 +128,9 @@ class Study(Shown):
         self, subjects: Iterable[str] = (), conditions: Iterable[str] = ()
     ) -> list[TrialName]:
         """Give the trials of some subjects and conditions, by default all; StudyFaults if none."""
+        subjects, conditions = (
+            [names] if isinstance(names, str) else names for names in (subjects, conditions)
+        )
         wanted = {self.subject(name).id for name in subjects} or self.subjects
         of = [*conditions] or self.file.conditions
         for condition in of:

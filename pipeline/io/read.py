@@ -32,6 +32,8 @@ READERS: Final[dict[str, Callable[..., Recording]]] = {
     "XDF": read_xdf,
 }
 """What reads each format, given path, what is stated, and a file of forces or record beside it."""
+FORCES_BESIDE: Final = ("TRC", "Qualisys")
+"""Formats whose forces are in a file of their own."""
 HEAD_BYTES: Final = 65536
 """Read to recognise a format: the longest first line of D-Flow is shorter."""
 FIRST_LINES: Final = 100
@@ -91,7 +93,7 @@ def read_recording(
     path, stated = Path(path), as_stated(stated)
     kind = file_format(path)
     with naming(path):
-        if forces is not None and kind not in ("TRC", "Qualisys"):
+        if forces is not None and kind not in FORCES_BESIDE:
             raise ValueError(f"a file of forces goes with a TRC or Qualisys file, this is {kind}")
         if record is not None and kind != "D-Flow":
             raise ValueError(f"a record file goes with a D-Flow file, this is {kind}")

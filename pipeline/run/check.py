@@ -64,6 +64,12 @@ MAX_MISSING_SHARE: Final = 0.2
 """Share of the frames; a marker that is missing in more is named."""
 ASSUMED_MASS_KG: Final = 70.0
 """For a body whose mass is not stated: a check uses only the positions of its joints."""
+USED: Final = {
+    "sex": "mean of women and men",
+    "height_m": "the file's, else by the legs",
+    "mass_kg": "by the plates, else the file's",
+}
+"""Key that is not stated of a subject -> what is used instead."""
 Result = TypeVar("Result")
 
 
@@ -84,7 +90,10 @@ class Finding:
         return not self.contents if isinstance(self.said, str) else self.said.level == "warning"
 
     def __str__(self) -> str:
-        said = f"variant {self.variant}: {self.said}" if self.variant else str(self.said)
+        text, name = str(self.said), Path(self.place).name
+        if text.startswith(f"{name}: "):
+            text = self.place + text.removeprefix(name)
+        said = f"variant {self.variant}: {text}" if self.variant else text
         named = isinstance(self.said, str) and self.place in said
         return said if named else f"{self.place}: {said}"
 
@@ -197,6 +206,7 @@ def check_study(study: Study, jobs: int | None = 1) -> Findings:
     )
     for of_subject in in_processes(tasks, jobs, ordered=True):
         findings.include(of_subject)
+    _remark_unstated(study, findings)
     _remark_repeated(study, findings)
     renames = unused_renames(absent for _, absent in findings.read.values())
     findings.remark("study.toml", *(fact.note for fact in renames))
@@ -240,12 +250,13 @@ class _TrialCheck:
         )
         self.chain = Chain(inputs, self.settings).changed(trial=recording)
         self.channels = recording.analog.names if recording.analog is not None else ()
-        self.remark = partial(self.findings.remark, recording.source.name)
-        self.fault = partial(self.findings.fault, recording.source.name)
+        self.file = str(trial.file)
+        self.remark = partial(self.findings.remark, self.file)
+        self.fault = partial(self.findings.fault, self.file)
 
     def attempt(self, action: Callable[[], Result]) -> Result | None:
         """Give what a function returns; where it raises, that is a fault of the recording."""
-        return self.findings.attempt(self.recording.source.name, action)
+        return self.findings.attempt(self.file, action)
 
     def run(self, pose: Recording | None) -> None:
         """Pass all stages; the pose is that of the static recording, where it could be read."""
@@ -409,8 +420,25 @@ class _TrialCheck:
         self.attempt(lambda: count(self.rule))
 
 
+def _remark_unstated(study: Study, findings: Findings) -> None:
+    """Say in one line what is not stated of subjects, and what is used instead."""
+    people = study.subjects.values()
+    without = {
+        "sex": [one.id for one in people if one.sex == "unspecified"],
+        "height_m": [one.id for one in people if one.height_m is None],
+        "mass_kg": [one.id for one in people if one.mass_kg is None],
+    }
+    parts = [f"{key} of {listed(of, 3)} ({USED[key]})" for key, of in without.items() if of]
+    usual = not (without["sex"] or without["height_m"])  # plates weigh best
+    if parts:
+        findings.remark("subjects", f"not stated: {', '.join(parts)}", contents=usual)
+
+
 def _remark_repeated(study: Study, findings: Findings) -> None:
-    """Name trials, and poses of other subjects, that are one recording, whatever its name."""
+    """Name trials, and poses of other subjects, that are one recording, whatever its name.
+
+    Of two subjects it is a fault. Windows of one subject may overlap on purpose.
+    """
     groups: dict[str, dict[str, tuple[str, WantedWindow]]] = {}
     for subject, person in study.subjects.items():
         trials = [(n, trial) for n, trial in person.named_trials.items() if trial.exclude is None]
@@ -429,7 +457,10 @@ def _remark_repeated(study: Study, findings: Findings) -> None:
         apart = len(spans) == len(group) and all(a[1] <= b[0] for a, b in pairwise(spans))
         if others and not (apart and len({*owners}) == 1):
             same = f"the same recording as {listed(others, len(others))}"
-            findings.remark(first, f"{same}; frames that several use count more than once")
+            if len({*owners}) > 1:
+                findings.fault(first, f"{same}; a recording is of one subject: correct one file")
+            else:
+                findings.remark(first, f"{same}; frames that several use count more than once")
 
 
 def study_recordings(study: Study) -> tuple[Path, ...]:

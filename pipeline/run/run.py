@@ -11,6 +11,7 @@ from pathlib import Path
 from joblib import delayed
 
 from hbm.kernels.native import kernels
+from hbm.spelling import shown
 from pipeline.config.schema import TrialName
 from pipeline.config.study import Study
 from pipeline.io.write import require_writable
@@ -73,6 +74,8 @@ def run_study(
 
     Raises
     ------
+    TypeError
+        If the study has not been read.
     ValueError
         If a subject or condition is unknown, there is nothing to process, ``out`` cannot be
         written to, or results would be replaced that were made with other settings or files.
@@ -89,6 +92,9 @@ def run_study(
     ...     print(outcome)
     done sub01 level
     """
+    if not isinstance(study, Study):
+        expected = f"study: expected a study, got {shown(study)}"
+        raise TypeError(f"{expected}; read it first: hr.read_study(FOLDER)")
     out = Path(out)
     planned = plan(study, out, subjects=subjects, conditions=conditions)
     if not overwrite:

@@ -32,6 +32,7 @@ from hbm.spatial import Array, Indices, frozen
 from hbm.spelling import short
 from pipeline.config.schema import Settings
 from pipeline.io.input_file import NO_MEMORY, open_file, read_text
+from pipeline.io.read import is_recording
 from pipeline.io.recording import Event
 from pipeline.io.write import open_parquet, whole_file, write_text
 from pipeline.trial.residuals import AXES, reported
@@ -256,7 +257,7 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
     Raises
     ------
     ValueError
-        If the file is damaged, not a trial's result, or written by another version.
+        If the file is a recording, damaged, not a trial's result, or written by another version.
     OSError
         If it cannot be opened.
 
@@ -444,6 +445,8 @@ def _readable(path: Path) -> Iterator[None]:
         if isinstance(error, OSError) and error.errno is not None:
             # the file cannot be opened; without a number, its content is damaged
             raise OSError(error.errno, error.strerror, str(path)) from error
+        if is_recording(path):
+            raise ValueError(f"{name} is a recording, no result; read it with hr.read") from None
         text = f"no {error.args[0]}" if isinstance(error, KeyError) else str(error)
         reason = short(" ".join(text.split()), MAX_REASON)
         raise ValueError(f"{name} is damaged: {reason}; {AGAIN}") from error

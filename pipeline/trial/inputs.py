@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.segments import SegmentOverride
+from hbm.spelling import shown
 from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
@@ -50,6 +51,13 @@ class Inputs:
     laboratory: Laboratory = field(default_factory=lambda: Laboratory(Treadmill()))
     condition: Condition = field(default_factory=Condition)
     contacts: tuple[PlateContact, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("recording", "static", "hip_trial"):
+            given = getattr(self, name)
+            if not isinstance(given, Recording | None):
+                expected = f"{name}: expected a recording, got {shown(given)}"
+                raise TypeError(f"{expected}; read it first: {name}=hr.read(FILE)")
 
     def require_all(self, settings: Settings) -> None:
         """Say all at once, in a ValueError, that the trial lacks: frames, labels, plates, mass."""

@@ -78,6 +78,8 @@ def process_recording(
 
     Raises
     ------
+    TypeError
+        If a file has not been read as a recording.
     ValueError
         If the trial has no plates, no known markers, no usable mass, or is shorter than the filter
         needs; if a stated span or contact is not in it.

@@ -40,6 +40,9 @@ CYCLE_COLUMNS: Final = (
     *("compensated", "window", "headline", "side", "cycle", "start_s", "stop_s"),
     *("axis", "unit", "rms", "peak", "n_frames", "valid_share"),
 )
+FIRST: Final = ("compensated", "axis", "rms", "mean")
+LAST: Final = ("sd", "peak", "window")
+"""Columns at the ends of a table of residuals."""
 EVERY_MARKER: Final = "all"
 """Name of the row over all markers."""
 
@@ -198,7 +201,7 @@ def worst_cycles(result: TrialResult) -> list[CycleExtreme]:
     return sorted(worst, key=lambda cycle: -cycle.ratio)
 
 
-def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":
+def residual_table(result: TrialResult, condition: str = "") -> "pd.DataFrame":
     """Summarise a trial's residuals, one row per variant and axis.
 
     Parameters
@@ -206,13 +209,14 @@ def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":
     result
         The trial.
     condition
-        Name of the condition, for the table.
+        Name of the condition, for the table; by default the trial's own.
 
     Returns
     -------
     pandas.DataFrame
         The headline window first; of each, as measured and then compensated; axes in the order of
-        `AXES`. Empty where no frame of the headline window counts.
+        `AXES`. Empty where no frame of the headline window counts. The columns that are read most
+        are at both ends, which pandas prints of a wide table.
 
         subject, condition, recording, session
             The trial; recording and session are empty where there is one.
@@ -261,7 +265,9 @@ def residual_table(result: TrialResult, condition: str) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    return pd.DataFrame(residual_rows(result, condition), columns=Residual._fields)
+    rows = residual_rows(result, condition or result.condition)
+    table = pd.DataFrame(rows, columns=Residual._fields)
+    return table[[*FIRST, *table.columns.drop([*FIRST, *LAST]), *LAST]]
 
 
 def residual_rows(result: TrialResult, condition: str = "") -> list[Residual]:

@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.residuals import residual_table
 
@@ -48,3 +50,18 @@ def test_notebooks_show_the_same_as_a_table_and_sessions_fit_a_terminal(request,
     assert title in value._repr_html_()
     assert value._repr_html_().count("<tr") == 1 + len(value.overview().rows)
     assert max(map(len, repr(value).split("\n"))) <= 80
+
+
+def test_a_printed_table_of_residuals_shows_plates_axis_and_rms_in_a_terminal(processed):
+    table = residual_table(processed)
+    with pd.option_context("display.width", 80, "display.max_columns", 0):
+        heads, first, *_ = str(table).split("\n")
+    assert heads.split()[:3] == ["compensated", "axis", "rms"]
+    assert float(first.split()[3]) == pytest.approx(table["rms"][0])
+    assert set(table["condition"]) == {processed.condition}
+
+
+def test_subjects_settings_and_notes_are_shown_in_lines_of_a_terminal(processed):
+    for value in (Subject(), Settings(), *processed.notes):
+        assert max(map(len, repr(value).split("\n"))) <= 80
+    assert "cutoff_hz=6.0" in str(Settings())

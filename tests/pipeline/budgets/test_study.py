@@ -132,7 +132,10 @@ def test_a_result_that_is_not_of_the_study_any_more_is_not_explained(copy):
     shutil.rmtree(copy / FOLDER)
     planned = plan_explanations(study_of(copy), copy)
     reasons = {outcome.reason for outcome in explain_planned(planned, copy)}
-    assert reasons == {"its result is not up to date; run 'hbm run' first"}
+    (reason,) = reasons
+    command = reason.removeprefix("its result is not up to date; next: hbm ")
+    assert main([*command.split(), "--quiet"]) == 0
+    assert {outcome.state for outcome in explain_planned(planned, copy)} == {"done"}
 
 
 def test_where_no_trial_is_explained_no_corrected_study_is_written(copy, tmp_path, capsys):
@@ -140,7 +143,7 @@ def test_where_no_trial_is_explained_no_corrected_study_is_written(copy, tmp_pat
     file.write_text(file.read_text().replace('sex = "', 'height_m = 1.9\nsex = "'))
     shutil.rmtree(copy / FOLDER)
     assert main(["explain", str(copy), "--apply", str(tmp_path / "corrected")]) == 2
-    expected = "no trial was explained: its result is not up to date; run 'hbm run' first"
+    expected = "no trial was explained: its result is not up to date; next: hbm run"
     assert expected in capsys.readouterr().err
     assert not (tmp_path / "corrected").exists()
 

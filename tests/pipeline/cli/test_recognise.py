@@ -2,12 +2,14 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pipeline.cli.app import main
 from pipeline.cli.recognise import recognise
+from pipeline.io.read import read_with_any_axes
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline.cli.test_app import plate
 from tests.synthetic import synthetic_t_pose
@@ -50,6 +52,34 @@ def test_a_study_its_calibration_and_its_settings_are_recognised(moving_study):
     assert recognise(moving_study / "sub01.toml").what == "a subject file of a study"
 
 
+def test_a_study_without_subjects_or_not_in_toml_is_checked_and_nothing_else(
+    moving_study, tmp_path
+):
+    live = f"hbm live --study {moving_study} --subject sub01"
+    assert recognise(moving_study).commands[-1] == live
+    (tmp_path / "study.toml").write_text("[conditions.walk]\n")
+    assert recognise(tmp_path).commands == (f"hbm check {tmp_path}",)
+    (tmp_path / "sub01.toml").write_text('id = "sub01"\nheight_m = 1,64\n[trials]\n')
+    assert recognise(tmp_path).commands == (f"hbm check {tmp_path}",)
+
+
+@pytest.mark.parametrize(("share", "load_n"), [(0.001, 0.0), (1.0, 700.0)])
+def test_a_recording_of_a_person_beside_an_empty_plate_is_fitted_with_that_of_the_empty_one(
+    moving_study, tmp_path, share, load_n
+):
+    """Hardly a motion of the platform, or somebody on a plate."""
+    empty = read_with_any_axes(moving_study / "empty.c3d")
+    values, mean = empty.analog.values, empty.analog.values.mean(axis=0)
+    shaken = replace(empty.analog, values=mean + share * (values - mean))
+    first, *others = empty.plates
+    loaded = replace(first, wrench_in_plate=first.wrench_in_plate + np.eye(6)[2] * load_n)
+    path = tmp_path / "beside.c3d"
+    write_c3d(path, empty.markers, [loaded, *others], analog=shaken)
+    assert recognise(path).commands == (
+        f"hbm calibration fit EMPTY.c3d --beside {path} --out calibration.json",
+    )
+
+
 def test_a_recording_without_plates_is_a_static_or_needs_forces(folder, capsys):
     path = folder / "no_plates.c3d"
     assert main([str(path)]) == 0
@@ -82,11 +112,13 @@ def test_what_is_no_recording_is_named_by_residuals_with_what_to_do(folder, movi
     assert f"next: hbm check {moving_study}" in line
 
 
-def test_what_is_neither_a_command_nor_a_file_gets_the_nearest_command(capsys):
+def test_what_is_neither_a_command_nor_a_file_gets_the_nearest_one(folder, capsys):
     assert main(["residual"]) == 2
     assert "residuals" in capsys.readouterr().err
     assert main(["walk.c3d"]) == 2
-    assert "walk.c3d" in capsys.readouterr().err
+    assert "walk.c3d: no such file" in capsys.readouterr().err
+    assert main([str(folder / "standig.c3d")]) == 2
+    assert "standig.c3d: no such file, did you mean 'standing.c3d'?" in capsys.readouterr().err
 
 
 def test_a_calibration_is_recognised(tmp_path, moving_study, capsys):

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from pipeline.config.schema import Subject
 from pipeline.config.study import read_study
 from pipeline.config.templates import write_template
 from pipeline.config.toml_file import StudyFaults
@@ -42,6 +43,25 @@ def test_a_study_is_read_from_its_folder_or_its_study_toml(write):
     folder = write()
     assert read_study(folder) == read_study(folder / "study.toml")
     assert list(read_study(folder).subjects) == ["sub01"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"sex": "f"}, r"sex: .*'male', 'female'.*got 'f'"),
+        ({"mass": 83.0}, "mass: unknown key, did you mean 'mass_kg'"),
+        ({"height_m": 185.0}, "height_m: .*2.6, got 185.0 .*metres"),
+    ],
+)
+def test_what_is_wrong_with_a_subject_is_one_line_in_python_too(stated, said):
+    with pytest.raises(ValueError, match=f"^Subject: {said}.*$") as caught:
+        Subject(**stated)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_decimal_comma_is_said_to_be_a_point(write):
+    fault = only_fault_of(write(sub01=f"height_m = 1,64  # by tape\n{PERSON}"))
+    assert "height_m = 1,64: decimals have a point: 1.64" in fault
 
 
 def test_shoes_are_of_a_subject_and_their_sole_has_no_effect_without_their_mass(write):

@@ -232,16 +232,29 @@ def test_many_copies_of_a_recording_are_one_warning(study):
 
 
 @pytest.mark.parametrize("as_static", [True, False])
-def test_a_recording_of_two_subjects_is_a_warning(study, as_static):
+def test_a_recording_of_two_subjects_is_a_fault(study, as_static):
     shutil.copy(study / "sub01_baseline.c3d", study / "sub02.c3d")
     static = 'static = "sub02.c3d"\n' if as_static else ""
     trial = 'exclude = "fell"' if as_static else 'file = "sub02.c3d"'
     (study / "sub02.toml").write_text(f'id = "sub02"\n{static}[trials.pitch]\n{trial}')
     found, other = findings(study), "sub02" if as_static else "sub02 pitch"
-    assert found.faults == []
-    assert any(
-        line.startswith(f"sub01 baseline: the same recording as {other};") for line in found.remarks
-    )
+    (fault,) = found.faults
+    assert fault.startswith(f"sub01 baseline: the same recording as {other};")
+
+
+def test_what_is_not_stated_of_subjects_is_one_line_with_what_is_used_instead(study):
+    (line,) = [line for line in findings(study).remarks if line.startswith("subjects: not stated:")]
+    assert "height_m of sub01 (the file's, else by the legs)" in line
+    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nheight_m = 1.77\nmass_kg = 74.6')
+    assert not [line for line in findings(study).remarks if "not stated" in line]
+
+
+def test_a_recording_in_a_folder_is_named_with_it(sway):
+    """Recordings of several subjects may have one name."""
+    (sway / "sub01").mkdir()
+    (sway / "sub01_sway.c3d").rename(sway / "sub01" / "sway.c3d")
+    edit(sway / "sub01.toml", "sub01_sway.c3d", "sub01/sway.c3d")
+    assert "sub01/sway.c3d" in findings(sway).notes
 
 
 def test_where_all_trials_are_excluded_a_check_ends_as_a_run(sway, tmp_path, capsys):

@@ -34,7 +34,7 @@ def test_residuals_of_every_trial_are_in_one_table(finished, gathered):
             & (gathered.residuals["condition"] == trial.condition)
         ]
         expected = residual_table(trial, trial.condition)
-        pd.testing.assert_frame_equal(rows.reset_index(drop=True), expected)
+        pd.testing.assert_frame_equal(rows.reset_index(drop=True), expected, check_like=True)
 
 
 def test_curves_are_the_cycles_of_the_frames(finished, curves):

@@ -202,6 +202,13 @@ def test_an_unknown_subject_or_condition_is_wrong_usage(
     assert not (tmp_path / "new").exists()
 
 
+def test_in_python_a_study_is_read_first_and_one_subject_may_be_a_text(moving_study, tmp_path):
+    with pytest.raises(TypeError, match=r"^study: .*read it first: hr\.read_study"):
+        run_study(str(moving_study), tmp_path)
+    planned = plan(read_study(moving_study), tmp_path, subjects="sub01", conditions="sway")
+    assert [job.name.stem for job in planned] == ["sub01_sway"]
+
+
 def test_a_failing_trial_is_listed_with_its_reason_and_stops_no_other(study, out, capsys):
     forget(out, "sub01_sway", "sub02_pitch")
     sound = (study / "sub01_sway.c3d").read_bytes()

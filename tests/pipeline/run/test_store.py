@@ -198,6 +198,11 @@ def test_a_summary_of_another_format_gives_one_line(
         read_trial(path, frames=False)
 
 
+def test_a_recording_is_not_called_a_damaged_result_that_may_be_deleted(moving_study):
+    with pytest.raises(ValueError, match=r"sub01_sway\.c3d is a recording.*hr\.read$"):
+        read_trial(moving_study / "sub01_sway.c3d")
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_a_truncated_file_is_not_a_result(written, tmp_path, share):
     whole = written.read_bytes()

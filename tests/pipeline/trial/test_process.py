@@ -36,6 +36,12 @@ def standing_still(walker):
     return process_recording(walker, PERSON, Settings())
 
 
+def test_a_file_that_is_not_read_yet_is_named_with_what_reads_it(walker):
+    for name, rest in (("recording", {}), ("static", {"recording": walker})):
+        with pytest.raises(TypeError, match=rf"^{name}: .*'x.c3d'.*{name}=hr.read"):
+            process_recording(**rest | {name: "x.c3d"}, subject=PERSON, settings=Settings())
+
+
 @pytest.mark.parametrize(
     ("name", "remedy"),
     [
