@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib.resources import files
+from math import isnan
 from textwrap import fill
 from typing import Any, Final
 from unicodedata import combining, normalize
@@ -31,6 +32,13 @@ def printable(text: str) -> str:
 def written(value: float, form: str) -> str:
     """Give a number that people read, with a minus sign (U+2212) where files have a hyphen."""
     return format(value, form).replace("-", "−")
+
+
+def mean_sd(mean: float, sd: float, form: str = ".1f") -> str:
+    """Write "mean ± SD": a dash without a mean, no SD of a single value."""
+    if isnan(mean):
+        return "–"
+    return written(mean, form) + ("" if isnan(sd) else f" ± {sd:{form}}")
 
 
 def short(name: object, characters: int = MAX_CHARACTERS) -> str:

@@ -12,6 +12,7 @@ import pandas as pd
 
 from compensation.inertia.fit import LAGS_S
 from hbm.body import FEET
+from hbm.spelling import mean_sd
 from pipeline.config.study import Study
 from pipeline.figures.residuals import mean_part
 from pipeline.report.blocks import templates
@@ -20,7 +21,6 @@ from pipeline.run.load import Results
 from pipeline.statistics.comparison import MIXED_MODEL
 from pipeline.statistics.curves import MIN_SUBJECTS
 from pipeline.statistics.design import Design
-from pipeline.statistics.table_3 import mean_sd
 from pipeline.statistics.verdict import judged_conditions, within_margin
 from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s

@@ -7,13 +7,12 @@ from typing import Any, Final
 
 import pandas as pd
 
-from hbm.spelling import counted, join_names
+from hbm.spelling import counted, join_names, mean_sd
 from pipeline.config.schema import NOUNS
 from pipeline.report.blocks import Table, table_of
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import (
     markdown_table,
-    mean_sd,
     number,
     printed_columns,
     reduction_percent,

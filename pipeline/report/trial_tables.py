@@ -6,10 +6,9 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import warnings_of
-from hbm.spelling import join_names, written
+from hbm.spelling import join_names, mean_sd, written
 from pipeline.report.blocks import Table
 from pipeline.report.trials import NOT_KNOWN, trial_quality
-from pipeline.statistics.table_3 import mean_sd
 from pipeline.trial.gait.carried import places_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.gait.spatiotemporal import QUANTITIES, spatiotemporal

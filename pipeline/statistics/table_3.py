@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import pandas as pd
 
+from hbm.spelling import mean_sd
 from pipeline.statistics.design import EXPERIMENT_3, Design
 from pipeline.statistics.measurement import (
     Covariances,
@@ -257,11 +258,6 @@ def table_3_markdown(table: pd.DataFrame, design: Design = EXPERIMENT_3) -> str:
 def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Render texts as a table in Markdown."""
     return "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
-
-
-def mean_sd(mean: float, sd: float, form: str = ".1f") -> str:
-    """Format "mean ± SD": a dash without a mean, no SD of a single value."""
-    return number(mean, form) + ("" if isnan(sd) else f" ± {sd:{form}}")
 
 
 def number(value: float, form: str, unit: str = "") -> str:

@@ -1,6 +1,6 @@
 """Chains of a person whose markers sit where the model has them, on plates that measure nothing."""
 
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
 from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.io.recording import Recording
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.laboratory import BoundLaboratory, Laboratory
 from pipeline.trial.inputs import Inputs
@@ -28,7 +29,7 @@ def chain_of(time, coordinates, only=None):
     names = tuple(body.markers[k] for k in seen)
     markers = Markers(time, names, marker_positions(body, q)[:, seen])
     q = solve_ik(body, markers).q
-    recording = SimpleNamespace(plates=(), markers=markers)
+    recording = Recording(Path("made.c3d"), markers)
     inputs = Inputs(recording=recording, subject=Subject(), laboratory=Laboratory(Treadmill()))
     return Chain(inputs, settings).changed(
         body=body,
