@@ -243,6 +243,8 @@ def work_on(
         for job in left.values():
             try:
                 # with one worker, it would be done in this process
-                yield from in_processes([delayed(work)(job)], 2)
+                (outcome,) = in_processes([delayed(work)(job)], 2)
+                kept = outcome.state == "kept"  # done just before its process ended
+                yield replace(outcome, job=job, state="done" if kept else outcome.state)
             except BrokenProcessPool:
                 yield Outcome(job, "failed", WORKER_DIED)
