@@ -1,9 +1,11 @@
 """The primary analysis for a manuscript: its paragraph and tables, for Word and for LaTeX."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from zipfile import ZipFile, ZipInfo
+
+import pandas as pd
 
 from pipeline.io.write import whole_file, write_text
 from pipeline.report.blocks import Table
@@ -19,6 +21,11 @@ IN_LATEX: Final = {
 """Characters that LaTeX reads otherwise, or does not know without further packages."""
 MAX_UPRIGHT: Final = 7
 """Columns of a table across an upright page; wider ones are turned."""
+SMALL: Final[Any] = [
+    {"selector": "scriptsize", "props": ":"},
+    {"selector": r"setlength\tabcolsep", "props": r":{0.004\linewidth}"},
+]
+"""Commands in front of a table that has more columns than a page has room for otherwise."""
 A4_MM: Final = (210, 297)
 CELL_PT: Final = 8
 
@@ -27,7 +34,7 @@ def write_paper(folder: Path, title: str, paragraph: str, tables: Sequence[Table
     """Write ``results.docx`` and ``results.tex``: a paragraph, and tables whose cells are texts."""
     _write_word(folder / "results.docx", title, paragraph, tables)
     parts = [r"% needs \usepackage{array,booktabs,rotating}", _latex(paragraph)]
-    parts += ["\n".join(_latex_table(table, k)) for k, table in enumerate(tables, 1)]
+    parts += [_latex_table(table, k) for k, table in enumerate(tables, 1)]
     write_text("\n\n".join(parts) + "\n", folder / "results.tex")
 
 
@@ -37,20 +44,21 @@ def _latex(text: str) -> str:
     return written.replace(r"$\eta$p$^2$", r"$\eta_p^2$")
 
 
-def _latex_table(table: Table, number: int) -> Iterator[str]:
-    """Write the lines of a table as wide as a page, whose cells break between words."""
-    kind = "table" if len(table.heads) <= MAX_UPRIGHT else "sidewaystable"
+def _latex_table(table: Table, number: int) -> str:
+    """Write a table as wide as a page, whose cells break between words, and its legend."""
     column = rf">{{\raggedright\arraybackslash}}p{{{0.9 / len(table.heads):.3f}\linewidth}}"
-    yield rf"\begin{{{kind}}}[htbp]"
-    yield r"\scriptsize\setlength{\tabcolsep}{0.004\linewidth}"
-    yield rf"\caption{{{_latex(_caption(table))}}}\label{{tab:residuals-{number}}}"
-    yield rf"\begin{{tabular}}{{*{{{len(table.heads)}}}{{{column}}}}}"
-    yield r"\toprule"
-    for k, texts in enumerate((table.heads, *table.rows)):
-        yield " & ".join(_latex(str(text)) for text in texts) + r" \\" + r" \midrule" * (k == 0)
-    yield "\\bottomrule\n\\end{tabular}\n\\par\\smallskip"
-    yield _latex(table.legend)
-    yield rf"\end{{{kind}}}"
+    rows = [[_latex(str(text)) for text in row] for row in table.rows]
+    frame = pd.DataFrame(rows, columns=[_latex(head) for head in table.heads])
+    style = frame.style.hide(axis="index").set_table_styles(SMALL)
+    text: str = style.to_latex(
+        column_format=f"*{{{len(table.heads)}}}{{{column}}}",
+        environment="table" if len(table.heads) <= MAX_UPRIGHT else "sidewaystable",
+        position="htbp",
+        hrules=True,
+        caption=_latex(_caption(table)),
+        label=f"tab:residuals-{number}",
+    )
+    return f"{text}\n{_latex(table.legend)}"
 
 
 def _caption(table: Table) -> str:
