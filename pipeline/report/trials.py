@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hbm.spelling import written
+from hbm.spelling import listed, written
 from pipeline.config.schema import NOUNS, TrialName
 from pipeline.io.write import read_csv
 from pipeline.report.blocks import Check, Interval, Table, Text
@@ -58,8 +58,13 @@ def problems(
 
     Lines are pairs of a trial and a text.
     """
+    alike = dict[tuple[str, str], list[TrialName]]()
+    for state in states:
+        if state.state != "done":
+            alike.setdefault((state.state, state.reason), []).append(state.name)
     lines = [
-        (f"{state.name} {state.state}", state.reason) for state in states if state.state != "done"
+        (f"{listed(names, 3 if of == 'outdated' else len(names))} {of}", reason)
+        for (of, reason), names in alike.items()
     ]
     for name, trial in results.trials.items():
         if trial.span is not None and name not in compared:

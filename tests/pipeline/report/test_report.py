@@ -7,6 +7,7 @@ from dataclasses import replace
 from hashlib import sha256
 from html import unescape
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,8 +16,10 @@ from docx import Document
 
 from pipeline.config.schema import Settings
 from pipeline.report import write as report
+from pipeline.report.trials import problems
 from pipeline.report.write import write_report
 from pipeline.run import provenance
+from pipeline.run.provenance import TrialState
 from pipeline.run.store import write_trial
 from pipeline.statistics.measurement import CELL
 from pipeline.trial.quality import Quality
@@ -161,6 +164,21 @@ def test_failed_and_excluded_trials_are_named_before_the_results(page):
     assert "sub02 sway failed: sub02_sway.c3d: marker <b>LHEE</b> & others" in banner
     assert "sub04 pitch excluded: LPSI lost" in banner
     assert "<b>" not in page.source
+
+
+def test_trials_that_are_outdated_alike_are_one_line_and_every_missing_one_is_named():
+    def states(state, in_tables):
+        return [
+            TrialState(f"{state}{k}", "sway", "", state, "why", in_tables, None, None)
+            for k in range(9)
+        ]
+
+    source = SimpleNamespace(settings=[1], versions=[1], engines=[1])
+    every = states("outdated", True) + states("failed", False)
+    outdated, failed = problems(every, source, SimpleNamespace(trials={}), [])["lines"]
+    assert "outdated0 sway" in outdated[0]
+    assert "6 more" in outdated[0]
+    assert all(f"failed{k} sway" in failed[0] for k in range(9))
 
 
 def test_every_trial_shows_its_quality(page):
