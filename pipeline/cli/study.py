@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.table import Table
@@ -110,7 +111,7 @@ def _grid(subjects: Sequence["FoundSubject"], most: int | None = None) -> Table:
         files = ("\n".join(cell) if cell[1:] else "–" for cell in lines)
         table.add_row(subject.name, *poses, *files)
     if most and subjects[most:]:
-        table.caption = f"and {len(subjects) - most} more subjects"
+        table.caption = f"and {counted(len(subjects) - most, 'more subject')}"
     return table
 
 
@@ -173,7 +174,7 @@ def check(
     )
     if found.faults and (OUTPUT.quiet or OUTPUT.json):
         raise StudyFaults([str(fault) for fault in found.faults], loaded.folder)
-    console.say(counts if found.faults else f"{counts}; next: hbm run {study}")
+    console.say(counts if found.faults else f"{counts}; next: hbm run {quote(str(study))}")
     return 2 if found.faults else 0
 
 
@@ -214,7 +215,8 @@ def run(
     console.say_notes(dict.fromkeys(note for one in finished for note in one.of_calibration))
     seconds = time.monotonic() - start
     OUTPUT.result.update(trials=[outcome_record(outcome) for outcome in finished], seconds=seconds)
-    console.say(f"{counts_of(finished, 'processed')}, in {seconds:.1f} s; next: hbm report {out}")
+    counts, then = counts_of(finished, "processed"), f"hbm report {quote(str(out))}"
+    console.say(f"{counts}, in {seconds:.1f} s; next: {then}")
     return int(any(one.failure is not None or one.failed_variants for one in finished))
 
 

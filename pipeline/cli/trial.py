@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
@@ -220,7 +221,7 @@ def _explain_results(
         together = explain_study(folder, planned)
     for line in together.lines or (NOTHING_CERTAIN,):
         console.say(line)
-    console.say(f"{counts_of(finished, 'explained')}; next: hbm report {folder}")
+    console.say(f"{counts_of(finished, 'explained')}; next: hbm report {quote(str(folder))}")
     if corrected:
         results = [read_trial(p, frames=False) for p in (folder / "trials").glob(f"*{RESULT}")]
         mass_kg = {result.subject.id: result.body.mass for result in results}

@@ -104,7 +104,9 @@ def groups(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> dict[str, st
 def _design(file: StudyFile, stated: Comparison | None) -> Design:
     """Give the design of the levels and the reference alone; without them, that of conditions."""
     calibrated = file.treadmill.calibrated
-    unstated = unstated_design([*file.conditions], compensated=calibrated)
+    # nobody is compared with a perturbation
+    ordered = sorted(file.conditions, key=lambda name: file.conditions[name].perturbed)
+    unstated = unstated_design(ordered, compensated=calibrated)
     if stated is None:
         return unstated
     levels = stated.levels or unstated.conditions

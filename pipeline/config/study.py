@@ -263,6 +263,8 @@ def read_laboratory(folder: Path) -> StudyFile:
 def _require_study(folder: Path) -> None:
     if folder.is_file():
         raise StudyFaults([f"{folder}: is a file; a study is a folder with study.toml in it"])
+    if not (folder / "study.toml").is_file() and (folder / "trials").is_dir():
+        raise StudyFaults([f"{folder}: has results, no study; 'hbm report {folder}' shows them"])
     if not (folder / "study.toml").is_file():
         raise StudyFaults([f"{folder}: no study.toml here; write one with 'hbm init {folder}'"])
 

@@ -55,7 +55,7 @@ JOINTS: Final = (
 
 def write_trial_page(
     result: TrialResult,
-    path: Path,
+    path: str | Path,
     *,
     plates: Iterable[Plate] = (),
     explanation: "Explanation | None" = None,
@@ -105,7 +105,7 @@ def write_trial_page(
     >>> write_trial_page(result, Path("trial.html"), plates=walk.plates).name
     'trial.html'
     """
-    of_study = result.name
+    path, of_study = Path(path), result.name
     name = str(of_study) if result.key else result.source.stem
     bands = explanation.budget.bands if explanation is not None else None
     found: list[Block] = [] if explanation is None else [*causes(name, explanation)]

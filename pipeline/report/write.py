@@ -282,7 +282,13 @@ def _draw(path: Path, draw: Callable[..., Figure], look: Figures) -> tuple[str, 
 def _design(residuals: pd.DataFrame, study: Study | None) -> Design:
     """Give the study's design; without its folder, the one that its conditions suggest."""
     if study is not None:
-        return study_design(study.file)
+        design = study_design(study.file)
+        if residuals["compensated"].any() and not design.compensated:
+            raise ValueError(
+                f"{study.folder}: study.toml states no calibration, with which its results were "
+                f"made; state it again, or 'hbm run {study.folder} --overwrite'"
+            )
+        return design
     conditions = sorted(set(residuals["condition"]))
     return unstated_design(conditions, compensated=bool(residuals["compensated"].any()))
 

@@ -144,6 +144,8 @@ def collect(
         If there is no trial, or one is damaged.
     """
     paths = sorted((folder / "trials").glob("*.parquet"))
+    if not paths and (folder / "study.toml").is_file():
+        raise ValueError(f"{folder}: is a study; 'hbm run {folder}' writes its results")
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
     size = min(AT_ONCE, 1 + len(paths) // AT_ONCE)

@@ -29,7 +29,7 @@ from pipeline.run.job import (
     trial_key,
 )
 from pipeline.run.processes import in_processes, one_thread
-from pipeline.run.store import record_run
+from pipeline.run.store import record_run, recorded_study_folder
 from pipeline.trial.study_files import read_study_laboratory
 
 Announce = Callable[[str], None]
@@ -134,7 +134,16 @@ def variant_folder(out: Path, variant: str) -> Path:
 
 
 def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
-    """Refuse to replace results that were made with other settings or files: ValueError."""
+    """Refuse to replace results of other settings or files, or to join those of another study.
+
+    A ValueError says what was found, and what to do.
+    """
+    before = recorded_study_folder(out)
+    if before is not None and planned and not before.samefile(planned[0].study.folder):
+        raise ValueError(
+            f"{out}: has the results of the study in {before}; choose another folder with --out, "
+            "or --overwrite"
+        )
     every = [each for job in planned for each in (job, *job.variants.values())]
     reasons = Counter(filter(None, map(outdated, every)))
     del reasons[OTHER_PROGRAM]

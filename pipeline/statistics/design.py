@@ -203,13 +203,11 @@ def unstated_design(conditions: Iterable[str], *, compensated: bool) -> Design:
     Parameters
     ----------
     conditions
-        The study's conditions in its order; those of experiment 3 go first, in their own.
+        The study's conditions in its order; experiment 3's reference goes first.
     compensated
         Whether the residuals were computed with compensation too.
     """
-    ordered = list(dict.fromkeys(conditions))
-    ordered.sort(key=lambda name: name not in EXPERIMENT_3.conditions)
+    ordered = sorted(dict.fromkeys(conditions), key=lambda name: name != EXPERIMENT_3.reference)
     if set(EXPERIMENT_3.conditions) <= set(ordered):
-        return design_of(EXPERIMENT_3.conditions, compensated=compensated)
-    known = EXPERIMENT_3.in_order(name for name in ordered if name in EXPERIMENT_3.conditions)
-    return design_of([*known, *ordered[len(known) :]], compensated=compensated)
+        ordered = [*EXPERIMENT_3.conditions]
+    return design_of(ordered, compensated=compensated)

@@ -83,9 +83,12 @@ def test_conditions_of_other_names_give_the_same_statistics_bit_for_bit(walked):
         (["pitch", "familiarisation", "sway", "baseline"], ("baseline", "sway", "pitch")),
         (["shod", "baseline", "braced"], ("baseline", "shod", "braced")),
         (["before", "after"], ("before", "after")),
+        (["normal", "sway"], ("normal", "sway")),
     ],
 )
-def test_conditions_of_experiment_3_are_compared_in_its_order(conditions, compared):
+def test_the_reference_of_experiment_3_is_first_and_else_the_order_is_that_of_the_study(
+    conditions, compared
+):
     assert unstated_design(conditions, compensated=True).conditions == compared
 
 
