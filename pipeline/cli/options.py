@@ -107,10 +107,10 @@ def given_options(request: TrialRequest) -> Iterator[tuple[str, str]]:
                 yield f"--{name.replace('_', '-')}", str(each)
 
 
-def explain_command(request: TrialRequest) -> str:
-    """Give the command that explains a trial processed as requested."""
+def explain_command(request: TrialRequest, out: Path) -> str:
+    """Give the command that explains a trial processed as requested, into the same folder."""
     options = chain.from_iterable(given_options(request))
-    return shlex.join(["hbm", "explain", str(request.trial), *options])
+    return shlex.join(["hbm", "explain", str(request.trial), *options, "--out", str(out)])
 
 
 def require_no_options(request: TrialRequest, what: str) -> None:

@@ -81,7 +81,7 @@ def residuals(request: TrialRequest, out: Out = Path("results"), open_page: Open
     cycles = of_trial.cycle_rows(result, name)
     write_rows(of_trial.CYCLE_COLUMNS, cycles, out / f"{name}_cycles.csv")
     figure = save_figure(residual_figure(result), out / f"{name}_residuals")
-    plates, command = chain.inputs.recording.plates, explain_command(request)
+    plates, command = chain.inputs.recording.plates, explain_command(request, out)
     page = write_trial_page(
         result, out / f"{name}.html", plates=plates, command=command, figure=figure
     )

@@ -65,7 +65,7 @@ def worst_table(result: TrialResult, command: str) -> Iterable[Table]:
             f"{cycle.side}, {cycle.start_s:.2f}–{cycle.stop_s:.2f} s",
             f"{cycle.axis}, {cycle.ratio:.1f} × {reference}",
             f"{cycle.rms:.1f} {cycle.unit}",
-            f"{command} --at {cycle.start_s:.1f}",
+            f"{command} --at {cycle.start_s:.2f}",
         )
         for cycle in worst
     ]

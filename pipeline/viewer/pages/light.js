@@ -1,5 +1,7 @@
 const at = (id) => document.getElementById(id);
-const NO_ANSWER = { colour: "stop", sentence: "No connection: has hbm live ended?", rms: {} };
+const MOST_LATE_S = 10;
+let last = { board: { colour: "look", sentence: "Starting", rms: {} } };
+let answered = Date.now();
 
 function element(name, text = "") {
   const made = document.createElement("div");
@@ -19,11 +21,19 @@ function bar(rms, { axis, unit, limit, full }) {
 }
 
 async function show() {
-  let board = NO_ANSWER, scales = {};
+  let doubt = {};
   try {
     const answer = await fetch("board.json", { signal: AbortSignal.timeout(2000) });
-    ({ board, ...scales } = await answer.json());
-  } catch {}
+    last = await answer.json();
+    answered = Date.now();
+  } catch (error) {
+    // a browser that draws a viewer slowly answers late; counts and bars of an ended session stay
+    const late_s = (Date.now() - answered) / 1000;
+    doubt = error.name === "TimeoutError" && late_s < MOST_LATE_S
+      ? { colour: "look", sentence: `This page is ${late_s.toFixed(0)} s late` }
+      : { colour: "stop", sentence: "No connection: has hbm live ended?" };
+  }
+  const { board: known, ...scales } = last, board = { ...known, ...doubt };
   at("light").className = board.colour;
   for (const name of ["colour", "sentence", "done", "senders"]) at(name).textContent = board[name] ?? "";
   const best = Object.values(board.rms).at(-1) ?? [];

@@ -138,7 +138,7 @@ def test_the_worst_gait_cycles_are_listed_with_what_shows_them(trial, tmp_path):
     text = text_of(write_trial_page(trial, tmp_path / "trials/one.html", study="../report.html"))
     row = f"{first.side}, {start:.2f}–{stop:.2f} s {first.axis}, {first.ratio:.1f} × healthy"
     of_trial = "--subject sub01 --condition &#39;sway to side&#39;"
-    command = f"hbm view {tmp_path} {of_trial} --at {start:.1f}"
+    command = f"hbm view {tmp_path} {of_trial} --at {start:.2f}"
     assert f"{row} {first.rms:.1f} {first.unit} {command}" in text
     assert text.count("--at") == 5
 

@@ -123,8 +123,28 @@ def test_a_phone_and_a_wall_show_light_sentence_cycles_and_bars_of_a_replay(boar
             assert browser.evaluate("document.querySelectorAll('.beyond').length") == 6
             assert {each for each in browser.requests if address not in each} <= {"data:,"}
             assert browser.complaints == []
-        assert wait_for(browser, "stop")["sentence"] == "No connection: has hbm live ended?"
-        assert browser_list(browser, WIDTHS) == []
+        ended = wait_for(browser, "stop")
+        assert ended["sentence"] == "No connection: has hbm live ended?"
+        assert ended["done"] == "9 / 25"  # counts and bars of the session stay
+        assert browser_list(browser, WIDTHS) == [100] * 6
+
+
+@needs_chromium
+def test_a_page_whose_answer_is_late_says_so_and_never_shows_an_old_light():
+    good, waits_s = Board("good", "12 of 25", 0.5, "12 / 25", {}), [0.0]
+
+    def board():
+        time.sleep(waits_s[0])
+        return good
+
+    with light_server(board, LOOPBACK) as address, open_browser() as browser:
+        browser.open(address)
+        wait_for(browser, "good")
+        waits_s[0] = 4.0
+        assert wait_for(browser, "look")["sentence"].endswith("s late")
+        wait_for(browser, "stop")
+        waits_s[0] = 0.0
+        wait_for(browser, "good")
 
 
 def browser_list(browser, expression):
