@@ -433,6 +433,8 @@ class Monitor:
         noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
         ended = ": end with Ctrl-C" * (used >= wanted)
         shown = light(self.look(), shares, f"{used} of {wanted} {noun} used{ended}", steady=steady)
+        if ended and 0 < len(self._arrived_s) == len(self._silent):
+            shown = "look", f"All streams have ended{ended}"
         progress = used / wanted, f"{used} / {wanted} {noun}{ended}"
         return Board(*shown, *progress, condition.recent_rms, senders(streams))
 

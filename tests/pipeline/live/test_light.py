@@ -39,6 +39,19 @@ def test_the_light_names_each_frequent_fault_and_what_to_do(laboratory, fault):
     assert board.done == f"{round(REQUIRED * board.progress)} / {REQUIRED} gait cycles{ended}"
 
 
+def test_a_complete_session_whose_streams_have_all_ended_is_no_fault(laboratory, monkeypatch):
+    monitor = laboratory.played("none").monitor
+    with monkeypatch.context() as patch:
+        patch.setattr(monitor, "_arrived_s", dict.fromkeys(monitor._arrived_s or "MP", -np.inf))
+        monitor.look_for_silence()
+        assert monitor.board().sentence.startswith("All streams have ended")
+        patch.setitem(monitor._arrived_s, next(iter(monitor._arrived_s)), np.inf)
+        monitor.look_for_silence()
+        assert monitor.board().colour == "stop"
+    monitor._silent = []
+    assert monitor.board().colour == "good"
+
+
 def test_the_light_is_good_again_once_the_fault_is_mended(laboratory):
     monitor = laboratory.played("marker lost").monitor
     assert monitor.board().colour == "look"
