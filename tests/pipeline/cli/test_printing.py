@@ -43,7 +43,7 @@ def test_the_object_of_a_trial_has_the_numbers_of_its_files(standing, tmp_path, 
     assert found["plate_delay_ms"] is None  # quiet standing shows none
     assert found["frames_used"] > 0
     page = Path(found["page"]).read_text(encoding="utf-8")
-    assert f"hbm explain {standing} --mass-kg 74.6 finds the causes" in page
+    assert f"hbm explain {standing} --mass-kg 74.6 --out {tmp_path} finds the causes" in page
     assert [note["code"] for note in found["notes"]] == [note.code for note in notes]
     assert all(note["advice"] for note in found["notes"] if note["level"] == "warning")
 
