@@ -102,7 +102,7 @@ def write_trial_page(
     >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
     >>> walk = pipeline.read_c3d("walk.c3d")
     >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
-    >>> write_trial_page(result, Path("trial.html"), plates=walk.plates).name
+    >>> write_trial_page(result, "trial.html", plates=walk.plates).name
     'trial.html'
     """
     path, of_study = Path(path), result.name

@@ -3,6 +3,7 @@
 import pytest
 
 from pipeline.config.comparison import study_design
+from pipeline.config.schema import StudyFile
 from pipeline.config.study import read_study
 from pipeline.config.toml_file import StudyFaults
 from pipeline.statistics.design import EXPERIMENT_3
@@ -53,6 +54,12 @@ def test_a_study_of_shoes_without_a_calibration_has_one_factor(written):
     found = design(written('factor = "shoes"', SHOES))
     assert (found.factors, found.reference) == (("shoes",), "own")
     assert found.pairs == (("boots", "own"), ("barefoot", "own"))
+
+
+def test_nothing_is_compared_with_a_perturbation_unless_that_is_stated():
+    conditions = {"push": {"perturbed": True, "pulse_channel": "Push"}, "level": {}}
+    file = StudyFile.model_validate({"conditions": conditions})
+    assert study_design(file).pairs == (("push", "level"),)
 
 
 def test_everything_that_is_stated_is_in_the_design(written):

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from docx import Document
 
-from pipeline.config.schema import Settings
+from pipeline.config.schema import Settings, StudyFile
 from pipeline.report import write as report
 from pipeline.report.trials import problems
 from pipeline.report.write import write_report
@@ -179,6 +179,15 @@ def test_trials_that_are_outdated_alike_are_one_line_and_every_missing_one_is_na
     assert "outdated0 sway" in outdated[0]
     assert "6 more" in outdated[0]
     assert all(f"failed{k} sway" in failed[0] for k in range(9))
+
+
+def test_compensated_results_of_a_study_that_states_no_calibration_any_more_are_refused(tmp_path):
+    study = SimpleNamespace(
+        folder=tmp_path, file=StudyFile.model_validate({"conditions": {"a": {}, "b": {}}})
+    )
+    residuals = pd.DataFrame({"condition": ["a", "a"], "compensated": [False, True]})
+    with pytest.raises(ValueError, match="--overwrite"):
+        report._design(residuals, study)
 
 
 def test_every_trial_shows_its_quality(page):

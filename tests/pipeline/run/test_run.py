@@ -284,6 +284,24 @@ def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replace
     assert all(contents(out)[name] == contents(finished)[name] for name in others)
 
 
+def test_results_of_two_studies_are_not_mixed_and_their_folders_not_confused(
+    study, tmp_path, capsys
+):
+    results = tmp_path / "results"
+    command = ["--subject", "sub01", "--condition", "sway", "--out", str(results)]
+    assert main(["run", str(study), *command]) == 0
+    other = shutil.copytree(study, tmp_path / "other")
+    assert main(["run", str(other), *command]) == 2
+    assert "--out" in capsys.readouterr().err
+    assert main(["run", str(study), *command]) == 0
+    for words, mended in (
+        (["run", str(results)], "hbm report"),
+        (["report", str(study)], "hbm run"),
+    ):
+        assert main(words) == 2
+        assert mended in capsys.readouterr().err
+
+
 def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out, monkeypatch):
     forget(out, "sub01_sway")
     real = process.process_chain
