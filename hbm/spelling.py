@@ -18,6 +18,8 @@ END_SHOWN: Final = 120
 """Characters at the end of a longer message."""
 MAX_LISTED: Final = 8
 """Names in a message."""
+MIN_PRINTED_P: Final = 0.001
+"""A p-value has three decimals and is never printed as zero."""
 TERMINAL: Final = 80
 """Characters in a line."""
 
@@ -39,6 +41,25 @@ def mean_sd(mean: float, sd: float, form: str = ".1f") -> str:
     if isnan(mean):
         return "–"
     return written(mean, form) + ("" if isnan(sd) else f" ± {sd:{form}}")
+
+
+def format_p(p: float, alpha: float = 0.05) -> str:
+    """Write a p-value as APA has it: three decimals, "<.001" below that, a star below alpha.
+
+    More decimals are written where three would put it on the other side of alpha.
+    """
+    if isnan(p):
+        return "–"
+    if p < MIN_PRINTED_P:
+        return f"<{MIN_PRINTED_P}".replace("0.", ".") + "*" * (p < alpha)
+    decimals = next((d for d in range(3, 16) if (round(p, d) < alpha) == (p < alpha)), 16)
+    return f"{p:.{decimals}f}".removeprefix("0") + "*" * (p < alpha)
+
+
+def p_equation(p: float) -> str:
+    """Write a p-value in a sentence, such as "p = .012"."""
+    written = format_p(p).rstrip("*")
+    return f"p {written}".replace("<", "< ") if "<" in written else f"p = {written}"
 
 
 def short(name: object, characters: int = MAX_CHARACTERS) -> str:

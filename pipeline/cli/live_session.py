@@ -38,7 +38,7 @@ from pipeline.live.qualisys import PORT, QualisysSource
 from pipeline.live.session import RECEIVE_S, Session
 from pipeline.live.stream import Source
 from pipeline.run.processes import recorded_requests
-from pipeline.viewer.live import Board, LiveScene, LiveView, Screen, ShownFrame
+from pipeline.viewer.live import STARTING, LiveScene, LiveView, Screen, ShownFrame
 from pipeline.viewer.serve import light_server
 
 SEARCH_S: Final = 60.0
@@ -198,7 +198,7 @@ class LightLine(Status):
     def __init__(self, console: PlainConsole, required: int) -> None:
         super().__init__("", console=console)
         self.say, self._light, self._said_s = console.say, "", -LINES_S
-        self.board = Board("look", "Starting", 0.0, f"0 / {required} gait cycles", {})
+        self.board = replace(STARTING, done=f"0 / {required} gait cycles")
 
     def wait(self, sentence: str) -> None:
         """Say what is awaited before the first frame."""

@@ -20,12 +20,8 @@ if TYPE_CHECKING:
 LEG: Final = tuple(m for m in JOINT_MOTIONS if m.joint in ("hip", "knee", "ankle"))
 UPPER_BODY: Final = tuple(m for m in JOINT_MOTIONS if m not in LEG)
 PANEL_INCH: Final = (2.2, 1.7)
-QUANTITIES: Final = {
-    "angle": "angle (deg)",
-    "moment": "internal moment (N·m/kg)",
-    "power": "generated power (W/kg)",
-}
-"""Each of `CURVES` with its unit, and what is positive."""
+POSITIVE: Final = {"angle": "", "moment": "internal ", "power": "generated "}
+"""Which of each of `CURVES` is positive."""
 GAPS: Final = "; gaps: load of the foot, or pose, unknown in most gait cycles"
 """Moments are unknown where it is uncertain whose foot is on a plate, or none carries it."""
 NORMS: Final = Path(__file__).with_name("healthy.csv")
@@ -61,6 +57,7 @@ def joint_figure(
     ``healthy`` is as of `healthy_bands`, drawn behind.
     """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
+    quantities = [f"{POSITIVE[name]}{name} ({unit})" for name, unit in CURVES.items()]
     # "+": that direction is positive
     heads = [f"{motion.joint} {motion.direction}\N{NO-BREAK SPACE}+" for motion in motions]
     turned = look.width_mm is not None
@@ -76,7 +73,7 @@ def joint_figure(
                 band = mean[:, columns[column], row], spread[:, columns[column], row]
                 draw_band(panel, percent, *band, colour, label=label, ls=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
-            above, beside = heads[column], [*QUANTITIES.values()][row].replace(" ", "\n", 1)
+            above, beside = heads[column], quantities[row].replace(" ", "\n", 1)
             below = "gait\N{NO-BREAK SPACE}cycle (%)"
             if turned:  # a panel may be as wide as a word; p has its own line
                 texts = (beside, above, below)

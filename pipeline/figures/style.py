@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from hbm.spatial import Array
+from hbm.spelling import p_equation
 from pipeline.config.schema import FIGURE_FORMATS, FigureFormat, Figures
 from pipeline.io.write import whole_file
 
@@ -137,8 +138,7 @@ def draw_differences(panel: Axes, parts: "Iterable[CurveDifference]") -> None:
         panel.axvspan(start, stop, *BAR, color="black", lw=0, clip_on=False)
         smallest = min(smallest, part.p)
     if smallest < 1.0:
-        text = "p < .001" if smallest < 0.001 else f"p = {smallest:.3f}".replace("0.", ".")
-        panel.set_title(text, loc="right", fontsize="small")
+        panel.set_title(p_equation(smallest), loc="right", fontsize="small")
 
 
 def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:

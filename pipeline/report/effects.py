@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import pandas as pd
 
+from hbm.spelling import p_equation
 from pipeline.report.blocks import Table
-from pipeline.statistics.table_3 import p_equation
 from pipeline.trial.residuals import AXES, rows_of
 
 STATISTICS: Final = {"F": "F", "chi2": "χ²"}

@@ -15,6 +15,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
+from hbm.spelling import p_equation
 from pipeline.config.schema import Figures
 from pipeline.figures.residuals import (
     SIX_PANELS_INCH,
@@ -41,7 +42,6 @@ from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.curves import CurveDifference, parts_of
 from pipeline.statistics.design import TAIL, Design, Weigh
 from pipeline.statistics.recordings import subject_means
-from pipeline.statistics.table_3 import p_equation
 from pipeline.trial.residuals import AXES
 
 GREY: Final = "#BBBBBB"

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import quote
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -140,9 +141,13 @@ def write_trial_page(
 def write_changed_page(
     result: TrialResult, folder: Path, explanation: "Explanation | None", study: Study | None
 ) -> None:
-    """Write a trial's page beside its result, unless it is of this result and program already."""
+    """Write a trial's page beside its result, unless it is of this result and program already.
+
+    Its commands name the folder as it is given.
+    """
     name, page = result.name, folder / "trials" / f"{result.name.stem}.html"
-    key = f"<!-- {result.key} {explanation.key if explanation else ''} {program_digest()} -->"
+    explained = explanation.key if explanation else ""
+    key = f"<!-- {result.key} {explained} {program_digest()} {quote(folder.as_posix())} -->"
     if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
         return
     plates: Iterable[Plate] = ()

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-from hbm.spelling import mean_sd
+from hbm.spelling import format_p, mean_sd
 from pipeline.statistics.design import EXPERIMENT_3, Design
 from pipeline.statistics.measurement import (
     Covariances,
@@ -16,8 +16,6 @@ from pipeline.statistics.measurement import (
     mean_covariance,
 )
 
-MIN_PRINTED_P = 0.001
-"""A p-value has three decimals and is never printed as zero."""
 MEANS: Final = {"no_ic": False, "ic": True}
 """Name of a mean in its columns -> whether compensated."""
 DIFFERENCES: Final = (
@@ -144,25 +142,6 @@ def _measurement_sds(
         of_two = sd(rms, (condition, first), (design.reference, second))
         found[name] = nan if condition == design.reference else of_two
     return {f"{MEASUREMENT}{name}": value for name, value in found.items()}
-
-
-def format_p(p: float, alpha: float = 0.05) -> str:
-    """Write a p-value as APA has it: three decimals, "<.001" below that, a star below alpha.
-
-    More decimals are written where three would put it on the other side of alpha.
-    """
-    if isnan(p):
-        return "–"
-    if p < MIN_PRINTED_P:
-        return f"<{MIN_PRINTED_P}".replace("0.", ".") + "*" * (p < alpha)
-    decimals = next((d for d in range(3, 16) if (round(p, d) < alpha) == (p < alpha)), 16)
-    return f"{p:.{decimals}f}".removeprefix("0") + "*" * (p < alpha)
-
-
-def p_equation(p: float) -> str:
-    """Write a p-value in a sentence, such as "p = .012"."""
-    written = format_p(p).rstrip("*")
-    return f"p {written}".replace("<", "< ") if "<" in written else f"p = {written}"
 
 
 Column = tuple[str, list[str]]

@@ -98,6 +98,10 @@ class Board:
     senders: str = ""
 
 
+STARTING: Final = Board("look", "Starting", 0.0, "", {})
+"""Before the first frame."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveScene:
     """What stays while frames are shown.

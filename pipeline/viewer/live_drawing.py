@@ -24,7 +24,7 @@ from hbm.markers import Markers
 from pipeline.trial.residuals import reported
 from pipeline.viewer.board import log_board
 from pipeline.viewer.layout import live_layout, log_legend
-from pipeline.viewer.live import Board, LiveScene, News, Screen, ShownFrame
+from pipeline.viewer.live import STARTING, Board, LiveScene, News, Screen, ShownFrame
 from pipeline.viewer.plots import draw_residual_curves, send_residual_curves
 from pipeline.viewer.scene import draw_scene, send_scene
 from pipeline.viewer.serve import (
@@ -56,8 +56,6 @@ LOWER_PRIORITY: Final = 5
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 """Any of them names a screen on Linux."""
 WITHOUT_SCREEN: Final = "show it to a browser (--web), or use --view on a computer with one"
-
-STARTING: Final = Board("look", "Starting", 0.0, "", {})
 
 Shown = tuple[str | None, Callable[[], bool]]
 """Where it is shown, and what waits until all that is drawn is taken; false if the viewer ended."""

@@ -45,6 +45,7 @@ HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
+HTML: Final = "text/html"
 STREAM: Final = "application/octet-stream"
 REPORT: Final = "/report.html"
 LIGHT: Final = "/light"
@@ -272,8 +273,9 @@ def results_contents(result: Path, recorded: Callable[[Path], Path]) -> Contents
 
 def _file(file: Path) -> tuple[str, Content]:
     """Give the type of a file, and what reads it; pages are marked as those of the viewer."""
-    kind = guess_type(file)[0] or STREAM
-    return kind, lambda: [file.read_bytes().replace(b"<body>", b"<body data-viewer>")]
+    if file.suffix == ".html":
+        return HTML, lambda: [file.read_bytes().replace(b"<body>", b"<body data-viewer>")]
+    return guess_type(file)[0] or STREAM, lambda: [file.read_bytes()]
 
 
 def _recording(recorded: Callable[[Path], Path], result: Path) -> list[bytes]:
@@ -318,7 +320,7 @@ def _page_files(name: str, path: str, **values: object) -> Contents:
     for key, value in values.items():
         script = script.replace(key.encode(), json.dumps(value).encode())
     return {
-        path: ("text/html", [(folder / f"{name}.html").read_bytes()].__iter__),
+        path: (HTML, [(folder / f"{name}.html").read_bytes()].__iter__),
         f"/{name}.js": ("text/javascript", [script].__iter__),
     }
 

@@ -31,7 +31,15 @@ from pipeline.trial.residuals import (
 from pipeline.trial.result import TrialResult
 from pipeline.viewer import plots
 from pipeline.viewer.file import Clock, Folder, Stream, Timelines, printable, recording_file, send
-from pipeline.viewer.layout import CYCLE, PERCENT, beside_layout, log_legend, log_text, trial_layout
+from pipeline.viewer.layout import (
+    CYCLE,
+    PERCENT,
+    ROWS,
+    beside_layout,
+    log_legend,
+    log_text,
+    trial_layout,
+)
 from pipeline.viewer.scene import draw_scene, send_scene
 from pipeline.viewer.serve import Cursor, view
 
@@ -211,15 +219,16 @@ def _states(result: TrialResult) -> dict[str, list[tuple[float, str]]]:
     time, onsets = result.motion.time, result.onsets
     pushed = (time[:, None] >= onsets) & (time[:, None] < onsets + PERTURBATION_S)
     uncertain = ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
-    states = {
-        "perturbation": plots.changes_of(np.asarray(pushed.any(axis=1)), time, "perturbation"),
-        "plates": plots.changes_of(uncertain, time, "uncertain"),
-        "residuals": plots.changes_of(~result.counts, time, "not used"),
-    }
-    for side in ("left", "right"):
-        events = [event for event in result.events if event.side == side]
-        states[f"{side}_foot"] = [(event.time, PHASES[event.label]) for event in events]
-    return states
+    phases = (
+        [(event.time, PHASES[event.label]) for event in result.events if event.side == side]
+        for side in ("left", "right")
+    )
+    changes = (
+        plots.changes_of(np.asarray(pushed.any(axis=1)), time, "perturbation"),
+        plots.changes_of(uncertain, time, "uncertain"),
+        plots.changes_of(~result.counts, time, "not used"),
+    )
+    return dict(zip(ROWS, (*phases, *changes), strict=True))
 
 
 def _send_video(
