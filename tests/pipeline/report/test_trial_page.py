@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -192,6 +193,15 @@ def test_a_trial_without_residuals_has_a_page_that_says_why(tmp_path, trial):
     empty = replace(trial, quality=quality, shortage="nobody walked", notes=(), findings=())
     text = text_of(write_trial_page(empty, tmp_path / "none.html"))
     assert "no residuals: nobody walked" in text.lower()
+
+
+def test_commands_of_a_page_name_the_folder_as_it_was_given_last(tmp_path, undrawn, monkeypatch):
+    folder = write_fake_results(tmp_path / "results", subjects=1, conditions=("sway",), cycles=3)
+    (page,) = (write_report(folder, pages=True).parent / "trials").glob("*.html")
+    assert f"hbm explain {folder} " in page.read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    write_report(Path("results"), pages=True)
+    assert "hbm explain results " in page.read_text(encoding="utf-8")
 
 
 def test_every_trial_of_a_report_has_a_page_and_an_unchanged_one_is_kept(
