@@ -49,29 +49,34 @@ def joint_figure(
     motions: tuple[JointMotion, ...] = LEG,
     differing: "Mapping[tuple[str, str], Sequence[CurveDifference]]" = MappingProxyType({}),
     healthy: Mapping[tuple[str, str], Sequence[Array]] = MappingProxyType({}),
+    shown: Sequence[str] = (*CURVES,),
     look: Figures = PAGE,
 ) -> Figure:
     """Draw means over the gait cycle with one standard deviation as a band.
 
     ``differing`` are parts that differ, drawn as bars: name of a joint motion and curve -> parts.
-    ``healthy`` is as of `healthy_bands`, drawn behind.
+    ``healthy`` is as of `healthy_bands`, drawn behind; ``shown`` are some of `CURVES`.
     """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
-    quantities = [f"{POSITIVE[name]}{name} ({unit})" for name, unit in CURVES.items()]
+    quantities = [f"{POSITIVE[name]}{name} ({CURVES[name]})" for name in shown]
+    places = [[*CURVES].index(name) for name in shown]
     # "+": that direction is positive
     heads = [f"{motion.joint} {motion.direction}\N{NO-BREAK SPACE}+" for motion in motions]
     turned = look.width_mm is not None
     percent = np.linspace(0, 100, 101)
     with in_style(look):
         gaps = ""
-        figure, panels = panel_grid(len(CURVES), len(motions), PANEL_INCH, look, turned=turned)
+        figure, panels = panel_grid(len(shown), len(motions), PANEL_INCH, look, turned=turned)
         panels[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for label, colour, linestyle, mean, spread in curves:
-            if np.isnan(mean[:, columns]).any():
+            if np.isnan(mean[:, columns][..., places]).any():
                 gaps = GAPS
             for (row, column), panel in np.ndenumerate(panels):
-                band = mean[:, columns[column], row], spread[:, columns[column], row]
-                draw_band(panel, percent, *band, colour, label=label, ls=linestyle)
+                values = (
+                    mean[:, columns[column], places[row]],
+                    spread[:, columns[column], places[row]],
+                )
+                draw_band(panel, percent, *values, colour, label=label, ls=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
             above, beside = heads[column], quantities[row].replace(" ", "\n", 1)
             below = "gait\N{NO-BREAK SPACE}cycle (%)"
@@ -87,10 +92,10 @@ def joint_figure(
                 panel.yaxis.set_label_coords(0, 0)
             panel.set_xlabel(below)
             panel.axhline(0, color="black", lw=0.5)
-            shown = motions[column].name, [*CURVES][row]
-            draw_differences(panel, differing.get(shown, ()))
-            if shown in healthy:
-                usual, sd = healthy[shown]
+            curve = motions[column].name, shown[row]
+            draw_differences(panel, differing.get(curve, ()))
+            if curve in healthy:
+                usual, sd = healthy[curve]
                 panel.fill_between(percent, usual - sd, usual + sd, **HEALTHY)
         legend_below(figure, panels[0, 0])
         add_title(figure, title + gaps, look)

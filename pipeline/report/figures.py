@@ -1,6 +1,7 @@
 """Figures of a study: gait cycles over subjects, and marginal means."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from math import nan
 from types import MappingProxyType
@@ -15,7 +16,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
-from hbm.spelling import p_equation
+from hbm.spelling import counted, p_equation
 from pipeline.config.schema import Figures
 from pipeline.figures.residuals import (
     SIX_PANELS_INCH,
@@ -39,13 +40,15 @@ from pipeline.figures.style import (
 from pipeline.report.tables import numbers
 from pipeline.run.load import Curves, Results
 from pipeline.statistics.comparison import MIXED_ANOVA, RM_ANOVA
-from pipeline.statistics.curves import CurveDifference, parts_of
+from pipeline.statistics.curves import ComparedCurves, CurveComparison, CurveDifference
 from pipeline.statistics.design import TAIL, Design, Weigh
 from pipeline.statistics.recordings import subject_means
 from pipeline.trial.residuals import AXES
 
 GREY: Final = "#BBBBBB"
 """Colour of the part of the gait cycle that counts."""
+DIFFERENCE: Final = COLOURS["compensated"]
+"""Colour of differences of curves."""
 WIDTHS: Final = {True: 0.5, False: 1.25}
 """Of curves of the reference and of the condition beside it, of the usual width."""
 THIN_LINE_PT: Final = 0.7
@@ -78,7 +81,7 @@ def study_figures(
     over_cycles: pd.DataFrame,
     statistics: pd.DataFrame,
     design: Design,
-    curves: pd.DataFrame,
+    compared: ComparedCurves,
 ) -> Iterator[tuple[str, Callable[..., Figure]]]:
     """Give every figure of a study's report, to be drawn in any process.
 
@@ -92,25 +95,82 @@ def study_figures(
         The table that `pipeline.statistics.comparison.statistics` returned for them.
     design
         The design that it was computed for.
-    curves
-        As `pipeline.report.curves.differing_curves`.
+    compared
+        As `pipeline.report.curves.compared_curves` gives them.
 
     Yields
     ------
     name, draw
-        ``gait_cycle_CONDITION`` where there are gait cycles, and ``marginal_means`` (as the thesis'
-        Figs F.8–F.13).
+        ``gait_cycle_CONDITION`` where there are gait cycles, ``difference_COMPARED`` of enough
+        subjects, and ``marginal_means`` (as the thesis' Figs F.8–F.13).
     """
     for condition in drawn_conditions(over_cycles, design):
         grey = mean_part(t for t in results.trials.values() if t.condition == condition)
-        compared = f"{design.judged(condition)} - {design.reference_cell}"
-        differing = {axis: parts_of(curves, axis, compared) for axis in AXES}
+        label = f"{design.judged(condition)} - {design.reference_cell}"
+        differing = {axis: of.parts for axis in AXES if (of := compared.get((axis, label)))}
         shown = over_cycles[over_cycles["condition"].isin((design.reference, condition))]
         figure = partial(
             gait_cycle_figure, shown, condition, design, grey=grey, differing=differing
         )
         yield f"gait_cycle_{condition}", figure
+    for label, of_curves in by_label(compared, AXES).items():
+        yield f"difference_{slug(label)}", partial(difference_figure, of_curves, label)
     yield "marginal_means", partial(marginal_means_figure, results.residuals, statistics, design)
+
+
+def by_label(
+    compared: ComparedCurves, curves: Iterable[str]
+) -> dict[str, dict[str, CurveComparison]]:
+    """Give some of the curves by what is compared: label -> curve -> comparison."""
+    found = dict[str, dict[str, CurveComparison]]()
+    for curve, label in compared:
+        if curve in curves:
+            found.setdefault(label, {})[curve] = compared[curve, label]
+    return found
+
+
+def slug(label: str) -> str:
+    """Give a label as a part of a file's name, such as sway_IC_-_baseline_no_IC."""
+    return re.sub(r"[^\w.+-]+", "_", label)
+
+
+def difference_title(label: str, of: CurveComparison) -> str:
+    """Say what is compared, what the band is, and over how many subjects."""
+    return f"{label}: difference ± simultaneous 95 % band, {counted(of.subjects, 'subject')}"
+
+
+def difference_figure(
+    of_curves: Mapping[str, CurveComparison], label: str, *, look: Figures = PAGE
+) -> Figure:
+    """Draw what the residuals of two cells differ by over the gait cycle.
+
+    Parameters
+    ----------
+    of_curves
+        Axis -> comparison.
+    label
+        What is compared.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Six panels: difference with its simultaneous 95 % band, and bars where p is below 0.05.
+    """
+    with in_style(look):
+        figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
+        grid[0, 0].set_xlim(0, 100)
+        for k, panel in enumerate(grid.flat):
+            of = of_curves.get(AXES[k])
+            panel.axhline(0, color="black", lw=0.5)
+            panel.set_xlabel("gait cycle (%)")
+            panel.set_ylabel(f"RMS {axis_label(k)}")
+            if of is not None:
+                percent = np.linspace(0, 100, len(of.difference))
+                draw_band(panel, percent, of.difference, of.high - of.difference, DIFFERENCE)
+                draw_differences(panel, of.parts)
+        *_, last = of_curves.values()
+        add_title(figure, f"Pelvis residuals, {difference_title(label, last)}", look)
+    return figure
 
 
 def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
@@ -119,7 +179,7 @@ def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
     return [name for name in conditions if name != design.reference] or conditions
 
 
-def rms_over_cycles(cycles: Curves, weigh: Weigh) -> pd.DataFrame:
+def rms_over_cycles(cycles: Curves, weigh: Weigh, *, within: Sequence[str] = ()) -> pd.DataFrame:
     """Give each subject's RMS over gait cycles at every percent of the cycle.
 
     Its root mean square over the percent of a window is the subject's RMS in the table of
@@ -131,17 +191,20 @@ def rms_over_cycles(cycles: Curves, weigh: Weigh) -> pd.DataFrame:
         Those of ``cycles.parquet``.
     weigh
         Whether each gait cycle or each recording is equal.
+    within
+        Columns, such as recording, of which each value has its own.
 
     Returns
     -------
     pandas.DataFrame
-        subject, condition, compensated, axis, percent, value [N, N·m]; NaN where none counts.
+        subject, condition, compensated, axis, those within, percent, value [N, N·m]; NaN where none
+        counts.
     """
     parts = []
     for axis in AXES:
         curves = cycles.read(axis=axis)
         curves["value"] **= 2
-        means = subject_means(curves, ["value"], weigh, within=["axis"]).reset_index()
+        means = subject_means(curves, ["value"], weigh, within=["axis", *within]).reset_index()
         parts.append(means.assign(value=np.sqrt(means["value"])))
     return pd.concat(parts, ignore_index=True)
 

@@ -1,6 +1,6 @@
 """Joints of a study: their curves, and what the compensation changes in their peaks."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from math import nan
 from typing import Final
@@ -13,10 +13,10 @@ from hbm.spatial import Array
 from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
 from pipeline.figures.style import condition_style
 from pipeline.report.blocks import Table
-from pipeline.report.figures import VARIANTS
+from pipeline.report.figures import DIFFERENCE, VARIANTS, by_label, difference_title, slug
 from pipeline.report.tables import numbers
 from pipeline.run.load import Curves
-from pipeline.statistics.curves import parts_of
+from pipeline.statistics.curves import ComparedCurves, CurveComparison, CurveDifference
 from pipeline.statistics.design import MIN_SUBJECTS, Design, Weigh
 from pipeline.statistics.paired import compare_paired
 from pipeline.statistics.recordings import subject_means
@@ -103,8 +103,9 @@ class JointMeans:
         Conditions, each with whether its plates are compensated.
     subjects
         Condition -> number of subjects.
-    of_subjects
-        Cell -> means over gait cycles and sides: subject and percent -> each of `CURVE_COLUMNS`.
+    of_recordings
+        Cell -> means over gait cycles and sides: subject, recording and percent -> each of
+        `CURVE_COLUMNS`.
     mean_and_spread
         Cell -> mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each. NaN
         where most cycles are unknown: means of the few others are of other steps.
@@ -115,13 +116,13 @@ class JointMeans:
         rows = every.groupby(["condition", "compensated"], observed=True).size()
         self.cells: list[Cell] = [*rows.index]
         self.subjects = every.groupby("condition", sort=False, observed=True)["subject"].nunique()
-        self.of_subjects: dict[Cell, pd.DataFrame] = {}
+        self.of_recordings: dict[Cell, pd.DataFrame] = {}
         self.mean_and_spread: dict[Cell, list[Array]] = {}
         for cell, count in zip(self.cells, rows, strict=True):
             parts = np.array_split(CURVE_COLUMNS, -(-count * len(CURVE_COLUMNS) // MAX_VALUES))
             found = [_averaged(cycles, cell, [*names], weigh) for names in parts]
             means, *curves = (pd.concat(tables, axis=1) for tables in zip(*found, strict=True))
-            self.of_subjects[cell] = means.droplevel(["condition", "compensated"])
+            self.of_recordings[cell] = means.droplevel(["condition", "compensated"])
             shape = -1, len(JOINT_MOTIONS), len(CURVES)
             self.mean_and_spread[cell] = [table.to_numpy(float).reshape(shape) for table in curves]
 
@@ -129,29 +130,31 @@ class JointMeans:
 def _averaged(
     cycles: Curves, cell: Cell, names: Sequence[str], weigh: Weigh
 ) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    """Give the means of subjects in some columns, and mean and SD over subjects."""
+    """Give the means of recordings in some columns, and mean and SD over subjects."""
     keys = ["subject", "condition", "recording", "compensated", "side", "percent"]
     shown = cycles.read([*keys, *names], condition=cell[0], compensated=cell[1])
     means = subject_means(shown, names, weigh, of_sides=True)
+    of_recordings = subject_means(shown, names, "cycle", within=["recording"], of_sides=True)
     of_one = shown["subject"].nunique() == 1
     of_percent = (shown if of_one else means).groupby("percent", sort=True)[[*names]]
     known = shown[[*names]].notna().groupby(shown["percent"]).mean() >= MIN_KNOWN_CYCLES
-    return means, of_percent.mean().where(known), of_percent.std().where(known)
+    return of_recordings, of_percent.mean().where(known), of_percent.std().where(known)
 
 
 def joint_figures(
-    means: JointMeans, design: Design, differing: pd.DataFrame
+    means: JointMeans, design: Design, compared: ComparedCurves
 ) -> Iterator[tuple[str, Callable[..., Figure]]]:
     """Give the figures of joints, of each condition without and with compensation, and of all.
 
     Any process can draw them.
 
-    ``differing`` is as `pipeline.report.curves.differing_curves` gives it.
+    ``compared`` is as `pipeline.report.curves.compared_curves` gives it.
 
     Yields
     ------
     name, draw
-        ``joints_CONDITION``, and ``joints`` and ``upper_body`` of all conditions.
+        ``joints_CONDITION``, ``joints`` and ``upper_body`` of all conditions, and
+        ``joints_difference_COMPARED``.
     """
     people = means.subjects
     conditions = design.in_order(people.index)
@@ -168,12 +171,8 @@ def joint_figures(
                 mean, spread = means.mean_and_spread[condition, compensated]
                 drawn.append((*look, mean, spread))
         title = f"Joints of the legs, {condition}: mean ± SD over {over(people[[condition]])}"
-        compared = f"{design.cell(condition, True)} - {design.cell(condition, False)}"
-        parts = {
-            (motion.name, curve): parts_of(differing, f"{motion.name}_{curve}", compared)
-            for motion in LEG
-            for curve in CURVES
-        }
+        label = f"{design.cell(condition, True)} - {design.cell(condition, False)}"
+        parts = _parts(by_label(compared, CURVE_COLUMNS).get(label, {}))
         title += "; bars: IC differs from no IC" * any(parts.values())
         yield f"joints_{condition}", partial(joint_figure, drawn, title, differing=parts)
     together: list[Curve] = [
@@ -186,3 +185,28 @@ def joint_figures(
         what += ", with inertia compensation" * best
         title = f"{what}: mean ± SD over {over(people)}"
         yield name, partial(joint_figure, together, title, motions)
+    for label, of_curves in by_label(compared, CURVE_COLUMNS).items():
+        nothing = np.full(101, np.nan)
+        unknown = CurveComparison(nothing, nothing, nothing, nothing, 0, 0)
+        shown = [of_curves.get(name, unknown) for name in CURVE_COLUMNS]
+        shape = -1, len(JOINT_MOTIONS), len(CURVES)
+        difference = np.stack([of.difference for of in shown], axis=1).reshape(shape)
+        half = np.stack([of.high for of in shown], axis=1).reshape(shape) - difference
+        *_, last = of_curves.values()
+        title = f"Joints of the legs, {difference_title(label, last)}"
+        drawn = [(label, DIFFERENCE, "-", difference, half)]
+        kinds = [kind for kind in CURVES if any(name.endswith(kind) for name in of_curves)]
+        figure = partial(joint_figure, drawn, title, differing=_parts(of_curves), shown=kinds)
+        yield f"joints_difference_{slug(label)}", figure
+
+
+def _parts(
+    of_curves: Mapping[str, CurveComparison],
+) -> dict[tuple[str, str], Sequence[CurveDifference]]:
+    """Give the parts that differ by joint motion and curve."""
+    return {
+        (motion.name, curve): of.parts
+        for motion in LEG
+        for curve in CURVES
+        if (of := of_curves.get(f"{motion.name}_{curve}"))
+    }

@@ -18,7 +18,7 @@ from pipeline.config.study import Study, read_study
 from pipeline.figures.style import PAGE, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.report.blocks import Check, Drawn, Section, markup, write_page
-from pipeline.report.curves import differing_curves
+from pipeline.report.curves import compared_curves, curve_tables
 from pipeline.report.effects import tests_table
 from pipeline.report.figures import rms_over_cycles, study_figures
 from pipeline.report.joints import JointMeans, compensation_tables, joint_figures
@@ -165,9 +165,11 @@ def write_report(
     if len(repeated):
         tables["reliability"] = repeated
     announce("comparing curves")
-    over_cycles = rms_over_cycles(Curves(folder / "cycles.parquet"), design.weigh)
+    cycles = Curves(folder / "cycles.parquet")
+    over_cycles = rms_over_cycles(cycles, design.weigh)
     joints = JointMeans(Curves(folder / "joint_cycles.parquet"), design.weigh)
-    curves = differing_curves(over_cycles, joints, design)
+    between = people.set_index("subject")[_between(design, study)]
+    curves = compared_curves(cycles, joints, design, between)
     explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)
@@ -177,7 +179,7 @@ def write_report(
     below = "\n".join(filter(None, (windows, missing)))
     write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
     found = verdicts(results.residuals, design, measurement, compared)
-    tables |= {"curves": curves, "statistics": tests, "table_3": table}
+    tables |= {**curve_tables(curves), "statistics": tests, "table_3": table}
     for file, shown in {**tables, "plan": plan_table(found, design)}.items():
         write_csv(shown, folder / f"{file}.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
@@ -291,6 +293,13 @@ def _design(residuals: pd.DataFrame, study: Study | None) -> Design:
         return design
     conditions = sorted(set(residuals["condition"]))
     return unstated_design(conditions, compensated=bool(residuals["compensated"].any()))
+
+
+def _between(design: Design, study: Study | None) -> list[str]:
+    """Give the design's group, and the covariates that a study states."""
+    stated = None if study is None else study.file.comparison
+    covariates = () if stated is None else stated.covariates or ()
+    return [*filter(None, (design.group, *covariates))]
 
 
 def _all_subjects(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:

@@ -1,22 +1,37 @@
-"""Where two curves over the gait cycle differ: permutation of signs with the maximum statistic."""
+"""Where curves over the gait cycle differ: one linear model per instant, tested by sign flips."""
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+import scipy
+from numpy.typing import NDArray
 
 from hbm.signals.samples import stretches
-from hbm.spatial import Array
-from pipeline.statistics.design import ALPHA
+from hbm.spatial import Array, Mask
+from pipeline.statistics.design import ALPHA, CONFIDENCE
+from pipeline.statistics.mixed import random_effects
 
 MAX_EXACT: Final = 12
-"""Subjects of whom all changes of signs are tried: 4,096."""
-DRAWN: Final = 10_000
-"""Changes of signs that are drawn where there are more subjects."""
+"""Subjects of whom all sign flips are tried: 2,048 that differ in the size of t."""
+DRAWN: Final = 5_000
+"""Sign flips that are drawn where there are more subjects."""
 MIN_SUBJECTS: Final = 6
 """With fewer, the smallest p that there can be is above 0.05."""
+MIN_WITH_BOTH: Final = 4
+"""Subjects with both conditions; with fewer, bands hold less often than they state."""
+MIN_IN_GROUP: Final = 5
+"""Subjects in each group; with fewer, false alarms are more than stated (`tests/validation`)."""
+ROUNDS: Final = 3
+"""Of fits and their working covariance."""
+MIN_ERROR: Final = 1e-6
+"""Smallest error of a single curve in the working covariance, by all of its variance."""
+ROUNDING: Final = 1e-9
+"""Relative; smaller differences are none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,74 +51,297 @@ class CurveDifference:
     p: float
 
 
-def curve_differences(differences: Array) -> tuple[CurveDifference, ...]:
-    """Find the parts of the gait cycle in which paired curves differ.
+@dataclass(frozen=True, slots=True)
+class CurveComparison:
+    """The difference of two mean curves, and how sure it is.
+
+    Attributes
+    ----------
+    difference
+        First minus second, (101,) in the unit of the curves; NaN where too few are known.
+    low, high
+        Simultaneous 95 % band, (101,): in 95 % of studies, it holds the difference at all instants.
+    p
+        Of each instant, corrected for all instants, (101,); 1 where nothing is known.
+    subjects, recordings
+        That entered.
+    """
+
+    difference: Array
+    low: Array
+    high: Array
+    p: Array
+    subjects: int
+    recordings: int
+
+    @property
+    def parts(self) -> tuple[CurveDifference, ...]:
+        """Parts of the gait cycle where p is below 0.05."""
+        return tuple(
+            CurveDifference(int(start), int(stop) - 1, float(self.p[start:stop].min()))
+            for start, stop in stretches(self.p < ALPHA)
+        )
+
+
+ComparedCurves = Mapping[tuple[str, str], CurveComparison]
+"""Curve, such as Fx or hip_flexion_moment, and what is compared -> comparison."""
+
+
+def compare_conditions(
+    curves: Array, rows: pd.DataFrame, between: pd.DataFrame | None = None
+) -> CurveComparison | None:
+    """Compare the mean curves of two conditions over every recording that there is.
 
     Parameters
     ----------
-    differences
-        Of each subject, (N, 101). Instants that are unknown (NaN) in one are left out.
+    curves
+        Of each recording and condition, (R, 101); NaN where unknown.
+    rows
+        Of each curve: subject, recording (equal where one recording is in both conditions) and
+        cell, of which there are two. The first to appear is compared with the other.
+    between
+        Index subject; columns are groups (text) and covariates (numbers) by which the subjects'
+        means may differ. Where every subject has both conditions they change nothing.
 
     Returns
     -------
-    tuple of CurveDifference
-        Parts in which the difference is significant at 0.05 for all instants together. None with
-        fewer than six subjects.
+    CurveComparison or None
+        None with fewer than six subjects, or fewer than four with both conditions.
 
     Notes
     -----
-    Without a difference, the signs of a subject's differences are as likely as not. The largest
-    |t| over the cycle is found for all changes of signs (for 10,000 drawn ones where there are more
-    than 12 subjects); p of an instant is the share of these that reach its |t| (Nichols and Holmes
-    2002, Hum Brain Mapp 15:1).
+    At every instant, a curve is the mean of its condition, plus effects of group and covariates, an
+    error of the subject and one of the curve. Weights are by generalised least squares with one
+    working covariance for all instants (subject, condition within it, recording, error, by moments
+    of the residuals), so several recordings of a subject count as much as they tell.
+
+    Inference flips the signs of all residuals of a subject together, which keeps whatever
+    covariance they have: subjects are the exchangeability blocks (whole-block sign flips, Winkler
+    et al. 2014, NeuroImage 92:381). Residuals are of the model without a difference (Freedman and
+    Lane 1983). For each flip the model is fitted again, and the difference is studentised by the
+    subjects' scores, each divided by one minus its leverage (Bell and McCaffrey 2002), which holds
+    where subjects vary differently. p of an instant is the share of the flips whose largest |t|
+    over the cycle reaches its |t|. Where each subject has one curve of each condition, this is the
+    exact test of paired differences (Nichols and Holmes 2002, Hum Brain Mapp 15:1).
+
+    The band is the difference ± its error times the 95 % quantile of the largest |t| of sign flips
+    of the residuals of the model with a difference.
 
     Examples
     --------
     >>> rng = np.random.default_rng(0)
-    >>> noise = 0.1 * rng.normal(size=(9, 101))
-    >>> noise[:, 40:61] += 1.0
-    >>> [(part.start, part.stop, round(part.p, 3)) for part in curve_differences(noise)]
+    >>> curves = 0.1 * rng.normal(size=(18, 101))
+    >>> curves[:9, 40:61] += 1.0  # boots
+    >>> rows = pd.DataFrame({"subject": [*"abcdefghi"] * 2, "recording": range(18)})
+    >>> rows["cell"] = ["boots"] * 9 + ["barefoot"] * 9
+    >>> compared = compare_conditions(curves, rows)
+    >>> [(part.start, part.stop, round(part.p, 3)) for part in compared.parts]
     [(40, 60, 0.004)]
     """
-    subjects = len(differences)
-    if subjects < MIN_SUBJECTS:
-        return ()
-    known = np.isfinite(differences).all(axis=0) & (np.ptp(differences, axis=0) > 0)
-    values = np.where(known, differences, 0.0)
-    p = np.ones(differences.shape[1])
-    if known.any():
-        largest = _largest_t(values[:, known], _signs(subjects))
-        own = _t(values[:, known].sum(axis=0), np.square(values[:, known]).sum(axis=0), subjects)
-        reached = largest[:, None] >= np.abs(own) * (1 - 1e-12)
-        p[known] = reached.mean(axis=0)
-    return tuple(
-        CurveDifference(int(start), int(stop) - 1, float(p[start:stop].min()))
-        for start, stop in stretches(p < ALPHA)
+    first = (rows["cell"] == rows["cell"].iloc[0]).to_numpy()
+    nuisance = _between(rows["subject"], between)
+    return _compare(curves, rows, first - 0.5, nuisance, [first | True], MIN_WITH_BOTH, null=True)
+
+
+def compare_groups(
+    curves: Array, rows: pd.DataFrame, group: "pd.Series[Any]", between: pd.DataFrame | None = None
+) -> CurveComparison | None:
+    """Compare two groups of subjects: their mean curves, or what two conditions differ by in them.
+
+    Parameters
+    ----------
+    curves, rows
+        As of `compare_conditions`, of one cell or of two.
+    group
+        Index subject; of each subject one of two names. The first in the alphabet is subtracted.
+    between
+        Covariates, as of `compare_conditions`.
+
+    Returns
+    -------
+    CurveComparison or None
+        None with fewer than five subjects in a group who have every cell.
+
+    Notes
+    -----
+    As `compare_conditions`, but p too is by residuals of the model with a difference: it and the
+    leverages of subjects allow groups of different size and variance (as Welch's t).
+    """
+    of_row = rows["subject"].map(group)
+    second = (of_row == of_row.max()).to_numpy()
+    sides, others = second - 0.5, _between(rows["subject"], between)
+    cells = rows["cell"].unique()
+    if len(cells) == 2:  # the difference between groups of the difference between cells
+        cell = (rows["cell"] == cells[0]).to_numpy() - 0.5
+        sides, others = sides * cell, np.column_stack([others, sides, cell])
+    return _compare(curves, rows, sides, others, [second, ~second], MIN_IN_GROUP, null=False)
+
+
+def _between(subjects: "pd.Series[Any]", between: pd.DataFrame | None) -> Array:
+    """Give the columns of what differs between subjects, a mean first, (R, Q)."""
+    columns = [np.ones(len(subjects))]
+    for _, of_subjects in () if between is None else between.items():
+        values = subjects.map(of_subjects)
+        if pd.api.types.is_numeric_dtype(values):
+            columns.append((values - values.mean()).to_numpy(float))
+        else:
+            columns += [(values == level).to_numpy(float) for level in sorted(set(values))[1:]]
+    return np.column_stack(columns)
+
+
+def _compare(
+    curves: Array,
+    rows: pd.DataFrame,
+    contrast: Array,
+    others: Array,
+    groups: Sequence[Mask],
+    least: int,
+    *,
+    null: bool,
+) -> CurveComparison | None:
+    """Fit and test; in each of the groups, at least so many subjects have every cell."""
+    subject = np.unique(rows["subject"], return_inverse=True)[1]
+    cell = np.unique(rows["cell"], return_inverse=True)[1]
+    signs, effects = _signs(subject.max() + 1), random_effects(rows)
+    shape = curves.shape[1]
+    difference, error, p = np.full(shape, np.nan), np.full(shape, np.nan), np.ones(shape)
+    largest = np.zeros((2, len(signs)))  # |t| over the cycle, without and with a difference
+    known = np.isfinite(curves)
+    # instants at which the same curves are known have one model
+    for pattern in np.unique(known, axis=1).T:
+        of = (known == pattern[:, None]).all(axis=0)
+        people = np.unique(subject[pattern])
+        complete = [_complete(subject, cell, pattern & of_group) for of_group in groups]
+        if len(people) < MIN_SUBJECTS or min(complete) < least:
+            continue
+        model = _Model(
+            curves[np.ix_(pattern, of)],
+            np.column_stack([contrast, others])[pattern],
+            subject[pattern],
+            [effect[pattern] for effect in effects],
+        )
+        varies = model.error > ROUNDING * np.abs(curves[np.ix_(pattern, of)]).max()
+        difference[of], error[of] = model.difference, np.where(varies, model.error, np.nan)
+        if varies.any():
+            flips = signs[:, people]
+            for k, residuals in enumerate((model.without_difference, model.residuals)):
+                reached = model.largest_t(residuals[:, varies], flips)
+                largest[k] = np.maximum(largest[k], reached)
+    if np.isnan(error).all():
+        return None
+    t, (of_null, of_band) = np.abs(difference) / error, np.sort(largest)
+    reached = of_null if null else of_band
+    # at rounding, a flip of everything reaches the observed t
+    beyond = len(reached) - np.searchsorted(reached, np.nan_to_num(t) * (1 - ROUNDING))
+    tested = np.isfinite(t)
+    p[tested] = ((beyond + (not null)) / (len(reached) + (not null)))[tested]
+    half = error * of_band[int(np.ceil(CONFIDENCE * len(of_band))) - 1]
+    return CurveComparison(
+        difference, difference - half, difference + half, p, subject.max() + 1, len({*effects[2]})
     )
 
 
-def parts_of(table: pd.DataFrame, curve: str, compared: str) -> list[CurveDifference]:
-    """Give the parts of one comparison in a table with curve, compared, start, stop and p."""
-    own = table[(table["curve"] == curve) & (table["compared"] == compared)]
-    rows = own[["start_percent", "stop_percent", "p"]].itertuples(index=False)
-    return [CurveDifference(*row) for row in rows]
+def _complete(subject: NDArray[Any], cell: NDArray[Any], shown: Mask) -> int:
+    """Count the subjects with a curve of every cell among those shown."""
+    cells = np.unique([subject[shown], cell[shown]], axis=1)
+    return int(np.sum(np.bincount(cells[0]) == cell.max() + 1))
+
+
+class _Model:
+    """A linear model of curves, (R, T), whose first column, of (R, P), is the difference."""
+
+    def __init__(
+        self, curves: Array, columns: Array, subject: NDArray[Any], effects: Iterable[NDArray[Any]]
+    ) -> None:
+        self.curves, self.columns = curves, columns
+        blocks = np.unique(subject, return_inverse=True)[1]
+        self.of_subject = np.eye(blocks.max() + 1)[:, blocks]
+        alike = np.array([of[:, None] == of for of in (*effects, np.arange(len(curves)))], float)
+        covariance = np.eye(len(curves))
+        for _ in range(ROUNDS):
+            self.covariance = covariance
+            # generalised least squares: the coefficients are these weights times the curves
+            inverse = np.linalg.inv(covariance)
+            self.spread = np.linalg.pinv(columns.T @ inverse @ columns)
+            self.weights = self.spread @ columns.T @ inverse
+            self.residuals = curves - columns @ (self.weights @ curves)
+            projection = inverse - inverse @ columns @ self.weights
+            covariance = _covariance(inverse @ self.residuals, projection, alike)
+        self.difference = self.weights[0] @ curves
+
+    def scores_of(self, residuals: Array, k: int = 0) -> Array:
+        """Give what each subject adds to a coefficient, (N, T)."""
+        return np.asarray(self.of_subject @ (self.weights[k][:, None] * residuals))
+
+    @cached_property
+    def scores(self) -> Array:
+        """What each subject's residuals would add to the difference, (N, T)."""
+        return self.scores_of(self.residuals)
+
+    @cached_property
+    def without_difference(self) -> Array:
+        """Residuals of the model without its first column, (R, T)."""
+        others = self.columns[:, 1:]
+        weighted = others.T @ np.linalg.inv(self.covariance)
+        fitted = others @ (np.linalg.pinv(weighted @ others) @ weighted @ self.curves)
+        return np.asarray(self.curves - fitted)
+
+    @cached_property
+    def inflation(self) -> Array:
+        """One by one minus the leverage of each subject, (N,): residuals vary less than errors."""
+        own = self.of_subject * self.weights[0]
+        errors = np.einsum("sr,rq,sq->s", own, self.covariance, own)
+        fitted = self.columns @ self.spread @ self.columns.T
+        left = errors - np.einsum("sr,rq,sq->s", own, fitted, own)
+        # a subject who determines a coefficient alone has no residual
+        return np.where(left > ROUNDING * errors, errors / np.maximum(left, ROUNDING * errors), 0.0)
+
+    @cached_property
+    def error(self) -> Array:
+        """Standard error of the difference, (T,)."""
+        return np.asarray(np.sqrt(self.inflation @ self.scores**2))
+
+    def largest_t(self, residuals: Array, signs: Array) -> Array:
+        """Give the largest |t| over all instants of each sign flip, (K,), the model fitted anew."""
+        scores, inflation = self.scores_of(residuals), self.inflation[:, None]
+        parts = self.of_subject @ (self.weights[0][:, None] * self.columns)
+        moving = np.flatnonzero(np.abs(parts).max(axis=0) > ROUNDING * np.abs(parts).max())
+        fitted = {k: signs @ self.scores_of(residuals, k) for k in moving.tolist()}
+        products = np.asarray(parts.T @ (inflation * parts))
+        # sum of squares of the scores that remain: signs * scores - parts @ fitted
+        squares = np.asarray(self.inflation @ scores**2)
+        smallest = ROUNDING * squares
+        for k, of_one in fitted.items():
+            squares = squares - 2 * of_one * (signs @ (inflation * parts[:, [k]] * scores))
+            for j, of_other in fitted.items():
+                squares = squares + products[k, j] * of_one * of_other
+        t = np.abs(signs @ scores) / np.sqrt(np.maximum(squares, smallest))
+        return np.asarray(t.max(axis=1))
+
+
+def _covariance(weighted: Array, projection: Array, alike: Array) -> Array:
+    """Give the working covariance of curves by a step of restricted maximum likelihood.
+
+    Of residuals times their inverse covariance, (R, T), scaled to be alike at all instants, and the
+    inverse covariance without the fixed effects, (R, R). ``alike`` says of each component which
+    curves have it in common: subjects first, each curve by itself last, (K, R, R).
+    """
+    size = np.sqrt(np.mean(weighted**2, axis=0))
+    scaled = weighted[:, size > 0] / size[size > 0]
+    if not scaled.size:
+        return np.eye(len(projection))
+    # expected and observed sums of squares of each component (Patterson and Thompson 1971)
+    changed = projection @ alike
+    expected = np.einsum("jab,kba->jk", changed, changed)
+    observed = np.einsum("rt,krs,st->k", scaled, alike, scaled, optimize=True) / scaled.shape[1]
+    components = scipy.optimize.nnls(expected, observed)[0]
+    components[-1] = max(components[-1], MIN_ERROR * components.sum())
+    return np.asarray(np.tensordot(components, alike, axes=1), float)
 
 
 def _signs(subjects: int) -> Array:
-    """Give changes of signs, (K, N), the observed one among them."""
+    """Give sign flips, (K, N), first the observed signs; those of all subjects are as good."""
     if subjects <= MAX_EXACT:
-        return np.array([*product((1.0, -1.0), repeat=subjects)])
+        return np.array([(1.0, *others) for others in product((1.0, -1.0), repeat=subjects - 1)])
     drawn = np.random.default_rng(0).choice((1.0, -1.0), size=(DRAWN, subjects))
     return np.vstack([np.ones(subjects), drawn[1:]])
-
-
-def _largest_t(values: Array, signs: Array) -> Array:
-    """Give the largest |t| over all instants for each change of signs, (K,)."""
-    sums, squares = signs @ values, np.square(values).sum(axis=0)
-    return np.asarray(np.abs(_t(sums, squares, len(values))).max(axis=1))
-
-
-def _t(sums: Array, squares: Array, count: int) -> Array:
-    """Give Student's t of values from their sums and sums of squares."""
-    variance = (squares - sums**2 / count) / (count - 1)
-    return np.asarray(sums / np.sqrt(count * np.maximum(variance, 1e-300)))

@@ -445,7 +445,7 @@ def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparis
     people = cells.groupby("cell")["subject"].nunique()
     if len(people) < 2 or people.min() < MIN_SUBJECTS:
         raise ValueError(f"needs at least {MIN_SUBJECTS} subjects in each of both cells")
-    effects = _random_effects(cells)
+    effects = random_effects(cells)
     means = np.column_stack([cells["cell"] == name for name in (first, second)]).astype(float)
     model = fit_mixed(cells["value"].to_numpy(float), means, effects)
     of_subject, of_cell, of_recording, error = model.variances
@@ -481,7 +481,7 @@ def judging_comparison(values: pd.DataFrame, first: str, second: str) -> CellCom
         between=spread,
         within=np.zeros((2, 2)),
         subjects=len(pairs),
-        recordings=len(np.unique(_random_effects(cells)[2])),
+        recordings=len(np.unique(random_effects(cells)[2])),
     )
 
 
@@ -541,7 +541,7 @@ def effects_of_factors(values: pd.DataFrame, design: Design) -> Iterator[tuple[s
         reduce(_products, [columns[name] for name in term], np.ones((len(rows), 1)))
         for term in terms
     ]
-    model = fit_mixed(rows["value"].to_numpy(float), np.hstack(blocks), _random_effects(rows))
+    model = fit_mixed(rows["value"].to_numpy(float), np.hstack(blocks), random_effects(rows))
     ends = np.cumsum([block.shape[1] for block in blocks])
     for term, start, end in zip(terms[1:], ends, ends[1:], strict=False):
         yield ":".join(term), model.test(np.eye(ends[-1])[start:end])
@@ -552,7 +552,7 @@ def _products(block: Array, factor: Array) -> Array:
     return (block[:, :, None] * factor[:, None, :]).reshape(len(block), -1)
 
 
-def _random_effects(values: pd.DataFrame) -> list[NDArray[Any]]:
+def random_effects(values: pd.DataFrame) -> list[NDArray[Any]]:
     """Give the subject, the subject's cell and the subject's recording of each value."""
     subject = values["subject"].to_numpy(str)
     within = (np.char.add(subject, "\0" + values[n].to_numpy(str)) for n in ("cell", "recording"))

@@ -14,7 +14,6 @@ from scipy import stats
 from pipeline.cli.app import main
 from pipeline.config.schema import FIGURE_FORMATS, Figures
 from pipeline.figures.style import COLOURS, LINES, condition_style, save_figure
-from pipeline.report.curves import differing_curves
 from pipeline.report.figures import (
     gait_cycle_figure,
     marginal_means_figure,
@@ -25,6 +24,7 @@ from pipeline.report.joints import JointMeans, joint_figures
 from pipeline.report.write import write_report
 from pipeline.run.load import Curves, collect
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.curves import CurveComparison
 from pipeline.statistics.design import EXPERIMENT_3, unstated_design
 from pipeline.trial.residuals import AXES
 from tests.pipeline.fake_results import write_fake_results, write_fake_study
@@ -53,16 +53,15 @@ def tests(results):
 def every(results, curves, tests):
     """All figures of a study, to be drawn."""
     joints = JointMeans(Curves(results.folder / "joint_cycles.parquet"), "cycle")
-    parts = differing_curves(curves, joints, EXPERIMENT_3)
-    one = {"unit": "", "n": 9, "start_percent": 5, "stop_percent": 20, "p": 0.0123}
-    pairs = [
-        *(("Fx", f"{c} IC - baseline no IC") for c in ("sway", "pitch")),
-        *((f"hip_flexion_{c}", "sway IC - sway no IC") for c in ("angle", "moment", "power")),
-    ]
-    rows = [{"curve": curve, "compared": compared, **one} for curve, compared in pairs]
-    parts = pd.DataFrame(rows, columns=parts.columns)
-    of_joints = joint_figures(joints, EXPERIMENT_3, parts)
-    return dict([*study_figures(results, curves, tests, EXPERIMENT_3, parts), *of_joints])
+    values = np.linspace(-1, 1, 101)
+    p = np.where((values > -0.9) & (values < -0.6), 0.0123, 1.0)
+    one = CurveComparison(values, values - 1, values + 1, p, 9, 18)
+    compared = {
+        **{(a, f"{c} IC - baseline no IC"): one for a in AXES for c in ("sway", "pitch")},
+        **{(f"hip_flexion_{c}", "sway IC - sway no IC"): one for c in ("moment", "power")},
+    }
+    of_joints = joint_figures(joints, EXPERIMENT_3, compared)
+    return dict([*study_figures(results, curves, tests, EXPERIMENT_3, compared), *of_joints])
 
 
 def seen_texts(figure):
@@ -148,8 +147,7 @@ def test_a_study_without_compensation_does_not_speak_of_it(tmp_path):
     over_cycles = rms_over_cycles(Curves(folder / "cycles.parquet"), "cycle")
     design = unstated_design(conditions, compensated=False)
     tests = statistics(own.residuals, own.subjects, design)
-    curves = pd.DataFrame(columns=["curve", "compared", "start_percent", "stop_percent", "p"])
-    drawn = study_figures(own, over_cycles, tests, design, curves)
+    drawn = study_figures(own, over_cycles, tests, design, {})
     figures = {name: draw() for name, draw in drawn}
     shown = [text for figure in figures.values() for text in figure.findobj(Text)]
     assert not [text.get_text() for text in shown if "IC" in text.get_text()]
@@ -199,7 +197,17 @@ def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
 
 
 @pytest.mark.parametrize("width_mm", [85.0, 180.0])
-@pytest.mark.parametrize("name", ["gait_cycle_sway", "marginal_means", "joints_sway", "upper_body"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "gait_cycle_sway",
+        "difference_sway_IC_-_baseline_no_IC",
+        "marginal_means",
+        "joints_sway",
+        "joints_difference_sway_IC_-_sway_no_IC",
+        "upper_body",
+    ],
+)
 def test_no_text_of_a_figure_for_a_journal_covers_another_or_is_cut_off(every, name, width_mm):
     figure = every[name](look=Figures(width_mm=width_mm))
     boxes = {text: text.get_window_extent() for text in seen_texts(figure)}

@@ -79,11 +79,10 @@ def test_joints_are_drawn_only_where_most_cycles_are_known_and_the_title_says_so
         for cycle in (1, 2, 3)
         for percent in range(101)
     ]
-    none = pd.DataFrame(columns=["curve", "compared", "start_percent", "stop_percent", "p"])
     design = unstated_design(["walk"], compensated=False)
     pd.DataFrame(rows).to_parquet(tmp_path / "joint_cycles.parquet")
     means = JointMeans(Curves(tmp_path / "joint_cycles.parquet"), design.weigh)
-    figures = {name: draw() for name, draw in joint_figures(means, design, none)}
+    figures = {name: draw() for name, draw in joint_figures(means, design, {})}
     drawn = figures["joints"].axes[0].get_lines()[0].get_ydata()
     assert np.flatnonzero(np.isnan(drawn)).tolist() == [50]
     assert "gaps: load of the foot" in figures["joints"].get_suptitle()
