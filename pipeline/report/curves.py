@@ -6,11 +6,8 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from hbm.spatial import Array
 from pipeline.figures.joints import LEG
-from pipeline.report.figures import rms_over_cycles
 from pipeline.report.joints import Cell, JointMeans
-from pipeline.run.load import Curves
 from pipeline.statistics.curves import (
     ComparedCurves,
     CurveComparison,
@@ -27,14 +24,14 @@ BAND_COLUMNS: Final = ("curve", "unit", "compared", "percent", "difference", "lo
 
 
 def compared_curves(
-    cycles: Curves, joints: JointMeans, design: Design, people: pd.DataFrame
+    over_cycles: pd.DataFrame, joints: JointMeans, design: Design, people: pd.DataFrame
 ) -> ComparedCurves:
     """Compare the curves of conditions and of groups.
 
     Parameters
     ----------
-    cycles
-        Those of ``cycles.parquet``.
+    over_cycles
+        Of each recording, as `rms_over_cycles` gives them.
     joints
         The means of joint curves.
     design
@@ -52,11 +49,12 @@ def compared_curves(
     judged: list[tuple[Cell, Cell]] = [((c, best), reference) for c in judged_conditions(design)]
     of_joints = [((name, True), (name, False)) for name in design.conditions if best]
     of_joints += [((name, best), (design.reference, best)) for name in design.others]
-    over_cycles = rms_over_cycles(cycles, "cycle", within=("recording",))
+    keys = ["subject", "recording", "percent"]
     of_axes: dict[Any, pd.DataFrame] = {
-        key: rows.set_index(["subject", "recording", "percent"])["value"].unstack("percent")
+        key: _by_percent(rows.set_index(keys)[["value"]], str(key[1]))
         for key, rows in over_cycles.groupby(["axis", "condition", "compensated"], observed=True)
     }
+    of_cells = {cell: _by_percent(of, cell[0]) for cell, of in joints.of_recordings.items()}
     compared = dict[tuple[str, str], CurveComparison]()
     for axis in AXES:
         of_axis = {(c, bool(ic)): of for (a, c, ic), of in of_axes.items() if a == axis}
@@ -64,7 +62,7 @@ def compared_curves(
     for motion in LEG:
         for curve in CURVES:
             name = f"{motion.name}_{curve}"
-            shown = {cell: of[name].unstack("percent") for cell, of in joints.of_recordings.items()}
+            shown = {cell: pd.DataFrame(of[name]) for cell, of in of_cells.items()}
             # plates do not change angles
             pairs = [(a, b) for a, b in of_joints if curve != "angle" or a[0] != b[0]]
             compared |= _of_one_curve(name, shown, pairs, design, people)
@@ -100,7 +98,9 @@ def _of_one_curve(
         if not {*compared} <= {*cells}:
             continue
         label = " - ".join(design.cell(*cell) for cell in compared)
-        curves, rows = _rows({cell: cells[cell] for cell in compared}, design)
+        table = pd.concat({design.cell(*cell): cells[cell] for cell in compared}, names=["cell"])
+        table = table.dropna(how="all")
+        rows, curves = table.index.to_frame(index=False), table.to_numpy(float)
         if len(compared) == 2:
             of_cells = compare_conditions(curves, rows, people)
             if of_cells is not None:
@@ -113,14 +113,12 @@ def _of_one_curve(
                 yield (curve, f"{label}: {other} - {groups[0]}"), of_groups
 
 
-def _rows(cells: Mapping[Cell, pd.DataFrame], design: Design) -> tuple[Array, pd.DataFrame]:
-    """Give the curves of recordings in some cells, and what they are of."""
-    tables, rows = [], []
-    for cell, table in cells.items():
-        shown = table.dropna(how="all")
-        tables.append(shown.to_numpy(float))
-        recordings = shown.index.to_frame(index=False).astype(str)
-        # one recording is in both cells where these differ by the compensation alone
-        recordings["recording"] = f"{cell[0]} " + recordings["recording"]
-        rows.append(recordings.assign(cell=design.cell(*cell)))
-    return np.vstack(tables), pd.concat(rows, ignore_index=True)
+def _by_percent(curves: pd.DataFrame, condition: str) -> pd.DataFrame:
+    """Give a row per recording, and a column per curve and percent.
+
+    Recordings are named with their condition: one recording is in both cells where these differ by
+    the compensation alone.
+    """
+    names = [(str(s), f"{condition} {r}", p) for s, r, p in curves.index]
+    index = pd.MultiIndex.from_tuples(names, names=["subject", "recording", "percent"])
+    return pd.DataFrame(curves.set_index(index).unstack("percent"))

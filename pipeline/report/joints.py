@@ -133,8 +133,10 @@ def _averaged(
     """Give the means of recordings in some columns, and mean and SD over subjects."""
     keys = ["subject", "condition", "recording", "compensated", "side", "percent"]
     shown = cycles.read([*keys, *names], condition=cell[0], compensated=cell[1])
-    means = subject_means(shown, names, weigh, of_sides=True)
     of_recordings = subject_means(shown, names, "cycle", within=["recording"], of_sides=True)
+    means = of_recordings.droplevel("recording")
+    if not means.index.is_unique:
+        means = subject_means(shown, names, weigh, of_sides=True)
     of_one = shown["subject"].nunique() == 1
     of_percent = (shown if of_one else means).groupby("percent", sort=True)[[*names]]
     known = shown[[*names]].notna().groupby(shown["percent"]).mean() >= MIN_KNOWN_CYCLES

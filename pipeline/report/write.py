@@ -166,10 +166,13 @@ def write_report(
         tables["reliability"] = repeated
     announce("comparing curves")
     cycles = Curves(folder / "cycles.parquet")
-    over_cycles = rms_over_cycles(cycles, design.weigh)
+    of_recordings = rms_over_cycles(cycles, "cycle", within=("recording",))
+    over_cycles = of_recordings.drop(columns="recording")
+    if over_cycles.duplicated(["subject", "condition", "compensated", "axis", "percent"]).any():
+        over_cycles = rms_over_cycles(cycles, design.weigh)
     joints = JointMeans(Curves(folder / "joint_cycles.parquet"), design.weigh)
     between = people.set_index("subject")[_between(design, study)]
-    curves = compared_curves(cycles, joints, design, between)
+    curves = compared_curves(of_recordings, joints, design, between)
     explained, failed, together, stale = explanations(folder, results.trials)
     compared = compared[compared["condition"].isin(design.conditions)]
     measurement, missing = study_covariances(explained, compared, design.weigh)

@@ -200,9 +200,9 @@ def _compare(
     null: bool,
 ) -> CurveComparison | None:
     """Fit and test; in each of the groups, at least so many subjects have every cell."""
-    subject = np.unique(rows["subject"], return_inverse=True)[1]
+    people, subject = np.unique(rows["subject"], return_inverse=True)
     cell = np.unique(rows["cell"], return_inverse=True)[1]
-    signs, effects = _signs(subject.max() + 1), random_effects(rows)
+    signs, effects = _signs(len(people)), random_effects(rows)
     shape = curves.shape[1]
     difference, error, p = np.full(shape, np.nan), np.full(shape, np.nan), np.ones(shape)
     largest = np.zeros((2, len(signs)))  # |t| over the cycle, without and with a difference
@@ -210,22 +210,26 @@ def _compare(
     # instants at which the same curves are known have one model
     for pattern in np.unique(known, axis=1).T:
         of = (known == pattern[:, None]).all(axis=0)
-        people = np.unique(subject[pattern])
-        complete = [_complete(subject, cell, pattern & of_group) for of_group in groups]
-        if len(people) < MIN_SUBJECTS or min(complete) < least:
+        shown = curves[np.ix_(pattern, of)]
+        counts = np.zeros((len(people), cell.max() + 1), int)
+        np.add.at(counts, (subject[pattern], cell[pattern]), 1)
+        some, complete = counts.max(axis=1) > 0, counts.min(axis=1) > 0
+        in_groups = [complete[np.unique(subject[of_group])].sum() for of_group in groups]
+        if some.sum() < MIN_SUBJECTS or min(in_groups) < least:
             continue
         model = _Model(
-            curves[np.ix_(pattern, of)],
+            shown,
             np.column_stack([contrast, others])[pattern],
             subject[pattern],
             [effect[pattern] for effect in effects],
+            # where all subjects have equally many curves, their weights are equal
+            1 if np.ptp(counts[some]) == 0 else ROUNDS,
         )
-        varies = model.error > ROUNDING * np.abs(curves[np.ix_(pattern, of)]).max()
+        varies = model.error > ROUNDING * np.abs(shown).max()
         difference[of], error[of] = model.difference, np.where(varies, model.error, np.nan)
         if varies.any():
-            flips = signs[:, people]
             for k, residuals in enumerate((model.without_difference, model.residuals)):
-                reached = model.largest_t(residuals[:, varies], flips)
+                reached = model.largest_t(residuals[:, varies], signs[:, some])
                 largest[k] = np.maximum(largest[k], reached)
     if np.isnan(error).all():
         return None
@@ -237,36 +241,36 @@ def _compare(
     p[tested] = ((beyond + (not null)) / (len(reached) + (not null)))[tested]
     half = error * of_band[int(np.ceil(CONFIDENCE * len(of_band))) - 1]
     return CurveComparison(
-        difference, difference - half, difference + half, p, subject.max() + 1, len({*effects[2]})
+        difference, difference - half, difference + half, p, len(people), len({*effects[2]})
     )
-
-
-def _complete(subject: NDArray[Any], cell: NDArray[Any], shown: Mask) -> int:
-    """Count the subjects with a curve of every cell among those shown."""
-    cells = np.unique([subject[shown], cell[shown]], axis=1)
-    return int(np.sum(np.bincount(cells[0]) == cell.max() + 1))
 
 
 class _Model:
     """A linear model of curves, (R, T), whose first column, of (R, P), is the difference."""
 
     def __init__(
-        self, curves: Array, columns: Array, subject: NDArray[Any], effects: Iterable[NDArray[Any]]
+        self,
+        curves: Array,
+        columns: Array,
+        subject: NDArray[Any],
+        effects: Iterable[NDArray[Any]],
+        rounds: int,
     ) -> None:
         self.curves, self.columns = curves, columns
         blocks = np.unique(subject, return_inverse=True)[1]
         self.of_subject = np.eye(blocks.max() + 1)[:, blocks]
         alike = np.array([of[:, None] == of for of in (*effects, np.arange(len(curves)))], float)
         covariance = np.eye(len(curves))
-        for _ in range(ROUNDS):
-            self.covariance = covariance
+        for _ in range(rounds):
             # generalised least squares: the coefficients are these weights times the curves
             inverse = np.linalg.inv(covariance)
             self.spread = np.linalg.pinv(columns.T @ inverse @ columns)
             self.weights = self.spread @ columns.T @ inverse
             self.residuals = curves - columns @ (self.weights @ curves)
-            projection = inverse - inverse @ columns @ self.weights
-            covariance = _covariance(inverse @ self.residuals, projection, alike)
+            self.covariance = covariance
+            if rounds > 1:
+                projection = inverse - inverse @ columns @ self.weights
+                covariance = _covariance(inverse @ self.residuals, projection, alike)
         self.difference = self.weights[0] @ curves
 
     def scores_of(self, residuals: Array, k: int = 0) -> Array:

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from pipeline.report.curves import compared_curves, curve_tables
+from pipeline.report.figures import rms_over_cycles
 from pipeline.report.joints import JointMeans
 from pipeline.run.load import Curves, collect
 from pipeline.statistics.comparison import statistics
@@ -26,7 +27,8 @@ def results(tmp_path_factory):
 def compared(results, design, **columns):
     cycles, joints = (Curves(results.folder / f"{n}.parquet") for n in ("cycles", "joint_cycles"))
     people = pd.DataFrame(columns, index=results.subjects["subject"])
-    return compared_curves(cycles, JointMeans(joints, "cycle"), design, people)
+    over_cycles = rms_over_cycles(cycles, "cycle", within=("recording",))
+    return compared_curves(over_cycles, JointMeans(joints, "cycle"), design, people)
 
 
 @pytest.fixture(scope="module")
