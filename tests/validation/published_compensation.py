@@ -19,35 +19,22 @@ from scipy.optimize import minimize
 from scipy.signal import butter, lfilter, sosfiltfilt
 from scipy.stats import binom
 
-from compensation import MachineLimits, fit_belt, validation_signals
-from compensation.protocol import platform_signal
+from compensation import fit_belt
 from hbm.spatial import Array, Mask, transform_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations, find_accelerometers
 from pipeline.trial.ground.calibrations import fit_calibration, plate_samples
-from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine import instrumented_treadmill as instruments
 from pipeline.virtual_lab.machine.belts import identified_drive
-from pipeline.virtual_lab.machine.instrumented_treadmill import (
-    DRIFT_N_PER_MIN,
-    ERROR_SCALE,
-    ZERO_SHIFT_N,
-    make_treadmill,
-)
 from pipeline.virtual_lab.machine.platform import Machine
 from pipeline.virtual_lab.person.body import segment_poses
-from pipeline.virtual_lab.protocol.calibration_trial import BYSTANDERS
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 from tests import flexible_treadmill
-from tests.campaign.inertia_intervals import BESIDE, SIGNAL_MPS, recorded, with_belts
+from tests.campaign.inertia_intervals import Session, session
 from tests.virtual_gait.realism import steady
-from tests.virtual_machine.belt_recording import (
-    COMMAND_SD_MPS2,
-    BeltRecording,
-    read_recording,
-    simulate_recording,
-)
+from tests.virtual_machine import belt_recording as belt
 
 SEEDS: Final = range(9200, 9220)
 """Reserved for the page: never used while anything was developed."""
@@ -75,35 +62,29 @@ TRIALS: Final = {
 CUTOFF_HZ: Final = 6.0
 RATE_HZ: Final = 100.0
 """Of the virtual laboratory's recordings, as of the published ones, and of the walker."""
-CONFIDENCE: Final = 0.95
 SIZES: Final = ["force", "moment", "pelvis_moment", "hip", "ankle"]
 SETUP: Final = ["judge", "machine", "zeros", "sensors", "trial"]
-
-
-class Session(NamedTuple):
-    """A laboratory's recordings: commanded motion, people beside an empty plate, trials."""
-
-    signal: Recording
-    beside: tuple[Recording, ...]
-    trials: dict[str, Recording]
 
 
 def flexible(seed: int, flexibility: float, drifts: bool) -> Session:
     """Record the treadmill of point masses on springs, with zeros that shift and drift, or not."""
     machine = flexible_treadmill.FlexibleTreadmill(seed, flexibility)
     rng = np.random.default_rng((seed, 1))
-    drift = drifts * DRIFT_N_PER_MIN / 60 * rng.normal(size=6) * ERROR_SCALE
+    # of the zero: from recording to recording [N, N·m], and within one [N/s, N·m/s]
+    scale = drifts * instruments.ERROR_SCALE
+    drift = instruments.DRIFT_N_PER_MIN / 60 * scale * rng.normal(size=6)
 
     def record(name: str, **motion: Any) -> Recording:
         one = machine.record(int(rng.integers(2**31)), **motion)
         time = np.arange(len(one.left)) / flexible_treadmill.RATE_HZ
-        zero = drifts * ZERO_SHIFT_N * rng.normal(size=6) * ERROR_SCALE + drift * time[:, None]
+        shift = instruments.ZERO_SHIFT_N * scale * rng.normal(size=6)
+        zero = shift + drift * time[:, None]
         return flexible_treadmill.as_recording(f"{name}.c3d", replace(one, left=one.left + zero))
 
     walking, running, boards = people = ("walking", "running", "boards")
     return Session(
         record("signal", sway=0.7, pitch=2.2, highest_hz=5.0, seconds=60.0),
-        tuple(record(person, person=person) for person in people),
+        [record(person, person=person) for person in people],
         {
             "sway": record("sway", sway=0.5, person=walking),
             "pitch": record("pitch", pitch=1.0, person=walking),
@@ -115,26 +96,7 @@ def flexible(seed: int, flexibility: float, drifts: bool) -> Session:
 
 def virtual(seed: int, flexibility: float, drifts: bool) -> Session:
     """Record the virtual laboratory, whose zeros shift and drift, or not."""
-    faults, rng = Faults(), np.random.default_rng((seed, 1))
-    changes = {
-        "machine": {"flexibility": flexibility},
-        "accelerometers": {"sensors": 4},
-        "plates": {"zero_scale": float(drifts)},
-    }
-    update = {name: getattr(faults, name).model_copy(update=c) for name, c in changes.items()}
-    treadmill = make_treadmill(faults.model_copy(update=update), seed)
-    signals = {signal.name: signal for signal in validation_signals(seed)}
-    moving = platform_signal("all", 60, seed, SIGNAL_MPS, MachineLimits())
-    beside = [
-        recorded(treadmill, with_belts(signals["boarding"], name, speed), person, rng, RATE_HZ)
-        for name, (person, speed) in BESIDE.items()
-    ]
-    trials = {
-        name: recorded(treadmill, signals[name], person, rng, RATE_HZ)
-        for name, person in BYSTANDERS.items()
-    }
-    signal = recorded(treadmill, moving, None, rng, RATE_HZ)
-    return Session(signal, tuple(beside), trials)
+    return session(seed, RATE_HZ, flexibility, zero_scale=float(drifts))
 
 
 JUDGES: Final[dict[str, Callable[[int, float, bool], Session]]] = {
@@ -168,12 +130,12 @@ def published_matrix(felt: Array, wrench: Array) -> Array:
     return np.asarray(np.linalg.lstsq(felt, wrench)[0])
 
 
-def left_over(session: Session, sensors: int) -> dict[tuple[str, str], tuple[Array, float]]:
+def left_over(made: Session, sensors: int) -> dict[tuple[str, str], tuple[Array, float]]:
     """Give what each method leaves of the empty plate, by trial: (N, 6) in its axes, and rate.
 
     A calibration that the program refuses leaves nothing to judge.
     """
-    signal, beside, trials = session
+    signal, beside, trials = made
     stated = Treadmill(accelerometers=dict(list(find_accelerometers(signal).items())[:sensors]))
     published = {
         method: published_matrix(*published_samples(signal, stated, cutoff_hz)[:2])
@@ -254,10 +216,10 @@ def size(vectors: Array) -> float:
 
 def judge(judge_name: str, machine: str, drifts: bool, seed: int) -> list[dict[str, Any]]:
     """Give a row per number of accelerometers, trial and method for one laboratory."""
-    session, rows = JUDGES[judge_name](seed, FLEXIBILITY[judge_name][machine], drifts), []
-    plate, zeros = session.signal.plates[0], "drift" if drifts else "stay"
+    made, rows = JUDGES[judge_name](seed, FLEXIBILITY[judge_name][machine], drifts), []
+    plate, zeros = made.signal.plates[0], "drift" if drifts else "stay"
     for sensors in SENSORS:
-        for (trial, method), (left, rate_hz) in left_over(session, sensors).items():
+        for (trial, method), (left, rate_hz) in left_over(made, sensors).items():
             in_lab = transform_wrench(left, plate.rotation, plate.center)
             key = dict(zip(SETUP, (judge_name, machine, zeros, sensors, trial), strict=True))
             sizes = {"force": size(left[:, :3]), "moment": size(left[:, 3:])}
@@ -269,7 +231,7 @@ def judge(judge_name: str, machine: str, drifts: bool, seed: int) -> list[dict[s
 def median_and_interval(values: pd.Series) -> pd.Series:
     """Give the median over machines and its 95 % interval, by the order of the values."""
     ordered, count = np.sort(values), len(values)
-    rank = max(int(binom.ppf((1 - CONFIDENCE) / 2, count, 0.5)), 1)
+    rank = max(int(binom.ppf(0.025, count, 0.5)), 1)
     low, high = ordered[rank - 1], ordered[count - rank]
     return pd.Series({"median": np.median(ordered), "low": low, "high": high})
 
@@ -280,7 +242,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     removed = 100 * (1 - by_method.div(by_method[NONE], axis=0))
     less = 100.0 * by_method.lt(by_method[PUBLISHED], axis=0)
     keyed = rows.groupby([*SETUP, "method"], sort=False)
-    table = keyed.size().rename("machines").to_frame()
+    table = pd.DataFrame({"machines": keyed.size()})
     for name in SIZES:
         spread = keyed[name].apply(median_and_interval).unstack()
         table[[name, f"{name}_low", f"{name}_high"]] = spread[["median", "low", "high"]]
@@ -300,8 +262,7 @@ def published_belt(acceleration: Array, moment: Array) -> Array:
             error = belt_moment(theta, acceleration)[100:-100] - moment[100:-100]
             return float(np.nan_to_num(np.sqrt(np.mean(error**2)), nan=1e6, posinf=1e6))
 
-    found = minimize(misfit, np.full(5, 0.001), method="SLSQP", bounds=[(-10, 10)] * 5)
-    return np.asarray(found.x)
+    return np.asarray(minimize(misfit, [0.001] * 5, method="SLSQP", bounds=[(-10, 10)] * 5).x)
 
 
 def belt_moment(theta: Array, acceleration: Array) -> Array:
@@ -309,14 +270,16 @@ def belt_moment(theta: Array, acceleration: Array) -> Array:
     return np.asarray(lfilter(theta[2:], [1, *theta[:2]], acceleration))
 
 
-def filtered_belt(recording: BeltRecording) -> tuple[Array, Array]:
+def filtered_belt(recording: belt.BeltRecording) -> tuple[Array, Array]:
     """Give acceleration by central differences and pitch moment, both through 6 Hz, causally."""
     below = butter(2, CUTOFF_HZ, fs=RATE_HZ)
     acceleration = np.gradient(recording.speed, 1 / RATE_HZ)
     return lfilter(*below, acceleration), lfilter(*below, recording.moment)
 
 
-def judge_belt(name: str, fitted: BeltRecording, judged: BeltRecording) -> list[dict[str, Any]]:
+def judge_belt(
+    name: str, fitted: belt.BeltRecording, judged: belt.BeltRecording
+) -> list[dict[str, Any]]:
     """Fit pitch moment by belt acceleration on one recording, give what is left of another."""
     acceleration, moment = filtered_belt(fitted)
     other, truth = filtered_belt(judged)
@@ -335,7 +298,7 @@ def judge_belt(name: str, fitted: BeltRecording, judged: BeltRecording) -> list[
 def simulated_belt(seed: int) -> list[dict[str, Any]]:
     """Judge the belt models on two recordings of a drive within the real one's intervals."""
     drive = identified_drive(np.random.default_rng(seed))
-    both = [simulate_recording(drive, COMMAND_SD_MPS2, 2 * seed + n) for n in range(2)]
+    both = [belt.simulate_recording(drive, belt.COMMAND_SD_MPS2, 2 * seed + n) for n in range(2)]
     return judge_belt("simulated drives", *both)
 
 
@@ -343,7 +306,7 @@ def belts(recordings: Path | None, jobs: int) -> pd.DataFrame:
     """Give what is left of the pitch moment on both real recordings, if there, and 20 drives."""
     rows = []
     if recordings is not None:
-        first, second = (read_recording(recordings, number) for number in (1, 2))
+        first, second = (belt.read_recording(recordings, number) for number in (1, 2))
         rows += judge_belt("real, fitted to 1, judged on 2", first, second)
         rows += judge_belt("real, fitted to 2, judged on 1", second, first)
     with Pool(jobs) as pool:
@@ -359,25 +322,21 @@ def machines(jobs: int) -> pd.DataFrame:
         return pd.DataFrame(chain(*pool.starmap(judge, cases, 1)))
 
 
-COLOURS: Final = dict(
-    zip(METHODS, ("0.6", "#d55e00", "#e69f00", "#56b4e9", "#0072b2", "#009e73"), strict=True)
-)
+COLOURS: Final = ("0.6", "#d55e00", "#e69f00", "#56b4e9", "#0072b2", "#009e73")
 
 
 def draw(table: pd.DataFrame, path: Path) -> None:
     """Draw medians and intervals of the force, with zeros that drift, by judge and trial."""
-    drawn = table[table.zeros == "drift"]
+    drawn, places = table[table.zeros == "drift"], list(product(SENSORS, MACHINES))
     figure, axes = plt.subplots(2, 4, figsize=(11, 6), sharex=True, sharey=True, squeeze=False)
-    places = list(product(SENSORS, MACHINES))
     for (judge_name, trial), axis in zip(product(JUDGES, TRIALS), axes.flat, strict=True):
         own = drawn[(drawn.judge == judge_name) & (drawn.trial == trial)]
-        for n, method in enumerate(METHODS):
+        for n, (method, colour) in enumerate(zip(METHODS, COLOURS, strict=True)):
             row = own[own.method == method].set_index(["sensors", "machine"]).reindex(places)
             beside = np.arange(len(places)) + 0.12 * (n - 2.5)
             ends = [row.force - row.force_low, row.force_high - row.force]
-            style = {"fmt": "o", "ms": 4, "lw": 1.2, "color": COLOURS[method], "label": method}
-            axis.errorbar(beside, row.force, ends, **style)
-        axis.set(yscale="log", title=TRIALS[trial] if axis in axes[0] else None)
+            axis.errorbar(beside, row.force, ends, fmt="o", ms=4, color=colour, label=method)
+        axis.set(yscale="log", title=TRIALS[trial] if axis in axes[0] else "")
         axis.set_xticks(range(len(places)), [f"{count}\n{machine}" for count, machine in places])
         axis.grid(axis="y", alpha=0.3)
     for axis, judge_name in zip(axes[:, 0], JUDGES, strict=True):
