@@ -4,7 +4,7 @@ Two judges that share no mechanics with what compensates: a treadmill of point m
 and the virtual laboratory. Nobody is on the left plate, so that all that is left is error.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import chain, product
@@ -19,7 +19,8 @@ from scipy.optimize import minimize
 from scipy.signal import butter, lfilter, sosfiltfilt
 from scipy.stats import binom
 
-from compensation import fit_belt
+from compensation import Calibration, fit_belt
+from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array, Mask, transform_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
@@ -53,12 +54,8 @@ NONE, PUBLISHED, PUBLISHED_20, STATIC, DYNAMIC, CHOSEN = METHODS = (
     "ours, dynamic, people recorded",
     "ours, automatic, people recorded",
 )
-TRIALS: Final = {
-    "sway": "sway, a walker beside",
-    "pitch": "pitch, a walker beside",
-    "running": "a runner beside",
-    "boarding": "somebody on the boards",
-}
+TRIALS: Final = ("sway", "pitch", "running", "boarding")
+"""The first two with a walker beside the empty plate."""
 CUTOFF_HZ: Final = 6.0
 RATE_HZ: Final = 100.0
 """Of the virtual laboratory's recordings, as of the published ones, and of the walker."""
@@ -78,8 +75,8 @@ def flexible(seed: int, flexibility: float, drifts: bool) -> Session:
         one = machine.record(int(rng.integers(2**31)), **motion)
         time = np.arange(len(one.left)) / flexible_treadmill.RATE_HZ
         shift = instruments.ZERO_SHIFT_N * scale * rng.normal(size=6)
-        zero = shift + drift * time[:, None]
-        return flexible_treadmill.as_recording(f"{name}.c3d", replace(one, left=one.left + zero))
+        drifted = replace(one, left=one.left + shift + drift * time[:, None])
+        return flexible_treadmill.as_recording(f"{name}.c3d", drifted)
 
     walking, running, boards = people = ("walking", "running", "boards")
     return Session(
@@ -119,7 +116,7 @@ def published_samples(
     Low-passed, at the instants that their stamps say, whatever their delays.
     """
     plate, (clock, readings) = recording.plates[0], accelerations(recording, stated)
-    rate_hz = (len(plate.time) - 1) / (plate.time[-1] - plate.time[0])
+    rate_hz = mean_rate_hz(plate.time)
     felt = np.column_stack([np.interp(plate.time, clock, channel) for channel in readings.T])
     felt, wrench = (slow(x, rate_hz, cutoff_hz) for x in (felt, plate.wrench_in_plate))
     return np.column_stack([felt, np.ones(len(felt))]), wrench, rate_hz
@@ -130,26 +127,30 @@ def published_matrix(felt: Array, wrench: Array) -> Array:
     return np.asarray(np.linalg.lstsq(felt, wrench)[0])
 
 
-def left_over(made: Session, sensors: int) -> dict[tuple[str, str], tuple[Array, float]]:
-    """Give what each method leaves of the empty plate, by trial: (N, 6) in its axes, and rate.
+def with_people(signal: Recording, stated: Treadmill, beside: Sequence[Recording]) -> Calibration:
+    """Fit ours to people too, but for recordings that the program refuses, which are printed."""
+    try:
+        return fit_calibration(signal, stated, None, beside)
+    except ValueError as error:
+        print(error)
+        kept = [one for one in beside if not str(error).startswith(str(one.source))]
+        if len(kept) == len(beside):
+            raise
+        return with_people(signal, stated, kept)
 
-    A calibration that the program refuses leaves nothing to judge.
-    """
+
+def left_over(made: Session, sensors: int) -> dict[tuple[str, str], tuple[Array, float]]:
+    """Give what each method leaves of the empty plate, by trial: (N, 6) in its axes, and rate."""
     signal, beside, trials = made
     stated = Treadmill(accelerometers=dict(list(find_accelerometers(signal).items())[:sensors]))
     published = {
         method: published_matrix(*published_samples(signal, stated, cutoff_hz)[:2])
         for method, cutoff_hz in ((PUBLISHED, CUTOFF_HZ), (PUBLISHED_20, 20.0))
     }
-    ours = {}
-    try:
-        ours[STATIC] = fit_calibration(signal, stated)
-        ours[CHOSEN] = ours[DYNAMIC] = fit_calibration(signal, stated, None, beside)
-        if not ours[CHOSEN].dynamic:
-            dynamic = stated.model_copy(update={"inertia_model": "dynamic"})
-            ours[DYNAMIC] = fit_calibration(signal, dynamic, None, beside)
-    except ValueError as error:
-        print(error)
+    chosen, static = with_people(signal, stated, beside), fit_calibration(signal, stated)
+    dynamic = stated.model_copy(update={"inertia_model": "dynamic"})
+    forced = chosen if chosen.dynamic else with_people(signal, dynamic, beside)
+    ours = {STATIC: static, DYNAMIC: forced, CHOSEN: chosen}
     left = {}
     for trial, recording in trials.items():
         felt, wrench, rate_hz = published_samples(recording, stated)
@@ -223,8 +224,8 @@ def judge(judge_name: str, machine: str, drifts: bool, seed: int) -> list[dict[s
             in_lab = transform_wrench(left, plate.rotation, plate.center)
             key = dict(zip(SETUP, (judge_name, machine, zeros, sensors, trial), strict=True))
             sizes = {"force": size(left[:, :3]), "moment": size(left[:, 3:])}
-            sizes |= felt_by(walker(), in_lab, rate_hz)
-            rows.append({**key, "method": method, "seed": seed} | sizes)
+            felt = felt_by(walker(), in_lab, rate_hz)
+            rows.append({**key, "method": method, "seed": seed} | sizes | felt)
     return rows
 
 
@@ -232,8 +233,8 @@ def median_and_interval(values: pd.Series) -> pd.Series:
     """Give the median over machines and its 95 % interval, by the order of the values."""
     ordered, count = np.sort(values), len(values)
     rank = max(int(binom.ppf(0.025, count, 0.5)), 1)
-    low, high = ordered[rank - 1], ordered[count - rank]
-    return pd.Series({"median": np.median(ordered), "low": low, "high": high})
+    ends = {"low": ordered[rank - 1], "high": ordered[count - rank]}
+    return pd.Series({"median": np.median(ordered)} | ends)
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
@@ -242,10 +243,10 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     removed = 100 * (1 - by_method.div(by_method[NONE], axis=0))
     less = 100.0 * by_method.lt(by_method[PUBLISHED], axis=0)
     keyed = rows.groupby([*SETUP, "method"], sort=False)
-    table = pd.DataFrame({"machines": keyed.size()})
+    table = keyed[SIZES].median()
     for name in SIZES:
         spread = keyed[name].apply(median_and_interval).unstack()
-        table[[name, f"{name}_low", f"{name}_high"]] = spread[["median", "low", "high"]]
+        table[[f"{name}_low", f"{name}_high"]] = spread[["low", "high"]]
     table["force_removed"] = removed.groupby(SETUP).median().stack()
     table["less_than_published"] = less.groupby(SETUP).mean().stack()
     return table.reset_index()
@@ -305,10 +306,9 @@ def simulated_belt(seed: int) -> list[dict[str, Any]]:
 def belts(recordings: Path | None, jobs: int) -> pd.DataFrame:
     """Give what is left of the pitch moment on both real recordings, if there, and 20 drives."""
     rows = []
-    if recordings is not None:
-        first, second = (belt.read_recording(recordings, number) for number in (1, 2))
-        rows += judge_belt("real, fitted to 1, judged on 2", first, second)
-        rows += judge_belt("real, fitted to 2, judged on 1", second, first)
+    for n in (1, 2) if recordings is not None else ():
+        both = (belt.read_recording(recordings, number) for number in (n, 3 - n))
+        rows += judge_belt(f"real, fitted to {n}, judged on {3 - n}", *both)
     with Pool(jobs) as pool:
         rows += chain(*pool.map(simulated_belt, SEEDS, 1))
     grouped = pd.DataFrame(rows).groupby(["recording", "method"], sort=False)["moment"]
@@ -317,26 +317,23 @@ def belts(recordings: Path | None, jobs: int) -> pd.DataFrame:
 
 def machines(jobs: int) -> pd.DataFrame:
     """Judge all machines; a row per laboratory, accelerometers, trial and method."""
-    cases = list(product(JUDGES, MACHINES, (False, True), SEEDS))
     with Pool(jobs) as pool:
+        cases = product(JUDGES, MACHINES, (False, True), SEEDS)
         return pd.DataFrame(chain(*pool.starmap(judge, cases, 1)))
-
-
-COLOURS: Final = ("0.6", "#d55e00", "#e69f00", "#56b4e9", "#0072b2", "#009e73")
 
 
 def draw(table: pd.DataFrame, path: Path) -> None:
     """Draw medians and intervals of the force, with zeros that drift, by judge and trial."""
     drawn, places = table[table.zeros == "drift"], list(product(SENSORS, MACHINES))
-    figure, axes = plt.subplots(2, 4, figsize=(11, 6), sharex=True, sharey=True, squeeze=False)
+    figure, axes = plt.subplots(2, 4, figsize=(11, 6), sharex=True, sharey=True)
     for (judge_name, trial), axis in zip(product(JUDGES, TRIALS), axes.flat, strict=True):
         own = drawn[(drawn.judge == judge_name) & (drawn.trial == trial)]
-        for n, (method, colour) in enumerate(zip(METHODS, COLOURS, strict=True)):
+        for n, method in enumerate(METHODS):
             row = own[own.method == method].set_index(["sensors", "machine"]).reindex(places)
             beside = np.arange(len(places)) + 0.12 * (n - 2.5)
             ends = [row.force - row.force_low, row.force_high - row.force]
-            axis.errorbar(beside, row.force, ends, fmt="o", ms=4, color=colour, label=method)
-        axis.set(yscale="log", title=TRIALS[trial] if axis in axes[0] else "")
+            axis.errorbar(beside, row.force, ends, fmt="o", ms=4, label=method)
+        axis.set(yscale="log", title=trial if axis in axes[0] else "")
         axis.set_xticks(range(len(places)), [f"{count}\n{machine}" for count, machine in places])
         axis.grid(axis="y", alpha=0.3)
     for axis, judge_name in zip(axes[:, 0], JUDGES, strict=True):

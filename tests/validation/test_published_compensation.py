@@ -85,7 +85,6 @@ def test_shares_are_of_machines_and_of_no_compensation():
     table = published.summary(pd.DataFrame(rows)).set_index("method")
     assert table.loc[published.PUBLISHED, "force_removed"] == pytest.approx(80)
     assert table.loc[published.STATIC, "less_than_published"] == 75
-    assert (table["machines"] == 4).all()
 
 
 @pytest.mark.parametrize("method", ["belt model as published", "belt model, ours"])
