@@ -325,7 +325,7 @@ def machines(jobs: int) -> pd.DataFrame:
 def draw(table: pd.DataFrame, path: Path) -> None:
     """Draw medians and intervals of the force, with zeros that drift, by judge and trial."""
     drawn, places = table[table.zeros == "drift"], list(product(SENSORS, MACHINES))
-    figure, axes = plt.subplots(2, 4, figsize=(11, 6), sharex=True, sharey=True)
+    figure, axes = plt.subplots(2, 4, figsize=(11, 5.4), sharex=True, sharey=True)
     for (judge_name, trial), axis in zip(product(JUDGES, TRIALS), axes.flat, strict=True):
         own = drawn[(drawn.judge == judge_name) & (drawn.trial == trial)]
         for n, method in enumerate(METHODS):
@@ -339,7 +339,8 @@ def draw(table: pd.DataFrame, path: Path) -> None:
     for axis, judge_name in zip(axes[:, 0], JUDGES, strict=True):
         axis.set_ylabel(f"{judge_name}\nforce left below 6 Hz [N]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="lower center", ncols=3)
-    figure.supxlabel("accelerometers and machine", y=0.1, fontsize="medium")
+    figure.supxlabel("accelerometers and machine", y=0.12, fontsize="medium")
     figure.tight_layout(rect=(0, 0.12, 1, 1))
-    figure.savefig(path, metadata={"Date": None})
+    with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": path.stem}):
+        figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
