@@ -37,7 +37,7 @@ RATE_HZ: Final = 100.0
 FRAMES: Final = 3
 """Of an interval between two knots, which are 30 ms apart."""
 RESIDUAL_SD: Final = np.repeat([15.0, 6.0], 3)
-"""[N, N·m] that weigh as much as `MARKER_SD_M`: 60 to 80 % of residuals are then removed."""
+"""[N, N·m] that weigh as much as `MARKER_SD_M`, chosen on one trial to remove about 75 %."""
 MARKER_SD_M: Final = 0.001
 STEPS: Final = 3
 SPLINES: Final = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) / 6
@@ -248,12 +248,12 @@ def reduction(jobs: int, subjects: int = 9) -> pd.DataFrame:
 
 
 def draw(rows: pd.DataFrame, path: Path) -> None:
-    """Draw medians over trials before and after, by fault: the residual and what it hides."""
-    median = rows.groupby("fault", sort=False).median(numeric_only=True)
-    titles = ["residual force [N]", "hip moment wrong by [N·m/kg]", "ankle [N·m/kg]"]
+    """Draw medians over trials before and after, by fault of plates, body and markers."""
+    median = rows[rows.fault != FAULTS[-1]].groupby("fault", sort=False).median(numeric_only=True)
+    titles = ["residual force [N]", "error of hip moment [N·m/kg]", "of ankle moment [N·m/kg]"]
     figure, axes = plt.subplots(1, 3, figsize=(10, 3.2), sharey=True)
     for axis, name, title in zip(axes, ("force", "hip", "ankle"), titles, strict=True):
-        for when, marker in (("before", "o"), ("after", "s")):
+        for when, marker in (("before", "o"), ("after", "x")):
             axis.plot(median[f"{name}_{when}"], median.index, marker, label=f"{when} reduction")
         axis.set(title=title, xlim=(0, None))
     axes[0].invert_yaxis()
