@@ -6,13 +6,18 @@ The inertia of the commanded motion and the forces of people excite them. A plat
 masses: empty, it measures what its mass needs to move and its weight, nothing else. Somebody on the
 other plate or on the boards acts on the frame, and reaches an empty plate through the modes alone.
 All vectors are in platform axes (x forward, y left, z up), the origin is between the plates.
+Of the program it has only the type in which a recording is given (`as_recording`).
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.linalg import eigh
 from scipy.signal import cont2discrete, lfilter
+
+from hbm import Markers
+from pipeline.io.recording import Analog, Plate, Recording
 
 RATE_HZ, START_S = 250, 5.0
 UP_MPS2 = np.array([0.0, 0.0, 9.81])
@@ -21,6 +26,9 @@ CORNERS = np.array(
     [(0.95, -0.6, -0.15), (-0.9, 0.6, -0.25), (0.9, 0.6, -0.05), (-0.95, -0.6, -0.35)]
 )
 WALKING, RUNNING, BOARDS = "walking", "running", "boards"
+SENSORS = {f"s{n}": [f"s{n}{axis}" for axis in "xyz"] for n in range(4)}
+"""Accelerometer -> its channels."""
+ON_BOTH_SIDES = np.array([(0.9, 0.25, 0), (0.9, -0.25, 0), (-0.9, -0.25, 0), (-0.9, 0.25, 0)])
 
 
 def shapes(points):
@@ -82,10 +90,33 @@ class Recorded:
     right: np.ndarray
 
 
-class FlexibleTreadmill:
-    """One laboratory: masses, springs, damping and sensors are drawn from its seed."""
+def as_recording(name, recorded):
+    """Give what was recorded as the program reads it from a file: two plates, 12 channels."""
+    time = np.arange(len(recorded.left)) / RATE_HZ
+    plates = [
+        Plate(
+            number=k,
+            time=time,
+            wrench_in_plate=wrench,
+            rotation=np.eye(3),
+            center=np.zeros(3),
+            corners=ON_BOTH_SIDES,
+        )
+        for k, wrench in enumerate((recorded.left, recorded.right), 1)
+    ]
+    names = tuple(channel for channels in SENSORS.values() for channel in channels)
+    analog = Analog(time, names, ("m/s²",) * 12, recorded.readings)
+    nobody = Markers(time[::5], (), np.empty((len(time[::5]), 0, 3)))
+    return Recording(Path(name), nobody, tuple(plates), analog)
 
-    def __init__(self, seed):
+
+class FlexibleTreadmill:
+    """One laboratory: masses, springs, damping and sensors are drawn from its seed.
+
+    ``flexibility`` multiplies what springs yield, ``noise`` the white noise of all instruments.
+    """
+
+    def __init__(self, seed, flexibility=1.0, noise=1.0):
         rng = np.random.default_rng(seed)
         plates = [
             rng.normal((x + 0.05, middle + y, -0.1), 0.04)
@@ -98,7 +129,7 @@ class FlexibleTreadmill:
         self.mass = np.concatenate([rng.uniform(10, 20, 20), rng.uniform(30, 60, 16)])
         moved, _ = shapes(self.points)
         inertia = np.einsum("p,pci,pcj->ij", self.mass, moved, moved)
-        natural = 2 * np.pi * rng.uniform(9, 20, 15)
+        natural = 2 * np.pi * rng.uniform(9, 20, 15) / np.sqrt(flexibility)
         size = natural * np.sqrt(np.diag(inertia))
         coupling = np.eye(15) + 0.15 * np.tril(rng.normal(size=(15, 15)), -1)
         stiffness = size[:, None] * (coupling @ coupling.T) * size
@@ -108,6 +139,7 @@ class FlexibleTreadmill:
         self.at = CORNERS + rng.normal(0, 0.03, (4, 3))
         self.sensing = np.eye(3) + 0.01 * rng.normal(size=(4, 3, 3))
         self.offset = 0.05 * rng.normal(size=(4, 3))
+        self.noise = noise
 
     def record(self, seed, sway=0.0, pitch=0.0, person=None, highest_hz=3.0, seconds=40.0):
         """Follow random sway [m/s² RMS] and pitch [rad/s²], with somebody walking, …, or nobody."""
@@ -125,12 +157,12 @@ class FlexibleTreadmill:
         amplitude, acceleration = self._vibration(push @ self.modes)
         felt = self._with_modes(sensed, self.at, amplitude, acceleration)
         felt = np.einsum("sij,tsj->tsi", self.sensing, felt) + self.offset
-        felt += rng.normal(0, 0.02, felt.shape)
+        felt += self.noise * rng.normal(0, 0.02, felt.shape)
         masses = self._with_modes(masses, self.points, amplitude, acceleration) - UP_MPS2
         force = masses * self.mass[:, None]
         every = np.concatenate([force, np.cross(self.points, force)], axis=2)
         left, right = every[:, :10].sum(axis=1), every[:, 10:20].sum(axis=1) - load
-        noise = np.repeat([1.5, 0.6], 3)
+        noise = self.noise * np.repeat([1.5, 0.6], 3)
         both = [w + rng.normal(0, noise, w.shape) for w in (left, right)]
         begun = slice(round(START_S * RATE_HZ), None)
         return Recorded(felt.reshape(len(time), -1)[begun], *(w[begun] for w in both))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from multiprocessing import Pool
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -98,6 +98,41 @@ def recorded(
     )
 
 
+class Session(NamedTuple):
+    """A laboratory's recordings: commanded motion, people beside an empty plate, and trials."""
+
+    signal: Recording
+    beside: Sequence[Recording]
+    trials: dict[str, Recording]
+
+
+def session(
+    seed: int, rate_hz: float, flexibility: float = 1.0, zero_scale: float = 1.0
+) -> Session:
+    """Record a laboratory with four accelerometers; ``zero_scale`` is of shift and drift."""
+    faults = Faults()
+    changes = {
+        "machine": {"flexibility": flexibility},
+        "accelerometers": {"sensors": max(SENSORS)},
+        "plates": {"zero_scale": zero_scale},
+    }
+    update = {name: getattr(faults, name).model_copy(update=one) for name, one in changes.items()}
+    treadmill = make_treadmill(faults.model_copy(update=update), seed)
+    rng = np.random.default_rng((seed, STREAM))
+    signal = platform_signal("all", 60, seed, SIGNAL_MPS, MachineLimits())
+    empty = recorded(treadmill, signal, None, rng, rate_hz)
+    planned = {signal.name: signal for signal in validation_signals(seed)}
+    beside = [
+        recorded(treadmill, with_belts(planned["boarding"], name, speed), person, rng, rate_hz)
+        for name, (person, speed) in BESIDE.items()
+    ]
+    trials = {}
+    for name, person in BYSTANDERS.items():
+        motion = with_belts(planned[name], name, rng.uniform(*TRIAL_BELTS_MPS[name]))
+        trials[name] = recorded(treadmill, motion, person, rng, rate_hz)
+    return Session(empty, beside, trials)
+
+
 def laboratory(
     seed: int,
     rate_hz: float,
@@ -109,30 +144,7 @@ def laboratory(
     Gives per trial, low-pass and component how often the truth, 0, is within ± 1.96 σ, and the mean
     squares of what is left of the empty plate and of σ.
     """
-    faults = Faults()
-    treadmill = make_treadmill(
-        faults.model_copy(
-            update={
-                "machine": faults.machine.model_copy(update={"flexibility": flexibility}),
-                "accelerometers": faults.accelerometers.model_copy(
-                    update={"sensors": max(SENSORS)}
-                ),
-            }
-        ),
-        seed,
-    )
-    rng = np.random.default_rng((seed, STREAM))
-    signal = platform_signal("all", 60, seed, SIGNAL_MPS, MachineLimits())
-    empty = recorded(treadmill, signal, None, rng, rate_hz)
-    trials = {signal.name: signal for signal in validation_signals(seed)}
-    beside = [
-        recorded(treadmill, with_belts(trials["boarding"], name, speed), person, rng, rate_hz)
-        for name, (person, speed) in BESIDE.items()
-    ]
-    validation = {}
-    for name, person in BYSTANDERS.items():
-        motion = with_belts(trials[name], name, rng.uniform(*TRIAL_BELTS_MPS[name]))
-        validation[name] = recorded(treadmill, motion, person, rng, rate_hz)
+    empty, beside, validation = session(seed, rate_hz, flexibility)
     names, rows = find_accelerometers(empty), []
     for sensors in SENSORS:
         stated = Treadmill(accelerometers=dict(list(names.items())[:sensors]))

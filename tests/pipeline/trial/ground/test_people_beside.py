@@ -5,21 +5,25 @@ it is of the package. Nobody is on the left plate, so that all that compensation
 """
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from hbm import Markers
 from pipeline.config.schema import Treadmill
-from pipeline.io.recording import Analog, Plate, Recording
 from pipeline.trial.ground.calibrations import fit_calibration, plate_samples
-from tests.flexible_treadmill import BOARDS, RATE_HZ, RUNNING, WALKING, FlexibleTreadmill
+from tests.flexible_treadmill import (
+    BOARDS,
+    RATE_HZ,
+    RUNNING,
+    SENSORS,
+    WALKING,
+    FlexibleTreadmill,
+    as_recording,
+)
 
 SEED = 0
 BESIDE = (WALKING, RUNNING, BOARDS)
-ON_BOTH_SIDES = np.array([(0.9, 0.25, 0), (0.9, -0.25, 0), (-0.9, -0.25, 0), (-0.9, 0.25, 0)])
 SLOW = butter(2, 6.0, fs=RATE_HZ, output="sos")
 INSIDE = slice(RATE_HZ, -RATE_HZ)
 
@@ -36,40 +40,19 @@ def recorded():
 
 
 def treadmill(sensors):
-    return Treadmill(
-        accelerometers={f"s{n}": [f"s{n}{axis}" for axis in "xyz"] for n in range(sensors)}
-    )
-
-
-def recording(name, found):
-    time = np.arange(len(found.left)) / RATE_HZ
-    plates = [
-        Plate(
-            number=k,
-            time=time,
-            wrench_in_plate=wrench,
-            rotation=np.eye(3),
-            center=np.zeros(3),
-            corners=ON_BOTH_SIDES,
-        )
-        for k, wrench in enumerate((found.left, found.right), 1)
-    ]
-    names = tuple(f"s{n}{axis}" for n in range(4) for axis in "xyz")
-    analog = Analog(time, names, ("m/s²",) * 12, found.readings)
-    nobody = Markers(time[::5], (), np.empty((len(time[::5]), 0, 3)))
-    return Recording(Path(name), nobody, tuple(plates), analog)
+    return Treadmill(accelerometers=dict(list(SENSORS.items())[:sensors]))
 
 
 @cache
 def calibrated(sensors, people):
     signal, beside, *_ = recorded()
-    recordings = [recording(f"{n}.c3d", one) for n, one in enumerate(beside)] if people else ()
-    return fit_calibration(recording("signal.c3d", signal), treadmill(sensors), None, recordings)
+    recordings = [as_recording(f"{n}.c3d", one) for n, one in enumerate(beside)] if people else ()
+    return fit_calibration(as_recording("signal.c3d", signal), treadmill(sensors), None, recordings)
 
 
 def left_and_sd(calibration, found, sensors):
     """Give what is left of the empty left plate below 6 Hz, and its standard deviation, (N, 6)."""
-    model, one = calibration.in_use["plate 1"], recording("trial.c3d", found)
+    model, one = calibration.in_use["plate 1"], as_recording("trial.c3d", found)
     felt, wrench = plate_samples(one, treadmill(sensors), calibration.sensors, None, model.lags_s)[
         "plate 1"
     ]
@@ -107,7 +90,7 @@ def test_the_standard_deviation_of_a_calibration_without_people_is_one():
     for seed in range(3):
         machine = FlexibleTreadmill(seed)
         signal = machine.record(100 + seed, sway=0.7, pitch=2.2, highest_hz=5.0)
-        calibration = fit_calibration(recording("signal.c3d", signal), treadmill(4))
+        calibration = fit_calibration(as_recording("signal.c3d", signal), treadmill(4))
         trials = [
             machine.record(300 + seed, sway=0.5),
             machine.record(400 + seed, sway=0.5, person=WALKING),
