@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array, Mask
+from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.findings.evidence import LOADED, Evidence
@@ -40,6 +40,11 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     done = tuple(mending for one in tried if one and one.helps for mending in one.mendings)
     if done:  # what overflows is judged once that is undone
         chain = chain.mended(done)
+    for finding in _of_drifts(chain):
+        findings.append(finding)
+        if finding.correction and finding.correction.helps:
+            done = (*done, *finding.correction.mendings)
+            chain = chain.mended(finding.correction.mendings)
     findings += _of_zeros(chain)
     most = len(findings) + MOST_FAULTS
     while len(findings) < most and chain.judged:
@@ -76,9 +81,25 @@ def _of_samples(chain: Chain) -> Iterator[Finding]:
         yield Finding(kind, (plate,), channels=channels, correction=correction)
 
 
+def _of_drifts(chain: Chain) -> Iterator[Finding]:
+    """Give plates whose zeros drift, and what following them does."""
+    for plate, zero in zip(chain.trial.plates, chain.zeros, strict=True):
+        if zero is not None and zero.drifts.any():
+            which = np.flatnonzero(zero.drifts)
+            names = ", ".join(WRENCH_COMPONENTS[k] for k in which)
+            sizes = tuple(zero.change[which].tolist()), tuple(zero.interval[which].tolist())
+            correction = try_mendings(chain, [f"{plate.number}: drift"])
+            yield Finding("drift", (plate.number,), names, *sizes, correction=correction)
+
+
 def _of_zeros(chain: Chain) -> Iterator[Finding]:
-    """Give plates that are not zero without load, and what subtracting it does."""
-    wrong = wrong_zeros(chain.trial.plates, chain.unloaded)
+    """Give plates that are not zero without load, and what subtracting it does.
+
+    A zero that drifts is no constant.
+    """
+    drift = [zero is not None and zero.drifts.any() for zero in chain.zeros]
+    constant = [None if d else each for d, each in zip(drift, chain.unloaded, strict=True)]
+    wrong = wrong_zeros(chain.trial.plates, constant)
     if wrong is not None:
         finding, mendings = wrong
         correction = try_mendings(chain, mendings) if mendings else None

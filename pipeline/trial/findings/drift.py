@@ -1,0 +1,311 @@
+"""A zero that drifts: what a plate reads over time while no foot is on it.
+
+The motion of the feet tells when: while one foot swings and the other one stands, or both stand, no
+foot is on a plate over which the middle of no standing foot is. Forces only confirm it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from operator import itemgetter
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter
+
+from hbm.markers import Markers, MarkerSet
+from hbm.notes import Note
+from hbm.signals.filtering import Method
+from hbm.signals.samples import stretches
+from hbm.spatial import Array, Indices, Mask
+from pipeline.io.recording import Plate, Recording
+from pipeline.io.stated import parse_mending
+from pipeline.trial.findings.evidence import MAX_STANCE_MPS
+from pipeline.trial.findings.zeros import REST_SPREAD_N
+from pipeline.trial.gait.events import SIDES
+from pipeline.trial.subject import common_tenths, tenths
+
+MIN_SWING_MPS: Final = 0.5
+"""Between all markers of one foot and all of the other one, while one of them swings."""
+LONGEST_S: Final = 0.5
+"""Of a phase: a longer one is several, over each of which a zero hardly drifts."""
+EDGES_S: Final = 0.10, 0.05
+"""At the start and at the end of a phase, in which a foot leaves or lands."""
+MIN_PHASES: Final = 5
+"""For a line, and what is left to tell its error."""
+MOST_KNOTS: Final = 8
+NEIGHBOURS: Final = 5
+"""Phases whose median one that is loaded nevertheless does not move."""
+LAST_PHASES: Final = 9
+"""Whose median a zero is that is followed in real time: of ten seconds of walking."""
+MIN_DRIFT: Final = np.array([3.0, 3.0, 3.0, 0.75, 0.75, 0.75])
+"""A smaller change of a zero within a trial needs no correction [N, N·m]."""
+CONFIDENCE: Final = 0.99
+MOST_ALIKE: Final = 0.9
+MIN_VARIANCE: Final = 1e-9
+"""Of a plate whose unloaded samples are exactly zero [N², (N·m)²]."""
+
+
+class EmptyPlates:
+    """Finds the phases in which no foot is on a plate, of a trial or frame by frame.
+
+    Parameters
+    ----------
+    marker_set
+        Of the subject.
+    names
+        Labels of the markers.
+    plates
+        Where they are; one whose place is unknown may always carry a foot.
+    """
+
+    def __init__(
+        self, marker_set: MarkerSet, names: Sequence[str], plates: Sequence[Plate]
+    ) -> None:
+        segment_of = {label: s for label, s in marker_set.present(names).segment.items()}
+        self.columns = [
+            [k for k, name in enumerate(names) if segment_of.get(name) in of_foot]
+            for of_foot in ((f"{side}_foot", f"{side}_toes") for side in SIDES)
+        ]
+        # a point is over a plate if it is on the same side of all of its edges
+        corner = np.array([plate.corners[:, :2] for plate in plates])
+        edge = np.roll(corner, -1, axis=1) - corner
+        self.inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+        self.begins = np.vecdot(self.inward, corner)
+
+    def swings(self, time: Array, position: Array) -> Indices:
+        """Say in which frames a foot swings, 1, or both stand, 0, (T,); -1 where it is not known.
+
+        Markers are at (T, M, 3) [m].
+        """
+        velocity = [self._velocity(time, position, foot) for foot in (0, 1)]
+        seen = [np.isfinite(foot).all(axis=2).sum(axis=1) > 1 for foot in velocity]
+        # while both stand, part of each is at rest against the other, wherever the ground moves
+        apart = np.linalg.norm(velocity[0][:, :, None] - velocity[1][:, None], axis=-1)
+        slowest = np.fmin.reduce(apart, axis=(1, 2), initial=np.inf)
+        known = np.where(np.all(seen, axis=0), slowest > MIN_SWING_MPS, -1)
+        return np.concatenate([[-1], known])
+
+    def empty(self, time: Array, position: Array, swings: int) -> Mask:
+        """Say which plates no foot is on in frames in which one swings, or both stand, (P,)."""
+        points = list[Array]()
+        for foot, columns in enumerate(self.columns):
+            # one that stands goes with the ground, whose speed hardly changes
+            changes = np.std(self._velocity(time, position, foot), axis=0).sum(axis=-1)
+            if swings == 0 or not np.fmin.reduce(changes) > MAX_STANCE_MPS:
+                points.append(np.nanmean(position[:, columns], axis=1))
+        if swings < 0 or not points:
+            return np.zeros(len(self.begins), bool)
+        standing = np.stack(points, axis=1)[..., None, None, :2]
+        side = np.vecdot(standing, self.inward) - self.begins
+        over = (side > 0).all(axis=-1) | (side < 0).all(axis=-1)
+        return np.asarray(~over.any(axis=(0, 1)) & np.isfinite(self.begins).all(axis=1))
+
+    def _velocity(self, time: Array, position: Array, foot: int) -> Array:
+        """Give that of the markers of a foot from frame to frame, (T - 1, M, 3) [m/s]."""
+        of_foot = position[:, self.columns[foot]]
+        return np.asarray(np.diff(of_foot, axis=0) / np.diff(time)[:, None, None])
+
+    def phases(self, markers: Markers) -> Iterator[tuple[float, float, Mask]]:
+        """Give start and stop of all phases of a trial, and which plates are empty in each."""
+        time, position = markers.time, markers.position
+        swings = self.swings(time, position)
+        most = longest(markers.rate_hz)
+        for state in (0, 1):
+            for first, after in stretches(swings == state):
+                for start in range(first, after, most):
+                    part = slice(start, min(start + most, after))
+                    if part.stop - part.start < 3:
+                        continue
+                    empty = self.empty(time[part], position[part], state)
+                    if empty.any():
+                        yield time[part][0], time[part][-1], empty
+
+
+def longest(rate_hz: float) -> int:
+    """Give how many frames a phase has at most."""
+    return max(2, round(LONGEST_S * rate_hz))
+
+
+def reading(time: Array, wrench: Array, up: Array, start_s: float, stop_s: float) -> Array | None:
+    """Give what a plate reads in a phase in which no foot is on it, (6,).
+
+    Of its samples, (N,) [s] and (N, 6), whose third axis is the direction ``up``. None where the
+    phase is too short, or the vertical force changes as it does under a load.
+    """
+    part = slice(*np.searchsorted(time, (start_s + EDGES_S[0], stop_s - EDGES_S[1])))
+    time, wrench = time[part], wrench[part]
+    begin_s, count = common_tenths(time) if len(time) > 1 else (start_s, 0)
+    if not count:
+        return None
+    vertical = tenths(wrench[:, :3] @ up, time, begin_s, count)
+    return wrench.mean(axis=0) if np.ptp(vertical) <= REST_SPREAD_N else None
+
+
+class Course(NamedTuple):
+    """A natural spline through what one component read in phases.
+
+    Attributes
+    ----------
+    knots, level
+        Times, and what it is then, (K,): one is a constant, two are a line.
+    change, interval
+        From where it is lowest to where it is highest, later minus earlier, and half of its 99 %
+        interval.
+    """
+
+    knots: Array
+    level: Array
+    change: float
+    interval: float
+
+    @classmethod
+    def through(cls, time: Array, values: Array, span_s: tuple[float, float]) -> "Course":
+        """Fit it to readings, (N,), with as many knots over a recording as they call for."""
+        count = len(time)
+        most = min(MOST_KNOTS, max(2, count // 3)) if count >= MIN_PHASES else 1
+        fits = list[tuple[Array, Array, Array, Array]]()
+        for number in range(1, most + 1):
+            knots = np.linspace(*span_s, number)
+            basis = _basis(knots, time)
+            level = np.asarray(np.linalg.lstsq(basis, values)[0])
+            fits.append((knots, basis, level, values - basis @ level))
+        # neighbours that err alike are fewer readings
+        independent = count / _alike(fits[-1][-1])
+        scores = [
+            independent * np.log(np.mean(left**2) + MIN_VARIANCE) + len(knots) * np.log(independent)
+            for knots, _, _, left in fits
+        ]
+        knots, basis, level, left = fits[int(np.argmin(scores))]
+        free = max(count - len(knots), 1)
+        variance = np.sum(left**2) / free * _alike(left)
+        fitted = basis @ level
+        first, last = sorted((int(np.argmin(fitted)), int(np.argmax(fitted))))
+        between = basis[last] - basis[first]
+        error = np.sqrt(variance * between @ np.linalg.pinv(basis.T @ basis) @ between)
+        half = float(error * stats.t.ppf((1 + CONFIDENCE) / 2, free))
+        return cls(knots, level, float(fitted[last] - fitted[first]), half)
+
+
+def _alike(left: Array) -> float:
+    """Give how many neighbours err as one, by the correlation of one with the next."""
+    correlation = np.sum(left[1:] * left[:-1]) / (np.sum(left**2) + MIN_VARIANCE)
+    bounded = float(np.clip(correlation, 0.0, MOST_ALIKE))
+    return (1 + bounded) / (1 - bounded)
+
+
+def _basis(knots: Array, times: Array) -> Array:
+    """Give natural splines that are 1 at one knot and 0 at the others, (T, K)."""
+    if len(knots) == 1:
+        return np.ones((len(times), 1))
+    return np.asarray(CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(times))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Zero:
+    """What a plate reads over time while no foot is on it, in its own axes about its centre.
+
+    Attributes
+    ----------
+    time
+        End of each of N phases, (N,) [s].
+    values
+        What it read in them, (N, 6) [N, N·m].
+    courses
+        Of the six components.
+    """
+
+    time: Array
+    values: Array
+    courses: tuple[Course, ...]
+
+    @classmethod
+    def of(cls, plate: Plate, phases: Sequence[tuple[float, float]]) -> "Zero | None":
+        """Give that of a plate; None where no phase shows it."""
+        time, wrench, up = plate.time, plate.wrench_in_plate, plate.rotation[2]
+        of_phases = ((stop, reading(time, wrench, up, start, stop)) for start, stop in phases)
+        read = [(stop, values) for stop, values in of_phases if values is not None]
+        if not read:
+            return None
+        ends, values = (np.array(each) for each in zip(*read, strict=True))
+        # a plate that somebody else loads for a moment reads the same before and after
+        apart = values - median_filter(values, (NEIGHBOURS, 1), mode="nearest")
+        kept = (np.abs(apart[:, :3]) <= REST_SPREAD_N).all(axis=1)
+        span_s = float(time[0]), float(time[-1])
+        courses = (Course.through(ends[kept], each[kept], span_s) for each in values.T)
+        return cls(ends, values, tuple(courses))
+
+    @property
+    def change(self) -> Array:
+        """How much each component changes, (6,) [N, N·m]."""
+        return np.array([each.change for each in self.courses])
+
+    @property
+    def interval(self) -> Array:
+        """Half of the 99 % interval of the change, (6,) [N, N·m]."""
+        return np.array([each.interval for each in self.courses])
+
+    @property
+    def drifts(self) -> Mask:
+        """Which components change by more than their error, and by what matters, (6,)."""
+        return np.asarray(np.abs(self.change) > np.maximum(MIN_DRIFT, self.interval))
+
+    def at(self, times: Array) -> Array:
+        """Give it over time, (T,) to (T, 6); constant where it does not drift."""
+        constant = np.mean(self.values, axis=0)
+        return np.column_stack(
+            [
+                _basis(course.knots, times) @ course.level if drifts else np.full(len(times), mean)
+                for course, drifts, mean in zip(self.courses, self.drifts, constant, strict=True)
+            ]
+        )
+
+    def known_at(self, times: Array) -> Array:
+        """Give it as it is known in real time, (T,) to (T, 6); nothing before the first phase."""
+        known = [np.zeros(6), *(latest(self.values[:k]) for k in range(1, len(self.values) + 1))]
+        return np.array(known)[np.searchsorted(self.time, times)]
+
+
+def latest(values: Array) -> Array:
+    """Give a zero in real time, (6,), by what was read in the phases so far, (N, 6)."""
+    return np.asarray(np.median(values[-LAST_PHASES:], axis=0))
+
+
+def zeros_of(recording: Recording, marker_set: MarkerSet) -> tuple[Zero | None, ...]:
+    """Give the zero of each plate that stands still; None where a foot is always on it."""
+    markers, plates = recording.markers, recording.plates
+    phases = sorted(
+        EmptyPlates(marker_set, markers.names, plates).phases(markers), key=itemgetter(0)
+    )
+    return tuple(
+        Zero.of(plate, [(start, stop) for start, stop, empty in phases if empty[k]])
+        for k, plate in enumerate(plates)
+    )
+
+
+def following(recording: Recording) -> set[int]:
+    """Give the numbers of the plates whose zero is stated to be followed."""
+    stated = map(parse_mending, recording.stated.mend_plates)
+    return {number for number, deed, _ in stated if deed == "drift"}
+
+
+def with_followed_zeros(
+    recording: Recording, marker_set: MarkerSet, method: Method, *, moves: bool
+) -> Recording:
+    """Subtract the zeros that are stated to be followed; notes say what they were, or why not.
+
+    In real time a zero is known by the phases before; on a platform that moves, not at all.
+    """
+    zeros = [None] * len(recording.plates) if moves else zeros_of(recording, marker_set)
+    plates, notes = list(recording.plates), list(recording.notes)
+    for k, (plate, zero) in enumerate(zip(recording.plates, zeros, strict=True)):
+        if plate.number not in following(recording):
+            continue
+        if zero is None:
+            notes.append(Note.of("plate_drift_unseen", plate=plate.number))
+            continue
+        over_time = (zero.known_at if method == "realtime" else zero.at)(plate.time)
+        plates[k] = replace(plate, wrench_in_plate=plate.wrench_in_plate - over_time)
+        notes.append(Note.of("plate_zero_followed", plate=plate.number, phases=len(zero.time)))
+    return replace(recording, plates=tuple(plates), notes=tuple(notes))
