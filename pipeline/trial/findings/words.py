@@ -127,7 +127,7 @@ def _said(
         case "drift":
             each = zip(name.split(", "), size, interval, strict=True)
             drifts = [
-                f"{k} {written(n, '+.1f')} ± {_with_unit((k, half), ".2g")}" for k, n, half in each
+                f"{k} {written(n, '+.1f')} ± {_with_unit((k, half), '.2g')}" for k, n, half in each
             ]
             note = of_plate("plate_drifts", changes=drifts, remedy=remedy)
             return note, f"{plate}: zero drifts", "\n".join(drifts)
