@@ -9,6 +9,7 @@ import numpy as np
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
+from pipeline.trial.findings.drift import following
 from pipeline.trial.findings.evidence import LOADED, Evidence
 from pipeline.trial.findings.finding import MAX_WORSE, Correction, Finding
 from pipeline.trial.findings.judge import LIMIT, Fitted, View, fit
@@ -84,7 +85,7 @@ def _of_samples(chain: Chain) -> Iterator[Finding]:
 def _of_drifts(chain: Chain) -> Iterator[Finding]:
     """Give plates whose zeros drift, and what following them does."""
     for plate, zero in zip(chain.trial.plates, chain.zeros, strict=True):
-        if zero is not None and zero.drifts.any():
+        if zero is not None and zero.drifts.any() and plate.number not in following(chain.trial):
             which = np.flatnonzero(zero.drifts)
             names = ", ".join(WRENCH_COMPONENTS[k] for k in which)
             sizes = tuple(zero.change[which].tolist()), tuple(zero.interval[which].tolist())
@@ -95,11 +96,13 @@ def _of_drifts(chain: Chain) -> Iterator[Finding]:
 def _of_zeros(chain: Chain) -> Iterator[Finding]:
     """Give plates that are not zero without load, and what subtracting it does.
 
-    A zero that drifts is no constant.
+    A zero that drifts, or is followed, is no constant.
     """
-    drift = [zero is not None and zero.drifts.any() for zero in chain.zeros]
-    constant = [None if d else each for d, each in zip(drift, chain.unloaded, strict=True)]
-    wrong = wrong_zeros(chain.trial.plates, constant)
+    plates, followed = chain.trial.plates, following(chain.trial)
+    drifts = [zero is not None and zero.drifts.any() for zero in chain.zeros]
+    changes = [d or plate.number in followed for d, plate in zip(drifts, plates, strict=True)]
+    constant = [None if c else each for c, each in zip(changes, chain.unloaded, strict=True)]
+    wrong = wrong_zeros(plates, constant)
     if wrong is not None:
         finding, mendings = wrong
         correction = try_mendings(chain, mendings) if mendings else None

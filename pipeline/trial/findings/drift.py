@@ -30,6 +30,8 @@ MIN_SWING_MPS: Final = 0.5
 """Between all markers of one foot and all of the other one, while one of them swings."""
 LONGEST_S: Final = 0.5
 """Of a phase: a longer one is several, over each of which a zero hardly drifts."""
+MIN_FRAMES: Final = 3
+"""Of a phase, for a change of speed."""
 EDGES_S: Final = 0.10, 0.05
 """At the start and at the end of a phase, in which a foot leaves or lands."""
 MIN_PHASES: Final = 5
@@ -45,6 +47,10 @@ CONFIDENCE: Final = 0.99
 MOST_ALIKE: Final = 0.9
 MIN_VARIANCE: Final = 1e-9
 """Of a plate whose unloaded samples are exactly zero [N², (N·m)²]."""
+
+
+Phase = tuple[float, float, Mask]
+"""Its first and its last frame [s], and which plates no foot is on, (P,)."""
 
 
 class EmptyPlates:
@@ -90,12 +96,14 @@ class EmptyPlates:
     def empty(self, time: Array, position: Array, swings: int) -> Mask:
         """Say which plates no foot is on in frames in which one swings, or both stand, (P,)."""
         points = list[Array]()
+        if swings < 0 or len(time) < MIN_FRAMES:
+            return np.zeros(len(self.begins), bool)
         for foot, columns in enumerate(self.columns):
             # one that stands goes with the ground, whose speed hardly changes
             changes = np.std(self._velocity(time, position, foot), axis=0).sum(axis=-1)
             if swings == 0 or not np.fmin.reduce(changes) > MAX_STANCE_MPS:
                 points.append(np.nanmean(position[:, columns], axis=1))
-        if swings < 0 or not points:
+        if not points:
             return np.zeros(len(self.begins), bool)
         standing = np.stack(points, axis=1)[..., None, None, :2]
         side = np.vecdot(standing, self.inward) - self.begins
@@ -107,7 +115,7 @@ class EmptyPlates:
         of_foot = position[:, self.columns[foot]]
         return np.asarray(np.diff(of_foot, axis=0) / np.diff(time)[:, None, None])
 
-    def phases(self, markers: Markers) -> Iterator[tuple[float, float, Mask]]:
+    def phases(self, markers: Markers) -> Iterator[Phase]:
         """Give start and stop of all phases of a trial, and which plates are empty in each."""
         time, position = markers.time, markers.position
         swings = self.swings(time, position)
@@ -116,16 +124,41 @@ class EmptyPlates:
             for first, after in stretches(swings == state):
                 for start in range(first, after, most):
                     part = slice(start, min(start + most, after))
-                    if part.stop - part.start < 3:
-                        continue
                     empty = self.empty(time[part], position[part], state)
                     if empty.any():
                         yield time[part][0], time[part][-1], empty
 
 
+class LivePhases:
+    """Finds the phases of `EmptyPlates.phases` frame by frame."""
+
+    def __init__(self, plates: EmptyPlates, rate_hz: float) -> None:
+        self.plates, self.most = plates, longest(rate_hz)
+        self.swings = -1
+        self.time, self.position = list[float](), list[Array]()
+        self.last: tuple[float, Array] | None = None
+
+    def step(self, time: float, position: Array) -> Phase | None:
+        """Take the next frame, markers (M, 3) [m]; gives the phase that ended before it, if any."""
+        ended, swings = None, -1
+        if self.last is not None:
+            two = np.array([self.last[0], time]), np.array([self.last[1], position])
+            swings = int(self.plates.swings(*two)[1])
+        self.last = time, position
+        if swings != self.swings or len(self.time) == self.most:
+            if self.time:
+                part = np.array(self.time), np.array(self.position)
+                empty = self.plates.empty(*part, self.swings)
+                ended = (self.time[0], self.time[-1], empty) if empty.any() else None
+            self.time, self.position, self.swings = [], [], swings
+        self.time.append(time)
+        self.position.append(position)
+        return ended
+
+
 def longest(rate_hz: float) -> int:
     """Give how many frames a phase has at most."""
-    return max(2, round(LONGEST_S * rate_hz))
+    return max(MIN_FRAMES, round(LONGEST_S * rate_hz))
 
 
 def reading(time: Array, wrench: Array, up: Array, start_s: float, stop_s: float) -> Array | None:
@@ -140,7 +173,8 @@ def reading(time: Array, wrench: Array, up: Array, start_s: float, stop_s: float
     if not count:
         return None
     vertical = tenths(wrench[:, :3] @ up, time, begin_s, count)
-    return wrench.mean(axis=0) if np.ptp(vertical) <= REST_SPREAD_N else None
+    mean = wrench.mean(axis=0)
+    return mean if np.ptp(vertical) <= REST_SPREAD_N and np.isfinite(mean).all() else None
 
 
 class Course(NamedTuple):
@@ -161,13 +195,13 @@ class Course(NamedTuple):
     interval: float
 
     @classmethod
-    def through(cls, time: Array, values: Array, span_s: tuple[float, float]) -> "Course":
-        """Fit it to readings, (N,), with as many knots over a recording as they call for."""
+    def through(cls, time: Array, values: Array) -> "Course":
+        """Fit it to readings, (N,), with as many knots as they call for."""
         count = len(time)
-        most = min(MOST_KNOTS, max(2, count // 3)) if count >= MIN_PHASES else 1
+        most = min(MOST_KNOTS, count - 3) if count >= MIN_PHASES else 1
         fits = list[tuple[Array, Array, Array, Array]]()
         for number in range(1, most + 1):
-            knots = np.linspace(*span_s, number)
+            knots = np.linspace(time[0], time[-1], number)
             basis = _basis(knots, time)
             level = np.asarray(np.linalg.lstsq(basis, values)[0])
             fits.append((knots, basis, level, values - basis @ level))
@@ -196,10 +230,12 @@ def _alike(left: Array) -> float:
 
 
 def _basis(knots: Array, times: Array) -> Array:
-    """Give natural splines that are 1 at one knot and 0 at the others, (T, K)."""
+    """Give natural splines that are 1 at one knot and 0 at the others, (T, K); lines beyond."""
     if len(knots) == 1:
         return np.ones((len(times), 1))
-    return np.asarray(CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(times))
+    spline = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")
+    inside = np.clip(times, knots[0], knots[-1])
+    return np.asarray(spline(inside) + spline(inside, 1) * (times - inside)[:, None])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,8 +268,7 @@ class Zero:
         # a plate that somebody else loads for a moment reads the same before and after
         apart = values - median_filter(values, (NEIGHBOURS, 1), mode="nearest")
         kept = (np.abs(apart[:, :3]) <= REST_SPREAD_N).all(axis=1)
-        span_s = float(time[0]), float(time[-1])
-        courses = (Course.through(ends[kept], each[kept], span_s) for each in values.T)
+        courses = (Course.through(ends[kept], each[kept]) for each in values.T)
         return cls(ends, values, tuple(courses))
 
     @property
