@@ -65,9 +65,9 @@ from pipeline.trial.subject import (
 from pipeline.trial.window import Counted, what_counts
 
 FILTER: Final = "settings.cutoff_hz settings.filter"
-OF_FEET: Final = "static.markers marker_set laboratory.treadmill settings.marker_set"
+OF_FEET: Final = "static.markers marker_set laboratory settings.marker_set"
 DEPENDS_ON: Final[Mapping[str, str]] = {
-    "trial": f"recording laboratory.plates {OF_FEET} settings.filter",
+    "trial": f"recording {OF_FEET} settings.filter",
     "standing": "static trial",
     "zeros": f"trial {OF_FEET}",
     "mass": (
@@ -216,9 +216,7 @@ class Chain:
     @cached_property
     def zeros(self) -> tuple[Zero | None, ...]:
         """What each plate reads over time while no foot is on it; None where that is not seen."""
-        if self.inputs.laboratory.treadmill.platform is not None:
-            return (None,) * len(self.trial.plates)
-        return zeros_of(self.trial, self._marker_set)
+        return zeros_of(self.trial, self._marker_set, self.inputs.laboratory)
 
     def _followed(self, recording: Recording) -> Recording:
         """Correct plates, then subtract zeros that are followed."""
@@ -226,9 +224,7 @@ class Chain:
         corrected = with_corrected_plates(recording, laboratory.plates)
         if not following(corrected):
             return corrected
-        moves = laboratory.treadmill.platform is not None
-        method = self.settings.filter
-        return with_followed_zeros(corrected, self._marker_set, method, moves=moves)
+        return with_followed_zeros(corrected, self._marker_set, laboratory, self.settings.filter)
 
     @property
     def _marker_set(self) -> MarkerSet:

@@ -24,21 +24,29 @@ from pipeline.io.stated import parse_mending
 from pipeline.trial.findings.evidence import MAX_STANCE_MPS
 from pipeline.trial.findings.zeros import REST_SPREAD_N
 from pipeline.trial.gait.events import SIDES
+from pipeline.trial.ground.laboratory import Laboratory, bind
+from pipeline.trial.ground.platform import platform_pose
+from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.subject import common_tenths, tenths
 
 MIN_SWING_MPS: Final = 0.5
 """Between all markers of one foot and all of the other one, while one of them swings."""
 LONGEST_S: Final = 0.5
 """Of a phase: a longer one is several, over each of which a zero hardly drifts."""
+MIN_TENTHS: Final = 2
+"""Of a phase, that read alike."""
 MIN_FRAMES: Final = 3
 """Of a phase, for a change of speed."""
 EDGES_S: Final = 0.10, 0.05
 """At the start and at the end of a phase, in which a foot leaves or lands."""
 MIN_PHASES: Final = 5
 """For a line, and what is left to tell its error."""
-MOST_KNOTS: Final = 8
+MOST_KNOTS: Final = 5
 NEIGHBOURS: Final = 5
 """Phases whose median one that is loaded nevertheless does not move."""
+MOST_STEPS: Final = 2.0
+"""From phase to phase of a zero that drifts fast, between one and the median of its neighbours."""
+LEAST_INDEPENDENT: Final = 3.0
 LAST_PHASES: Final = 9
 """Whose median a zero is that is followed in real time: of ten seconds of walking."""
 MIN_DRIFT: Final = np.array([3.0, 3.0, 3.0, 0.75, 0.75, 0.75])
@@ -170,7 +178,7 @@ def reading(time: Array, wrench: Array, up: Array, start_s: float, stop_s: float
     part = slice(*np.searchsorted(time, (start_s + EDGES_S[0], stop_s - EDGES_S[1])))
     time, wrench = time[part], wrench[part]
     begin_s, count = common_tenths(time) if len(time) > 1 else (start_s, 0)
-    if not count:
+    if count < MIN_TENTHS:
         return None
     vertical = tenths(wrench[:, :3] @ up, time, begin_s, count)
     mean = wrench.mean(axis=0)
@@ -205,8 +213,8 @@ class Course(NamedTuple):
             basis = _basis(knots, time)
             level = np.asarray(np.linalg.lstsq(basis, values)[0])
             fits.append((knots, basis, level, values - basis @ level))
-        # neighbours that err alike are fewer readings
-        independent = count / _alike(fits[-1][-1])
+        # neighbours that leave a line alike, by vibration in step with gait, are fewer readings
+        independent = max(count / _alike(fits[min(1, most - 1)][-1]), LEAST_INDEPENDENT)
         scores = [
             independent * np.log(np.mean(left**2) + MIN_VARIANCE) + len(knots) * np.log(independent)
             for knots, _, _, left in fits
@@ -218,7 +226,9 @@ class Course(NamedTuple):
         first, last = sorted((int(np.argmin(fitted)), int(np.argmax(fitted))))
         between = basis[last] - basis[first]
         error = np.sqrt(variance * between @ np.linalg.pinv(basis.T @ basis) @ between)
-        half = float(error * stats.t.ppf((1 + CONFIDENCE) / 2, free))
+        # the largest of all differences, after Scheffé
+        directions = max(len(knots) - 1, 1)
+        half = float(error * np.sqrt(directions * stats.f.ppf(CONFIDENCE, directions, free)))
         return cls(knots, level, float(fitted[last] - fitted[first]), half)
 
 
@@ -266,8 +276,10 @@ class Zero:
             return None
         ends, values = (np.array(each) for each in zip(*read, strict=True))
         # a plate that somebody else loads for a moment reads the same before and after
-        apart = values - median_filter(values, (NEIGHBOURS, 1), mode="nearest")
-        kept = (np.abs(apart[:, :3]) <= REST_SPREAD_N).all(axis=1)
+        forces = values[:, :3]
+        apart = np.abs(forces - median_filter(forces, (NEIGHBOURS, 1), mode="mirror"))
+        step = np.median(np.abs(np.diff(forces, axis=0)), axis=0) if len(values) > 1 else 0.0
+        kept = (apart <= REST_SPREAD_N + MOST_STEPS * step).all(axis=1)
         courses = (Course.through(ends[kept], each[kept]) for each in values.T)
         return cls(ends, values, tuple(courses))
 
@@ -307,32 +319,53 @@ def latest(values: Array) -> Array:
     return np.asarray(np.median(values[-LAST_PHASES:], axis=0))
 
 
-def zeros_of(recording: Recording, marker_set: MarkerSet) -> tuple[Zero | None, ...]:
-    """Give the zero of each plate that stands still; None where a foot is always on it."""
-    markers, plates = recording.markers, recording.plates
-    phases = sorted(
-        EmptyPlates(marker_set, markers.names, plates).phases(markers), key=itemgetter(0)
-    )
-    return tuple(
-        Zero.of(plate, [(start, stop) for start, stop, empty in phases if empty[k]])
-        for k, plate in enumerate(plates)
-    )
-
-
 def following(recording: Recording) -> set[int]:
     """Give the numbers of the plates whose zero is stated to be followed."""
     stated = map(parse_mending, recording.stated.mend_plates)
     return {number for number, deed, _ in stated if deed == "drift"}
 
 
-def with_followed_zeros(
-    recording: Recording, marker_set: MarkerSet, method: Method, *, moves: bool
-) -> Recording:
-    """Subtract the zeros that are stated to be followed; notes say what they were, or why not.
+def zeros_of(
+    recording: Recording, marker_set: MarkerSet, laboratory: Laboratory
+) -> tuple[Zero | None, ...]:
+    """Give the zero of each plate; None where a foot is always on it, or its load is unknown."""
+    if (seen := _from_platform(recording, laboratory)) is None:
+        return (None,) * len(recording.plates)
+    empty = EmptyPlates(marker_set, seen.markers.names, seen.plates)
+    phases = sorted(empty.phases(seen.markers), key=itemgetter(0))
+    return tuple(
+        Zero.of(plate, [(start, stop) for start, stop, empty in phases if empty[k]])
+        for k, plate in enumerate(seen.plates)
+    )
 
-    In real time a zero is known by the phases before; on a platform that moves, not at all.
+
+def _from_platform(recording: Recording, laboratory: Laboratory) -> Recording | None:
+    """Show markers as the platform sees them, and plates without what it and the belts add."""
+    platform, compensated = laboratory.treadmill.platform, laboratory.calibration is not None
+    if platform is not None and not compensated:
+        return None
+    plates, markers = recording.plates, recording.markers
+    if compensated or laboratory.belts:
+        artefacts, _ = plate_artefacts(bind(recording, laboratory, None))
+        plates = tuple(
+            replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
+            for plate, artefact in zip(plates, artefacts, strict=True)
+        )
+    pose, _ = platform_pose(recording, platform, markers.time)
+    if pose is not None:
+        position = (markers.position - pose.position[:, None]) @ pose.rotation
+        markers = replace(markers, position=position)
+    return replace(recording, markers=markers, plates=plates)
+
+
+def with_followed_zeros(
+    recording: Recording, marker_set: MarkerSet, laboratory: Laboratory, method: Method
+) -> Recording:
+    """Subtract the zeros that are stated to be followed; notes say of how many phases, or none.
+
+    In real time a zero is known by the phases before.
     """
-    zeros = [None] * len(recording.plates) if moves else zeros_of(recording, marker_set)
+    zeros = zeros_of(recording, marker_set, laboratory)
     plates, notes = list(recording.plates), list(recording.notes)
     for k, (plate, zero) in enumerate(zip(recording.plates, zeros, strict=True)):
         if plate.number not in following(recording):
@@ -342,5 +375,6 @@ def with_followed_zeros(
             continue
         over_time = (zero.known_at if method == "realtime" else zero.at)(plate.time)
         plates[k] = replace(plate, wrench_in_plate=plate.wrench_in_plate - over_time)
-        notes.append(Note.of("plate_zero_followed", plate=plate.number, phases=len(zero.time)))
+        followed = {"plate": plate.number, "phases": len(zero.time)}
+        notes.append(Note.of("plate_zero_followed", **followed))
     return replace(recording, plates=tuple(plates), notes=tuple(notes))
