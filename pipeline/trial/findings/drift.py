@@ -51,7 +51,7 @@ LAST_PHASES: Final = 9
 """Whose median a zero is that is followed in real time: of ten seconds of walking."""
 MIN_DRIFT: Final = np.array([3.0, 3.0, 3.0, 0.75, 0.75, 0.75])
 """A smaller change of a zero within a trial needs no correction [N, N·m]."""
-CONFIDENCE: Final = 0.99
+CONFIDENCE: Final = 0.999
 MOST_ALIKE: Final = 0.9
 MIN_VARIANCE: Final = 1e-9
 """Of a plate whose unloaded samples are exactly zero [N², (N·m)²]."""
@@ -77,7 +77,7 @@ class EmptyPlates:
     def __init__(
         self, marker_set: MarkerSet, names: Sequence[str], plates: Sequence[Plate]
     ) -> None:
-        segment_of = {label: s for label, s in marker_set.present(names).segment.items()}
+        segment_of = marker_set.present(names).segment
         self.columns = [
             [k for k, name in enumerate(names) if segment_of.get(name) in of_foot]
             for of_foot in ((f"{side}_foot", f"{side}_toes") for side in SIDES)
@@ -193,7 +193,7 @@ class Course(NamedTuple):
     knots, level
         Times, and what it is then, (K,): one is a constant, two are a line.
     change, interval
-        From where it is lowest to where it is highest, later minus earlier, and half of its 99 %
+        From where it is lowest to where it is highest, later minus earlier, and half of its 99.9 %
         interval.
     """
 
@@ -214,14 +214,15 @@ class Course(NamedTuple):
             level = np.asarray(np.linalg.lstsq(basis, values)[0])
             fits.append((knots, basis, level, values - basis @ level))
         # neighbours that leave a line alike, by vibration in step with gait, are fewer readings
-        independent = max(count / _alike(fits[min(1, most - 1)][-1]), LEAST_INDEPENDENT)
+        alike = _alike(fits[min(1, most - 1)][-1])
+        independent = max(count / alike, LEAST_INDEPENDENT)
         scores = [
             independent * np.log(np.mean(left**2) + MIN_VARIANCE) + len(knots) * np.log(independent)
             for knots, _, _, left in fits
         ]
         knots, basis, level, left = fits[int(np.argmin(scores))]
         free = max(count - len(knots), 1)
-        variance = np.sum(left**2) / free * _alike(left)
+        variance = np.sum(left**2) / free * alike
         fitted = basis @ level
         first, last = sorted((int(np.argmin(fitted)), int(np.argmax(fitted))))
         between = basis[last] - basis[first]
@@ -235,7 +236,9 @@ class Course(NamedTuple):
 def _alike(left: Array) -> float:
     """Give how many neighbours err as one, by the correlation of one with the next."""
     correlation = np.sum(left[1:] * left[:-1]) / (np.sum(left**2) + MIN_VARIANCE)
-    bounded = float(np.clip(correlation, 0.0, MOST_ALIKE))
+    # that of few readings is too small, after Kendall
+    unbiased = correlation + (1 + 4 * correlation) / len(left)
+    bounded = float(np.clip(unbiased, 0.0, MOST_ALIKE))
     return (1 + bounded) / (1 - bounded)
 
 
@@ -290,7 +293,7 @@ class Zero:
 
     @property
     def interval(self) -> Array:
-        """Half of the 99 % interval of the change, (6,) [N, N·m]."""
+        """Half of the 99.9 % interval of the change, (6,) [N, N·m]."""
         return np.array([each.interval for each in self.courses])
 
     @property
@@ -300,7 +303,7 @@ class Zero:
 
     def at(self, times: Array) -> Array:
         """Give it over time, (T,) to (T, 6); constant where it does not drift."""
-        constant = np.mean(self.values, axis=0)
+        constant = np.median(self.values, axis=0)
         return np.column_stack(
             [
                 _basis(course.knots, times) @ course.level if drifts else np.full(len(times), mean)
@@ -345,13 +348,16 @@ def _from_platform(recording: Recording, laboratory: Laboratory) -> Recording | 
     if platform is not None and not compensated:
         return None
     plates, markers = recording.plates, recording.markers
-    if compensated or laboratory.belts:
-        artefacts, _ = plate_artefacts(bind(recording, laboratory, None))
-        plates = tuple(
-            replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
-            for plate, artefact in zip(plates, artefacts, strict=True)
-        )
-    pose, _ = platform_pose(recording, platform, markers.time)
+    try:
+        pose, _ = platform_pose(recording, platform, markers.time)
+        if compensated or laboratory.belts:
+            artefacts, _ = plate_artefacts(bind(recording, laboratory, None))
+            plates = tuple(
+                replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
+                for plate, artefact in zip(plates, artefacts, strict=True)
+            )
+    except ValueError:  # a calibration pose may lack what a trial needs, and a trial says so itself
+        return None
     if pose is not None:
         position = (markers.position - pose.position[:, None]) @ pose.rotation
         markers = replace(markers, position=position)

@@ -164,6 +164,8 @@ MENDED = (
     ["1: reverse Fx", "2: move y 0.02"],
     ["1: exchange 2"],
     ["2: zero Fz -20"],
+    ["1: drift"],
+    ["3: drift", "1: gain Fz 0.99"],
 )
 
 
