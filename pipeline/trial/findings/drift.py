@@ -6,7 +6,6 @@ foot is on a plate over which the middle of no standing foot is. Forces only con
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from operator import itemgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,8 +16,7 @@ from scipy.ndimage import median_filter
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.signals.filtering import Method
-from hbm.signals.samples import stretches
-from hbm.spatial import Array, Indices, Mask
+from hbm.spatial import Array, Mask
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import parse_mending
 from pipeline.trial.findings.evidence import MAX_STANCE_MPS
@@ -35,6 +33,8 @@ LONGEST_S: Final = 0.5
 """Of a phase: a longer one is several, over each of which a zero hardly drifts."""
 MIN_TENTHS: Final = 2
 """Of a phase, that read alike."""
+UNKNOWN: Final = -1
+"""Whether a foot swings: feet are not seen."""
 MIN_FRAMES: Final = 3
 """Of a phase, for a change of speed."""
 EDGES_S: Final = 0.10, 0.05
@@ -46,6 +46,8 @@ NEIGHBOURS: Final = 5
 """Phases whose median one that is loaded nevertheless does not move."""
 MOST_STEPS: Final = 2.0
 """From phase to phase of a zero that drifts fast, between one and the median of its neighbours."""
+SPREAD: Final = REST_SPREAD_N * np.array([1.0, 1.0, 1.0, *[1 / 3] * 3])
+"""Of what an unloaded plate reads, a third of a metre from its centre."""
 LEAST_INDEPENDENT: Final = 3.0
 LAST_PHASES: Final = 9
 """Whose median a zero is that is followed in real time: of ten seconds of walking."""
@@ -72,10 +74,16 @@ class EmptyPlates:
         Labels of the markers.
     plates
         Where they are; one whose place is unknown may always carry a foot.
+    rate_hz
+        Of the markers.
     """
 
     def __init__(
-        self, marker_set: MarkerSet, names: Sequence[str], plates: Sequence[Plate]
+        self,
+        marker_set: MarkerSet,
+        names: Sequence[str],
+        plates: Sequence[Plate],
+        rate_hz: float,
     ) -> None:
         segment_of = marker_set.present(names).segment
         self.columns = [
@@ -87,34 +95,57 @@ class EmptyPlates:
         edge = np.roll(corner, -1, axis=1) - corner
         self.inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
         self.begins = np.vecdot(self.inward, corner)
+        # frames of the phase that lasts, and whether a foot swings in it
+        self.time, self.position, self.swings = list[float](), list[Array](), UNKNOWN
+        self.most = max(MIN_FRAMES, round(LONGEST_S * rate_hz))
 
-    def swings(self, time: Array, position: Array) -> Indices:
-        """Say in which frames a foot swings, 1, or both stand, 0, (T,); -1 where it is not known.
+    def phases(self, markers: Markers) -> Iterator[Phase]:
+        """Give the phases of a trial in order."""
+        time, position = markers.time, markers.position
+        each = zip(time.tolist(), position, self._swings(time, position), strict=True)
+        for frame in (*each, (np.inf, position[0], UNKNOWN)):
+            if (ended := self._next(*frame)) is not None:
+                yield ended
 
-        Markers are at (T, M, 3) [m].
-        """
+    def step(self, time: float, position: Array) -> Phase | None:
+        """Take the next frame, markers (M, 3) [m]; gives the phase that ended before it, if any."""
+        two = [*zip(self.time[-1:], self.position[-1:], strict=True), (time, position)]
+        times, positions = (np.array(of_frames) for of_frames in zip(*two, strict=True))
+        return self._next(time, position, self._swings(times, positions)[-1])
+
+    def _next(self, time: float, position: Array, swings: int) -> Phase | None:
+        """Take a frame in which a foot swings or not; gives the phase that ended before it."""
+        ended = None
+        if swings != self.swings or len(self.time) == self.most:
+            if self.swings != UNKNOWN and len(self.time) >= MIN_FRAMES:
+                empty = self._empty(np.array(self.time), np.array(self.position))
+                ended = (self.time[0], self.time[-1], empty) if empty.any() else None
+            self.time, self.position, self.swings = [], [], swings
+        self.time.append(time)
+        self.position.append(position)
+        return ended
+
+    def _swings(self, time: Array, position: Array) -> list[int]:
+        """Say in which frames a foot swings, 1, or both stand, 0, (T,)."""
         velocity = [self._velocity(time, position, foot) for foot in (0, 1)]
         seen = [np.isfinite(foot).all(axis=2).sum(axis=1) > 1 for foot in velocity]
         # while both stand, part of each is at rest against the other, wherever the ground moves
         apart = np.linalg.norm(velocity[0][:, :, None] - velocity[1][:, None], axis=-1)
         slowest = np.fmin.reduce(apart, axis=(1, 2), initial=np.inf)
-        known = np.where(np.all(seen, axis=0), slowest > MIN_SWING_MPS, -1)
-        return np.concatenate([[-1], known])
+        known = np.where(np.all(seen, axis=0), slowest > MIN_SWING_MPS, UNKNOWN)
+        return [UNKNOWN, *known.tolist()]
 
-    def empty(self, time: Array, position: Array, swings: int) -> Mask:
+    def _empty(self, time: Array, position: Array) -> Mask:
         """Say which plates no foot is on in frames in which one swings, or both stand, (P,)."""
-        points = list[Array]()
-        if swings < 0 or len(time) < MIN_FRAMES:
-            return np.zeros(len(self.begins), bool)
+        middles = list[Array]()
         for foot, columns in enumerate(self.columns):
             # one that stands goes with the ground, whose speed hardly changes
             changes = np.std(self._velocity(time, position, foot), axis=0).sum(axis=-1)
-            if swings == 0 or not np.fmin.reduce(changes) > MAX_STANCE_MPS:
-                points.append(np.nanmean(position[:, columns], axis=1))
-        if not points:
+            if not self.swings or not np.fmin.reduce(changes) > MAX_STANCE_MPS:
+                middles.append(np.nanmean(position[:, columns], axis=1))
+        if not middles:
             return np.zeros(len(self.begins), bool)
-        standing = np.stack(points, axis=1)[..., None, None, :2]
-        side = np.vecdot(standing, self.inward) - self.begins
+        side = np.vecdot(np.array(middles)[..., None, None, :2], self.inward) - self.begins
         over = (side > 0).all(axis=-1) | (side < 0).all(axis=-1)
         return np.asarray(~over.any(axis=(0, 1)) & np.isfinite(self.begins).all(axis=1))
 
@@ -122,51 +153,6 @@ class EmptyPlates:
         """Give that of the markers of a foot from frame to frame, (T - 1, M, 3) [m/s]."""
         of_foot = position[:, self.columns[foot]]
         return np.asarray(np.diff(of_foot, axis=0) / np.diff(time)[:, None, None])
-
-    def phases(self, markers: Markers) -> Iterator[Phase]:
-        """Give start and stop of all phases of a trial, and which plates are empty in each."""
-        time, position = markers.time, markers.position
-        swings = self.swings(time, position)
-        most = longest(markers.rate_hz)
-        for state in (0, 1):
-            for first, after in stretches(swings == state):
-                for start in range(first, after, most):
-                    part = slice(start, min(start + most, after))
-                    empty = self.empty(time[part], position[part], state)
-                    if empty.any():
-                        yield time[part][0], time[part][-1], empty
-
-
-class LivePhases:
-    """Finds the phases of `EmptyPlates.phases` frame by frame."""
-
-    def __init__(self, plates: EmptyPlates, rate_hz: float) -> None:
-        self.plates, self.most = plates, longest(rate_hz)
-        self.swings = -1
-        self.time, self.position = list[float](), list[Array]()
-        self.last: tuple[float, Array] | None = None
-
-    def step(self, time: float, position: Array) -> Phase | None:
-        """Take the next frame, markers (M, 3) [m]; gives the phase that ended before it, if any."""
-        ended, swings = None, -1
-        if self.last is not None:
-            two = np.array([self.last[0], time]), np.array([self.last[1], position])
-            swings = int(self.plates.swings(*two)[1])
-        self.last = time, position
-        if swings != self.swings or len(self.time) == self.most:
-            if self.time:
-                part = np.array(self.time), np.array(self.position)
-                empty = self.plates.empty(*part, self.swings)
-                ended = (self.time[0], self.time[-1], empty) if empty.any() else None
-            self.time, self.position, self.swings = [], [], swings
-        self.time.append(time)
-        self.position.append(position)
-        return ended
-
-
-def longest(rate_hz: float) -> int:
-    """Give how many frames a phase has at most."""
-    return max(MIN_FRAMES, round(LONGEST_S * rate_hz))
 
 
 def reading(time: Array, wrench: Array, up: Array, start_s: float, stop_s: float) -> Array | None:
@@ -279,10 +265,9 @@ class Zero:
             return None
         ends, values = (np.array(each) for each in zip(*read, strict=True))
         # a plate that somebody else loads for a moment reads the same before and after
-        forces = values[:, :3]
-        apart = np.abs(forces - median_filter(forces, (NEIGHBOURS, 1), mode="mirror"))
-        step = np.median(np.abs(np.diff(forces, axis=0)), axis=0) if len(values) > 1 else 0.0
-        kept = (apart <= REST_SPREAD_N + MOST_STEPS * step).all(axis=1)
+        apart = np.abs(values - median_filter(values, (NEIGHBOURS, 1), mode="mirror"))
+        step = np.median(np.abs(np.diff(values, axis=0)), axis=0) if len(values) > 1 else 0.0
+        kept = (apart <= SPREAD + MOST_STEPS * step).all(axis=1)
         courses = (Course.through(ends[kept], each[kept]) for each in values.T)
         return cls(ends, values, tuple(courses))
 
@@ -334,8 +319,9 @@ def zeros_of(
     """Give the zero of each plate; None where a foot is always on it, or its load is unknown."""
     if (seen := _from_platform(recording, laboratory)) is None:
         return (None,) * len(recording.plates)
-    empty = EmptyPlates(marker_set, seen.markers.names, seen.plates)
-    phases = sorted(empty.phases(seen.markers), key=itemgetter(0))
+    markers = seen.markers
+    plates = EmptyPlates(marker_set, markers.names, seen.plates, markers.rate_hz)
+    phases = [*plates.phases(markers)]
     return tuple(
         Zero.of(plate, [(start, stop) for start, stop, empty in phases if empty[k]])
         for k, plate in enumerate(seen.plates)

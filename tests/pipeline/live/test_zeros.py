@@ -28,7 +28,7 @@ def warming(walker):
     at_first, per_s = np.array([1.0, 2.0, 20.0, 1.0, 0.5, 0.2]), [0.2, 0.0, 1.0, 0.0, 0.1, 0.0]
     drift = at_first + np.outer(left.time, per_s)
     left = replace(left, wrench_in_plate=left.wrench_in_plate + drift)
-    right = replace(right, wrench_in_plate=right.wrench_in_plate - at_first)
+    right = replace(right, wrench_in_plate=right.wrench_in_plate + at_first)
     return replace(walker, plates=(left, right))
 
 
@@ -36,7 +36,7 @@ def residuals(chain, recording):
     return np.array([frame.residual["measured"] for frame in play(chain, arrivals(recording))])
 
 
-def test_zeros_are_followed_live_as_in_a_trial_in_real_time(warming):
+def test_zeros_are_followed_live_as_in_a_trial_in_real_time(walker, warming):
     stated = replace(warming, stated=Stated(mend_plates=("1: drift", "2: drift")))
     whole = process_recording(stated, PERSON, REALTIME)
     described = [stream for stream, _, _ in streams_of(warming)]
@@ -46,9 +46,11 @@ def test_zeros_are_followed_live_as_in_a_trial_in_real_time(warming):
     # once the first zeros, of tens of newtons, have passed the filter
     known = whole.motion.time > 7.0
     assert np.nanmax(apart[known]) < MOST_N
-    plain = process_recording(warming, PERSON, REALTIME)
-    left, right = (np.nanmean(r.measured.residual[known, 2]) for r in (whole, plain))
-    assert abs(left) < 0.3 * abs(right)
+    steady, plain = (process_recording(each, PERSON, REALTIME) for each in (walker, warming))
+    truth = steady.measured.residual[known, 2]
+    left, before = (np.nanmean(r.measured.residual[known, 2] - truth) for r in (whole, plain))
+    # some seconds late, of 1 N/s
+    assert abs(left) < 4.0 < 40.0 < abs(before)
 
 
 def test_without_the_setting_zeros_stay(warming):
