@@ -222,7 +222,7 @@ class Chain:
         """Correct plates, then subtract zeros that are followed."""
         laboratory = self.inputs.laboratory
         corrected = with_corrected_plates(recording, laboratory.plates)
-        if not following(corrected):
+        if not (corrected.plates and following(corrected)):
             return corrected
         return with_followed_zeros(corrected, self._marker_set, laboratory, self.settings.filter)
 
