@@ -80,7 +80,7 @@ class Finding:
         What corrects it, and half of its 95 % interval: factor of the channel less one, metres
         along x and y of the plate, radians, or seconds; empty for faults without a size. Of zeros
         what each plate reads [N], without an interval; of those that drift the change of each
-        channel in the trial [N, N·m], with its 99.9 % interval.
+        channel in the trial [N, N·m], with its 95 % interval.
     evidence
         By how much it is likelier than none: twice the logarithm of the odds; None where raw
         samples or unloaded plates show it.
