@@ -41,11 +41,13 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     done = tuple(mending for one in tried if one and one.helps for mending in one.mendings)
     if done:  # what overflows is judged once that is undone
         chain = chain.mended(done)
-    for finding in _of_drifts(chain):
-        findings.append(finding)
-        if finding.correction and finding.correction.helps:
-            done = (*done, *finding.correction.mendings)
-            chain = chain.mended(finding.correction.mendings)
+    if drifts := [*_of_drifts(chain)]:
+        # together: two that drift may cancel in the sum of all plates
+        mendings = [f"{number}: drift" for finding in drifts for number in finding.plates]
+        correction = try_mendings(chain, mendings)
+        findings += [replace(finding, correction=correction) for finding in drifts]
+        if correction.helps:
+            done, chain = (*done, *mendings), chain.mended(mendings)
     findings += _of_zeros(chain)
     most = len(findings) + MOST_FAULTS
     while len(findings) < most and chain.judged:
@@ -83,14 +85,13 @@ def _of_samples(chain: Chain) -> Iterator[Finding]:
 
 
 def _of_drifts(chain: Chain) -> Iterator[Finding]:
-    """Give plates whose zeros drift, and what following them does."""
+    """Give plates whose zeros drift, and are not followed."""
     for plate, zero in zip(chain.trial.plates, chain.zeros, strict=True):
         if zero is not None and zero.drifts.any() and plate.number not in following(chain.trial):
             which = np.flatnonzero(zero.drifts)
             names = ", ".join(WRENCH_COMPONENTS[k] for k in which)
             sizes = tuple(zero.change[which].tolist()), tuple(zero.interval[which].tolist())
-            correction = try_mendings(chain, [f"{plate.number}: drift"])
-            yield Finding("drift", (plate.number,), names, *sizes, correction=correction)
+            yield Finding("drift", (plate.number,), names, *sizes)
 
 
 def _of_zeros(chain: Chain) -> Iterator[Finding]:

@@ -169,6 +169,16 @@ def test_what_a_warning_advises_is_not_advised_again(tmp_path):
     np.testing.assert_allclose(left, right, rtol=0.1)
 
 
+def test_two_plates_that_drift_either_way_are_corrected_together(walk):
+    both = drifting(drifting(walk, line(0, 0, 1.0, 0, 0, 0)), line(0, 0, -0.7, 0, 0, 0), plate=1)
+    found = find_faults(chain_of(both))
+    assert [(each.kind, each.plates) for each in found] == [("drift", (1,)), ("drift", (2,))]
+    for each in found:
+        assert each.correction.helps
+        assert each.correction.mendings == ("1: drift", "2: drift")
+    assert find_faults(chain_of(both).mended(found[0].correction.mendings)) == ()
+
+
 def test_somebody_else_on_an_empty_plate_does_not_move_its_zero(walk):
     def steps(time):
         return np.where((time > 20.0) & (time < 21.6), 300.0, 0.0)[:, None] * np.eye(6)[2]
