@@ -47,6 +47,9 @@ class Live(InputModel):
     """Streams of plates, accelerometers, belts and platform; default: all."""
     wait_s: Annotated[float, Field(gt=0, le=2)] = 0.2
     """How long a frame waits for samples that are late."""
+    follow_zeros: bool = False
+    """Subtract what each plate reads while no foot is on it, by the last such phases; for load
+    cells that warm up."""
     listen: Annotated[str, AfterValidator(own_address)] = Field(
         default=LOOPBACK, examples=["192.168.1.10"]
     )

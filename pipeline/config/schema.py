@@ -136,8 +136,8 @@ class RecordingRules(InputModel):
     N,Nmm,mm; default: the files'."""
     mend_plates: Mendings = Field(default=(), examples=[["2: turn 90"]])
     """Mend a plate: '3: reverse Fx', '2: turn 90', '1: exchange 2', '2: unwrap Mz'; '1: gain Fz
-    0.97' (a factor), '1: zero Fx 2.5' (subtracted), '1: move x -0.008' (metres, along an axis of
-    the plate); repeatable."""
+    0.97' (a factor), '1: zero Fx 2.5' (subtracted), '1: drift' (its zero is followed), '1: move x
+    -0.008' (metres, along an axis of the plate); repeatable."""
     label_prefix: Text | None = Field(default=None, examples=["S01"])
     """Label prefix of the subject, or its number, where several carry the same labels."""
     marker_stream: Text | None = Field(default=None, examples=["Cameras"])

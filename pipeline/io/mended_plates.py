@@ -40,7 +40,8 @@ def with_mended_plates(recording: Recording) -> Recording:
     Channels are those of the plate's own axes, the action on the subject; they are reversed,
     turned, amplified and unwrapped about its transducer, the rest is about the centre of its
     surface. One that does not wrap in this recording stays as it is. Exchanged plates keep their
-    places and exchange what they measured. A recording without plates stays as it is.
+    places and exchange what they measured. A zero that drifts is followed once it is known where
+    the feet are (`pipeline.trial.findings.drift`). A recording without plates stays as it is.
 
     Raises
     ------
@@ -79,6 +80,8 @@ def mended_plates(given: Sequence[Plate], stated: Sequence[str]) -> tuple[Plate,
                 plates[one.number] = replace(
                     one, time=measured.time, wrench_in_plate=measured.wrench_in_plate
                 )
+        elif deed == "drift":
+            continue
         elif deed == "move":
             axis, metres = what.split()
             way = float(metres) * plate.rotation[:, "xyz".index(axis)]

@@ -32,14 +32,14 @@ ASK_FOR_GAINS: Final = (
 )
 MENDING: Final = re.compile(
     r"\s*(\d{1,2})\s*:\s*(?:(reverse)\s+([FM][xyz]|all)|(turn)\s+(90|180|270)"
-    r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz])"
+    r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz])|(drift)()"
     r"|(gain|zero)\s+([FM][xyz]\s+[-+]?\d+(?:\.\d+)?)"
     r"|(move)\s+([xyz]\s+[-+]?\d+(?:\.\d+)?))\s*",
     re.ASCII,
 )
 EXAMPLES: Final = (
-    "3: reverse Fx, 2: turn 90, 1: exchange 2, 2: unwrap Mz, 1: gain Fz 0.97, 1: zero Fx 2.5 or "
-    "1: move x -0.008"
+    "3: reverse Fx, 2: turn 90, 1: exchange 2, 2: unwrap Mz, 1: gain Fz 0.97, 1: zero Fx 2.5, "
+    "1: drift or 1: move x -0.008"
 )
 
 

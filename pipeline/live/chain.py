@@ -23,6 +23,7 @@ from pipeline.io.recording import Plate
 from pipeline.live.ground import AnalogStreams, LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.checks import MAX_UNSEEN_PELVIS_S, OF_LEGS
+from pipeline.trial.findings.drift import EmptyPlates
 from pipeline.trial.gait.carried import PLACES, Feet, Support
 from pipeline.trial.gait.contact import FEET, by_foot, pressure_beside
 from pipeline.trial.ground.laboratory import Laboratory
@@ -199,6 +200,14 @@ class LiveChain:
         self.segment_poses = OneFrameKernel(ready.segment_poses, body.geometry)
         self.newton_euler = OneFrameKernel(ready.newton_euler, body.geometry, body.inertia_vector)
         self.pelvis = np.array([body.segment_of[m] == "pelvis" for m in self.tracker.markers])
+        self.zeros: EmptyPlates | None = None
+        if live.follow_zeros:
+            if self.ground.platform is not None:
+                raise ValueError(
+                    "[live] follow_zeros: the zeros of a platform that moves are unseen"
+                )
+            rate_hz = markers.rate_hz
+            self.zeros = EmptyPlates(body.marker_set, markers.labels, plates, rate_hz)
         self.shown: Mask = np.zeros(len(TREE), bool)
         self.pelvis_seen_s = self.known_s = self.known_since_s = -np.inf
         self.foot_on = np.full(len(plates), -1)
@@ -295,6 +304,8 @@ class LiveChain:
         """Compute the frame that has waited longest; its last sample arrived when it started."""
         pose = self.waiting.popleft()
         time, quality = pose.time, pose.quality
+        if self.zeros is not None and (phase := self.zeros.step(time, pose.position)) is not None:
+            self.ground.follow(*phase)
         wrenches, platform = self.ground.at(time, pose.platform)
         on, uncertain = self._feet_on_plates(wrenches[-1], pose.feet)
         raw = by_foot(wrenches, on)

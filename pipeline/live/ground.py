@@ -1,5 +1,6 @@
 """The wrenches of the plates and the platform's pose, frame by frame, from analog streams."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle, groupby
@@ -11,13 +12,14 @@ from scipy.linalg.lapack import dgesdd
 from compensation import InertiaModel, Setup, commanded_pose, fit_pose, neutral_markers
 from compensation.platform import MAX_DISTANCE_M
 from hbm.signals.resampling import Convolution
-from hbm.spatial import Array, Indices, skew, transform_wrench
+from hbm.spatial import Array, Indices, Mask, skew, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.config.schema import Platform, Settings
 from pipeline.io import units
 from pipeline.io.recording import Plate
 from pipeline.io.streams import over_short_losses
 from pipeline.live.stream import Samples, StreamDescription
+from pipeline.trial.findings.drift import LAST_PHASES, latest, reading
 from pipeline.trial.ground.accelerometers import FILTER, RealtimeAccelerometers, sensor_delays_s
 from pipeline.trial.ground.belts import RealtimeBelts, belt_side
 from pipeline.trial.ground.laboratory import (
@@ -267,6 +269,8 @@ class LiveGround:
         to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
         corrections = zip(*(_correction(plate, laboratory) for plate in plates), strict=True)
         self.to_lab, self.offsets = (np.array(of_plates) @ to_lab for of_plates in corrections)
+        self.upward = [plate.rotation[2] for plate in plates]
+        self.at_rest = [deque[Array](maxlen=LAST_PHASES) for _ in plates]
         ahead_s = [0.0, *(delay_s + how.reach_s for _, how, delay_s in self.resampled)]
 
         self.sensors: InertiaModel | None = None
@@ -331,6 +335,16 @@ class LiveGround:
             turned[:, 1] -= turned[:, 0] @ skew(pose[1])
             wrenches = turned.reshape(wrenches.shape)
         return wrenches, pose
+
+    def follow(self, start_s: float, stop_s: float, empty: Mask) -> None:
+        """Take what plates read in a phase in which no foot is on some of them, (P,)."""
+        for k in np.flatnonzero(empty):
+            samples = self.plates[k].samples(start_s, stop_s)
+            read = reading(*samples, self.upward[k], start_s, stop_s)
+            if read is not None:
+                self.at_rest[k].append(read)
+                # subtracted before its correction, which then has no offset
+                self.offsets[k] = -latest(np.array(self.at_rest[k])) @ self.to_lab[k]
 
     def _inertia(self, time: float) -> Array:
         """Give what the platform's motion adds to each plate in the lab, (P, 1, 6)."""

@@ -215,7 +215,7 @@ def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = Fal
     Its samples are (N, 6), in its own axes. Both are judged as of trials
     (`pipeline.trial.findings.zeros.rest_level`, `hbm.signals.converters.find_limits`). The plate's
     z axis points up (1) or down (-1). What it reads without load on a platform that moves is the
-    platform's inertia and weight.
+    platform's inertia and weight; where zeros are followed, it is not in the results.
     """
     plate = (str(number),)
 
@@ -308,7 +308,7 @@ class Monitor:
         self.chain, self._say, self._required = chain, say, required
         self._gait, self._delay = GaitTracker(chain.motion.longest_s), DelayWatch()
         body, ground, names = chain.body, chain.ground, chain.tracker.markers
-        moves = ground.platform is not None
+        moves = ground.platform is not None or chain.zeros is not None
         self._markers = MarkerGaps(names)
         self._columns = list(chain.tracker.columns)
         self._fit, self._weight = FitWatch(names, self._columns), WeightWatch(body.mass)

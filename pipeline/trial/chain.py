@@ -16,7 +16,7 @@ import numpy as np
 from compensation import PlatformPose
 from hbm.body import FEET, Body
 from hbm.kernels.native import kernels
-from hbm.markers import Markers
+from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.plausibility.motion import held_coordinates
@@ -26,7 +26,9 @@ from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.mended_plates import mended_plates
 from pipeline.io.recording import Event, Plate, Recording
+from pipeline.io.stated import parse_mending
 from pipeline.trial.checks import MarkerChecks, check_markers
+from pipeline.trial.findings.drift import Zero, following, with_followed_zeros, zeros_of
 from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 from pipeline.trial.findings.judge import Fitted, judge_plates
 from pipeline.trial.findings.raw import RawFault, raw_faults
@@ -63,12 +65,14 @@ from pipeline.trial.subject import (
 from pipeline.trial.window import Counted, what_counts
 
 FILTER: Final = "settings.cutoff_hz settings.filter"
+OF_FEET: Final = "static.markers marker_set laboratory settings.marker_set"
 DEPENDS_ON: Final[Mapping[str, str]] = {
-    "trial": "recording laboratory.plates",
+    "trial": f"recording {OF_FEET} settings.filter",
     "standing": "static trial",
+    "zeros": f"trial {OF_FEET}",
     "mass": (
         "recording static subject segments marker_set static_window_s laboratory contacts"
-        " settings.marker_set"
+        " settings.marker_set settings.filter"
     ),
     "body": (
         "mass static.markers static.metadata recording.markers recording.metadata subject segments"
@@ -189,9 +193,9 @@ class Chain:
         """Give the chain with mended plates, in the trial and where the subject was weighed."""
         recording, static = self.inputs.recording, self.inputs.static
         numbers = {plate.number for plate in recording.plates}
-        recording = replace(recording, plates=mended_plates(recording.plates, mendings))
+        recording = _mended(recording, mendings)
         if static is not None and numbers <= {plate.number for plate in static.plates}:
-            static = replace(static, plates=mended_plates(static.plates, mendings))
+            static = _mended(static, mendings)
         mended = self.changed(recording=recording, static=static)
         if mended.mass.mass_kg != self.mass.mass_kg:
             return mended
@@ -201,14 +205,33 @@ class Chain:
 
     @cached_property
     def trial(self) -> Recording:
-        """The recording with corrected plates."""
-        return with_corrected_plates(self.inputs.recording, self.inputs.laboratory.plates)
+        """The recording with corrected plates, whose zeros are followed where that is stated."""
+        return self._followed(self.inputs.recording)
 
     @cached_property
     def standing(self) -> Recording:
         """The recording of the calibration pose, with corrected plates."""
-        static, plates = self.inputs.static, self.inputs.laboratory.plates
-        return self.trial if static is None else with_corrected_plates(static, plates)
+        return self.trial if self.inputs.static is None else self._followed(self.inputs.static)
+
+    @cached_property
+    def zeros(self) -> tuple[Zero | None, ...]:
+        """What each plate reads over time while no foot is on it; None where that is not seen."""
+        return zeros_of(self.trial, self._marker_set, self.inputs.laboratory)
+
+    def _followed(self, recording: Recording) -> Recording:
+        """Correct plates, then subtract zeros that are followed."""
+        laboratory = self.inputs.laboratory
+        corrected = with_corrected_plates(recording, laboratory.plates)
+        if not (corrected.plates and following(corrected)):
+            return corrected
+        return with_followed_zeros(corrected, self._marker_set, laboratory, self.settings.filter)
+
+    @property
+    def _marker_set(self) -> MarkerSet:
+        """The subject's marker set, as it is stated, else that of the calibration pose."""
+        inputs, named = self.inputs, marker_sets().get(self.settings.marker_set or "")
+        standing = inputs.static or inputs.recording
+        return inputs.marker_set or named or recognise_marker_set(standing.markers.names)
 
     @cached_property
     def mass(self) -> BodyMass:
@@ -533,6 +556,15 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
     """
     needed = kernels().newton_euler(*motion, body.geometry, body.inertia_vector, asked={1})[1]
     return shift_wrench(needed, motion.value[:, :3])
+
+
+def _mended(recording: Recording, mendings: Sequence[str]) -> Recording:
+    """Mend the plates of a recording; zeros that drift are followed as if that was stated of it."""
+    drifts = [text for text in mendings if parse_mending(text)[1] == "drift"]
+    stated = recording.stated
+    if drifts:
+        stated = replace(stated, mend_plates=(*stated.mend_plates, *drifts))
+    return replace(recording, plates=mended_plates(recording.plates, mendings), stated=stated)
 
 
 @cache

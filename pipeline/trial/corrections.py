@@ -6,9 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array, Mask
+from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
+from pipeline.trial.findings.drift import following
 from pipeline.trial.findings.evidence import LOADED, Evidence
 from pipeline.trial.findings.finding import MAX_WORSE, Correction, Finding
 from pipeline.trial.findings.judge import LIMIT, Fitted, View, fit
@@ -40,6 +41,13 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     done = tuple(mending for one in tried if one and one.helps for mending in one.mendings)
     if done:  # what overflows is judged once that is undone
         chain = chain.mended(done)
+    if drifts := [*_of_drifts(chain)]:
+        # together: two that drift may cancel in the sum of all plates
+        mendings = [f"{number}: drift" for finding in drifts for number in finding.plates]
+        correction = try_mendings(chain, mendings)
+        findings += [replace(finding, correction=correction) for finding in drifts]
+        if correction.helps:
+            done, chain = (*done, *mendings), chain.mended(mendings)
     findings += _of_zeros(chain)
     most = len(findings) + MOST_FAULTS
     while len(findings) < most and chain.judged:
@@ -76,9 +84,26 @@ def _of_samples(chain: Chain) -> Iterator[Finding]:
         yield Finding(kind, (plate,), channels=channels, correction=correction)
 
 
+def _of_drifts(chain: Chain) -> Iterator[Finding]:
+    """Give plates whose zeros drift, and are not followed."""
+    for plate, zero in zip(chain.trial.plates, chain.zeros, strict=True):
+        if zero is not None and zero.drifts.any() and plate.number not in following(chain.trial):
+            which = np.flatnonzero(zero.drifts)
+            names = ", ".join(WRENCH_COMPONENTS[k] for k in which)
+            sizes = tuple(zero.change[which].tolist()), tuple(zero.interval[which].tolist())
+            yield Finding("drift", (plate.number,), names, *sizes)
+
+
 def _of_zeros(chain: Chain) -> Iterator[Finding]:
-    """Give plates that are not zero without load, and what subtracting it does."""
-    wrong = wrong_zeros(chain.trial.plates, chain.unloaded)
+    """Give plates that are not zero without load, and what subtracting it does.
+
+    A zero that drifts, or is followed, is no constant.
+    """
+    plates, followed = chain.trial.plates, following(chain.trial)
+    drifts = [zero is not None and zero.drifts.any() for zero in chain.zeros]
+    changes = [d or plate.number in followed for d, plate in zip(drifts, plates, strict=True)]
+    constant = [None if c else each for c, each in zip(changes, chain.unloaded, strict=True)]
+    wrong = wrong_zeros(plates, constant)
     if wrong is not None:
         finding, mendings = wrong
         correction = try_mendings(chain, mendings) if mendings else None

@@ -69,7 +69,7 @@ OF_CHANNELS = ("gain", "sign", "clip", "wrap")
 CODES = (
     *("sides_exchanged", "labels_exchanged", "marker_distances_changed", "static_of_another"),
     *("mass_differs", "stature_differs", "metatarsals_swapped", "forces_reversed", "legs_differ"),
-    *("plate_constant", "plate_samples_zero", "plates_not_zeroed"),
+    *("plate_constant", "plate_samples_zero", "plates_not_zeroed", "plate_drifts"),
     *("platform_moves", "pressure_far_from_feet"),
 )
 """Notes that accuse without a finding of plates."""

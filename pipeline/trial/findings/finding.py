@@ -10,7 +10,7 @@ JudgedKind = Literal[
     "gain", "reversed", "turned", "exchanged", "moved", "askew", "late", "all_late", "mass"
 ]
 """What may be wrong with plates that motion and feet judge, or with the body mass."""
-Kind = RawKind | JudgedKind | Literal["zero"]
+Kind = RawKind | JudgedKind | Literal["zero", "drift"]
 MAX_WORSE: Final = 1.05
 """Of the RMS of an axis, that a correction may leave."""
 
@@ -74,12 +74,13 @@ class Finding:
     plates
         Numbers of the plates.
     component
-        The channel of a gain or sign, the angle of a turn [°], or what else is not zero besides the
-        vertical force.
+        The channel of a gain or sign, the angle of a turn [°], what else is not zero besides the
+        vertical force, or the channels whose zeros drift.
     size, interval
         What corrects it, and half of its 95 % interval: factor of the channel less one, metres
         along x and y of the plate, radians, or seconds; empty for faults without a size. Of zeros
-        what each plate reads [N], without an interval.
+        what each plate reads [N], without an interval; of those that drift the change of each
+        channel in the trial [N, N·m], with its 95 % interval.
     evidence
         By how much it is likelier than none: twice the logarithm of the odds; None where raw
         samples or unloaded plates show it.
@@ -104,4 +105,4 @@ class Finding:
     @property
     def of_load(self) -> bool:
         """Whether the plate measures its load wrongly, beyond zero and single samples."""
-        return self.kind not in ("zero", "lost")
+        return self.kind not in ("zero", "drift", "lost")

@@ -60,7 +60,7 @@ def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
     elif tried is not None and not tried.helps:
         effect = f"not advised: {effect}"
     _, what, sizes = zip(*(_said(one, plates, time) for one in _rivals(finding)), strict=True)
-    if finding.kind == "zero":
+    if finding.kind in ("zero", "drift"):
         evidence = "readings without load"
     elif finding.evidence is None:
         first_s = min(fault.first_s for fault in finding.channels)
@@ -124,6 +124,13 @@ def _said(
             note = Note.of("plates_not_zeroed", rest_n=rest_n, **total, **words)
             forces = (f"{k} Fz {written(force, '+.0f')} N" for k, force in rest_n.items())
             return note, "plates: not zero without load", "\n".join([*forces, *name.split(", ")])
+        case "drift":
+            each = zip(name.split(", "), size, interval, strict=True)
+            drifts = [
+                f"{k} {written(n, '+.1f')} ± {_with_unit((k, half), '.2g')}" for k, n, half in each
+            ]
+            note = of_plate("plate_drifts", changes=drifts, remedy=remedy)
+            return note, f"{plate}: zero drifts", "\n".join(drifts)
         case "jumps":
             note = of_jumps("plate_jumps", sizes=sizes)
             return note, f"{plate}: {channels} jumps", f"by {larger}"
@@ -163,8 +170,8 @@ def _said(
     return note, "all plates: late", late_ms
 
 
-def _with_unit(channel: tuple[str, float]) -> str:
-    return f"{channel[1]:.0f} {'N' if channel[0] in FORCES else 'N·m'}"
+def _with_unit(channel: tuple[str, float], spec: str = ".0f") -> str:
+    return f"{channel[1]:{spec}} {'N' if channel[0] in FORCES else 'N·m'}"
 
 
 def _share(finding: Finding) -> tuple[float, float, float]:

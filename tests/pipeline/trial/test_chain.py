@@ -123,6 +123,21 @@ def test_a_stage_that_is_given_stays_and_the_others_are_as_in_a_fresh_chain(chai
     assert_as_fresh(changed, given.changed(**{name: INPUTS[name]}))
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        *({"settings": Settings(**{n: SETTINGS[n]})} for n in ("filter", "hip", "plate_delay_s")),
+        *({n.split()[0]: INPUTS[n]} for n in ("laboratory", "static markers", "subject")),
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_a_chain_that_follows_zeros_is_as_a_fresh_one(change):
+    followed = replace(WALK.walk, stated=Stated(mend_plates=("1: drift", "2: drift")))
+    whole = fresh(recording=followed)
+    result_of(whole)
+    assert_as_fresh(whole.changed(**change), fresh(**{"recording": followed} | change))
+
+
 BODY = {"mass", "body", "solved", "pose", "labels"}
 GROUND = {"trial", "lab", "ground"}
 
@@ -164,6 +179,8 @@ MENDED = (
     ["1: reverse Fx", "2: move y 0.02"],
     ["1: exchange 2"],
     ["2: zero Fz -20"],
+    ["1: drift"],
+    ["3: drift", "1: gain Fz 0.99"],
 )
 
 

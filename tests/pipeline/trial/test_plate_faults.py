@@ -192,6 +192,7 @@ def test_a_delay_is_named_as_one_and_not_as_gains(laboratory, delay_s):
         "1: gain Fz",
         "1: zero all 2",
         "1: move w 1",
+        "1: drift Fz",
     ],
 )
 def test_what_cannot_be_mended_is_refused_with_what_can(text):

@@ -1,0 +1,380 @@
+"""A zero that drifts: what a plate reads over time while no foot is on it.
+
+The motion of the feet tells when: while one foot swings and the other one stands, or both stand, no
+foot is on a plate over which the middle of no standing foot is. Forces only confirm it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter
+
+from hbm.markers import Markers, MarkerSet
+from hbm.notes import Note
+from hbm.signals.filtering import Method
+from hbm.spatial import Array, Mask
+from pipeline.io.recording import Plate, Recording
+from pipeline.io.stated import parse_mending
+from pipeline.trial.findings.evidence import MAX_STANCE_MPS
+from pipeline.trial.findings.zeros import REST_SPREAD_N
+from pipeline.trial.gait.events import SIDES
+from pipeline.trial.ground.laboratory import Laboratory, bind
+from pipeline.trial.ground.platform import platform_pose
+from pipeline.trial.ground.wrenches import plate_artefacts
+from pipeline.trial.subject import common_tenths, tenths
+
+MIN_SWING_MPS: Final = 0.5
+"""Between all markers of one foot and all of the other one, while one of them swings."""
+LONGEST_S: Final = 0.5
+"""Of a phase: a longer one is several, over each of which a zero hardly drifts."""
+MIN_TENTHS: Final = 2
+"""Of a phase, that read alike."""
+UNKNOWN: Final = -1
+"""Whether a foot swings: feet are not seen."""
+MIN_FRAMES: Final = 3
+"""Of a phase, for a change of speed."""
+EDGES_S: Final = 0.10, 0.05
+"""At the start and at the end of a phase, in which a foot leaves or lands."""
+MIN_PHASES: Final = 5
+"""For a line, and what is left to tell its error."""
+MOST_KNOTS: Final = 5
+NEIGHBOURS: Final = 5
+"""Phases whose median one that is loaded nevertheless does not move."""
+MOST_STEPS: Final = 2.0
+"""From phase to phase of a zero that drifts fast, between one and the median of its neighbours."""
+SPREAD: Final = REST_SPREAD_N * np.array([1.0, 1.0, 1.0, *[1 / 3] * 3])
+"""Of what an unloaded plate reads, a third of a metre from its centre."""
+LEAST_INDEPENDENT: Final = 3.0
+LAST_PHASES: Final = 9
+"""Whose median a zero is that is followed in real time: of ten seconds of walking."""
+MIN_DRIFT: Final = np.array([3.0, 3.0, 3.0, 0.75, 0.75, 0.75])
+"""A smaller change of a zero within a trial needs no correction [N, N·m]. Of 18 plates of healthy
+recordings none, and of 270 of five simulated studies one seems to change by as much beyond chance
+(`tests/pipeline/trial/findings/test_drift.py`, also ``-m campaign``)."""
+INTERVAL, SURELY = 0.95, 0.999
+"""Confidence of an interval, and that a zero changes at all: six components of each plate may."""
+MOST_ALIKE: Final = 0.9
+MIN_VARIANCE: Final = 1e-9
+"""Of a plate whose unloaded samples are exactly zero [N², (N·m)²]."""
+
+
+Phase = tuple[float, float, Mask]
+"""Its first and its last frame [s], and which plates no foot is on, (P,)."""
+
+
+class EmptyPlates:
+    """Finds the phases in which no foot is on a plate, of a trial or frame by frame.
+
+    Parameters
+    ----------
+    marker_set
+        Of the subject.
+    names
+        Labels of the markers.
+    plates
+        Where they are; one whose place is unknown may always carry a foot.
+    rate_hz
+        Of the markers.
+    """
+
+    def __init__(
+        self,
+        marker_set: MarkerSet,
+        names: Sequence[str],
+        plates: Sequence[Plate],
+        rate_hz: float,
+    ) -> None:
+        segment_of = marker_set.present(names).segment
+        self.columns = [
+            [k for k, name in enumerate(names) if segment_of.get(name) in of_foot]
+            for of_foot in ((f"{side}_foot", f"{side}_toes") for side in SIDES)
+        ]
+        # a point is over a plate if it is on the same side of all of its edges
+        corner = np.array([plate.corners[:, :2] for plate in plates])
+        edge = np.roll(corner, -1, axis=1) - corner
+        self.inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+        self.begins = np.vecdot(self.inward, corner)
+        # frames of the phase that lasts, and whether a foot swings in it
+        self.time, self.position, self.swings = list[float](), list[Array](), UNKNOWN
+        self.most = max(MIN_FRAMES, round(LONGEST_S * rate_hz))
+
+    def phases(self, markers: Markers) -> Iterator[Phase]:
+        """Give the phases of a trial in order."""
+        time, position = markers.time, markers.position
+        each = zip(time.tolist(), position, self._swings(time, position), strict=True)
+        for frame in (*each, (np.inf, position[0], UNKNOWN)):
+            if (ended := self._next(*frame)) is not None:
+                yield ended
+
+    def step(self, time: float, position: Array) -> Phase | None:
+        """Take the next frame, markers (M, 3) [m]; gives the phase that ended before it, if any."""
+        two = [*zip(self.time[-1:], self.position[-1:], strict=True), (time, position)]
+        times, positions = (np.array(of_frames) for of_frames in zip(*two, strict=True))
+        return self._next(time, position, self._swings(times, positions)[-1])
+
+    def _next(self, time: float, position: Array, swings: int) -> Phase | None:
+        """Take a frame in which a foot swings or not; gives the phase that ended before it."""
+        ended = None
+        if swings != self.swings or len(self.time) == self.most:
+            if self.swings != UNKNOWN and len(self.time) >= MIN_FRAMES:
+                empty = self._empty(np.array(self.time), np.array(self.position))
+                ended = (self.time[0], self.time[-1], empty) if empty.any() else None
+            self.time, self.position, self.swings = [], [], swings
+        self.time.append(time)
+        self.position.append(position)
+        return ended
+
+    def _swings(self, time: Array, position: Array) -> list[int]:
+        """Say in which frames a foot swings, 1, or both stand, 0, (T,)."""
+        velocity = [self._velocity(time, position, foot) for foot in (0, 1)]
+        seen = [np.isfinite(foot).all(axis=2).sum(axis=1) > 1 for foot in velocity]
+        # while both stand, part of each is at rest against the other, wherever the ground moves
+        apart = np.linalg.norm(velocity[0][:, :, None] - velocity[1][:, None], axis=-1)
+        slowest = np.fmin.reduce(apart, axis=(1, 2), initial=np.inf)
+        known = np.where(np.all(seen, axis=0), slowest > MIN_SWING_MPS, UNKNOWN)
+        return [UNKNOWN, *known.tolist()]
+
+    def _empty(self, time: Array, position: Array) -> Mask:
+        """Say which plates no foot is on in frames in which one swings, or both stand, (P,)."""
+        middles = list[Array]()
+        for foot, columns in enumerate(self.columns):
+            # one that stands goes with the ground, whose speed hardly changes
+            changes = np.std(self._velocity(time, position, foot), axis=0).sum(axis=-1)
+            if not self.swings or not np.fmin.reduce(changes) > MAX_STANCE_MPS:
+                middles.append(np.nanmean(position[:, columns], axis=1))
+        if not middles:
+            return np.zeros(len(self.begins), bool)
+        side = np.vecdot(np.array(middles)[..., None, None, :2], self.inward) - self.begins
+        over = (side > 0).all(axis=-1) | (side < 0).all(axis=-1)
+        return np.asarray(~over.any(axis=(0, 1)) & np.isfinite(self.begins).all(axis=1))
+
+    def _velocity(self, time: Array, position: Array, foot: int) -> Array:
+        """Give that of the markers of a foot from frame to frame, (T - 1, M, 3) [m/s]."""
+        of_foot = position[:, self.columns[foot]]
+        return np.asarray(np.diff(of_foot, axis=0) / np.diff(time)[:, None, None])
+
+
+def reading(time: Array, wrench: Array, up: Array, start_s: float, stop_s: float) -> Array | None:
+    """Give what a plate reads in a phase in which no foot is on it, (6,).
+
+    Of its samples, (N,) [s] and (N, 6), whose third axis is the direction ``up``. None where the
+    phase is too short, or the vertical force changes as it does under a load.
+    """
+    part = slice(*np.searchsorted(time, (start_s + EDGES_S[0], stop_s - EDGES_S[1])))
+    time, wrench = time[part], wrench[part]
+    begin_s, count = common_tenths(time) if len(time) > 1 else (start_s, 0)
+    if count < MIN_TENTHS:
+        return None
+    vertical = tenths(wrench[:, :3] @ up, time, begin_s, count)
+    mean = wrench.mean(axis=0)
+    return mean if np.ptp(vertical) <= REST_SPREAD_N and np.isfinite(mean).all() else None
+
+
+class Course(NamedTuple):
+    """A natural spline through what one component read in phases.
+
+    Attributes
+    ----------
+    knots, level
+        Times, and what it is then, (K,): one is a constant, two are a line.
+    change, interval
+        From where it is lowest to where it is highest, later minus earlier, and half of its 95 %
+        interval.
+    sure
+        Whether it changes beyond the interval of 99.9 %.
+    """
+
+    knots: Array
+    level: Array
+    change: float
+    interval: float
+    sure: bool
+
+    @classmethod
+    def through(cls, time: Array, values: Array) -> "Course":
+        """Fit it to readings, (N,), with as many knots as they call for."""
+        count = len(time)
+        most = min(MOST_KNOTS, count - 3) if count >= MIN_PHASES else 1
+        fits = list[tuple[Array, Array, Array, Array]]()
+        for number in range(1, most + 1):
+            knots = np.linspace(time[0], time[-1], number)
+            basis = _basis(knots, time)
+            level = np.asarray(np.linalg.lstsq(basis, values)[0])
+            fits.append((knots, basis, level, values - basis @ level))
+        # neighbours that leave a line alike, by vibration in step with gait, are fewer readings
+        alike = _alike(fits[min(1, most - 1)][-1])
+        independent = max(count / alike, LEAST_INDEPENDENT)
+        scores = [
+            independent * np.log(np.mean(left**2) + MIN_VARIANCE) + len(knots) * np.log(independent)
+            for knots, _, _, left in fits
+        ]
+        knots, basis, level, left = fits[int(np.argmin(scores))]
+        free = max(count - len(knots), 1)
+        variance = np.sum(left**2) / free * alike
+        fitted = basis @ level
+        first, last = sorted((int(np.argmin(fitted)), int(np.argmax(fitted))))
+        between = basis[last] - basis[first]
+        error = np.sqrt(variance * between @ np.linalg.pinv(basis.T @ basis) @ between)
+        # the largest of all differences, after Scheffé
+        directions = max(len(knots) - 1, 1)
+        quantiles = stats.f.ppf((INTERVAL, SURELY), directions, free)
+        interval, surely = (error * np.sqrt(directions * quantiles)).tolist()
+        change = float(fitted[last] - fitted[first])
+        return cls(knots, level, change, interval, sure=abs(change) > surely)
+
+
+def _alike(left: Array) -> float:
+    """Give how many neighbours err as one, by the correlation of one with the next."""
+    correlation = np.sum(left[1:] * left[:-1]) / (np.sum(left**2) + MIN_VARIANCE)
+    # that of what a line leaves of few readings is too small
+    unbiased = correlation + (2 + 4 * correlation) / len(left)
+    bounded = float(np.clip(unbiased, 0.0, MOST_ALIKE))
+    return (1 + bounded) / (1 - bounded)
+
+
+def _basis(knots: Array, times: Array) -> Array:
+    """Give natural splines that are 1 at one knot and 0 at the others, (T, K); lines beyond."""
+    if len(knots) == 1:
+        return np.ones((len(times), 1))
+    spline = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")
+    inside = np.clip(times, knots[0], knots[-1])
+    return np.asarray(spline(inside) + spline(inside, 1) * (times - inside)[:, None])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Zero:
+    """What a plate reads over time while no foot is on it, in its own axes about its centre.
+
+    Attributes
+    ----------
+    time
+        End of each of N phases, (N,) [s].
+    values
+        What it read in them, (N, 6) [N, N·m].
+    courses
+        Of the six components.
+    """
+
+    time: Array
+    values: Array
+    courses: tuple[Course, ...]
+
+    @classmethod
+    def of(cls, plate: Plate, phases: Sequence[tuple[float, float]]) -> "Zero | None":
+        """Give that of a plate; None where no phase shows it."""
+        time, wrench, up = plate.time, plate.wrench_in_plate, plate.rotation[2]
+        of_phases = ((stop, reading(time, wrench, up, start, stop)) for start, stop in phases)
+        read = [(stop, values) for stop, values in of_phases if values is not None]
+        if not read:
+            return None
+        ends, values = (np.array(each) for each in zip(*read, strict=True))
+        # a plate that somebody else loads for a moment reads the same before and after
+        apart = np.abs(values - median_filter(values, (NEIGHBOURS, 1), mode="mirror"))
+        step = np.median(np.abs(np.diff(values, axis=0)), axis=0) if len(values) > 1 else 0.0
+        kept = (apart <= SPREAD + MOST_STEPS * step).all(axis=1)
+        courses = (Course.through(ends[kept], each[kept]) for each in values.T)
+        return cls(ends, values, tuple(courses))
+
+    @property
+    def change(self) -> Array:
+        """How much each component changes, (6,) [N, N·m]."""
+        return np.array([each.change for each in self.courses])
+
+    @property
+    def interval(self) -> Array:
+        """Half of the 95 % interval of the change, (6,) [N, N·m]."""
+        return np.array([each.interval for each in self.courses])
+
+    @property
+    def drifts(self) -> Mask:
+        """Which components change by more than their error, and by what matters, (6,)."""
+        return np.array([each.sure for each in self.courses]) & (np.abs(self.change) > MIN_DRIFT)
+
+    def at(self, times: Array) -> Array:
+        """Give it over time, (T,) to (T, 6); constant where it does not drift."""
+        constant = np.median(self.values, axis=0)
+        return np.column_stack(
+            [
+                _basis(course.knots, times) @ course.level if drifts else np.full(len(times), mean)
+                for course, drifts, mean in zip(self.courses, self.drifts, constant, strict=True)
+            ]
+        )
+
+    def known_at(self, times: Array) -> Array:
+        """Give it as it is known in real time, (T,) to (T, 6); nothing before the first phase."""
+        known = [np.zeros(6), *(latest(self.values[:k]) for k in range(1, len(self.values) + 1))]
+        return np.array(known)[np.searchsorted(self.time, times)]
+
+
+def latest(values: Array) -> Array:
+    """Give a zero in real time, (6,), by what was read in the phases so far, (N, 6)."""
+    return np.asarray(np.median(values[-LAST_PHASES:], axis=0))
+
+
+def following(recording: Recording) -> set[int]:
+    """Give the numbers of the plates whose zero is stated to be followed."""
+    stated = map(parse_mending, recording.stated.mend_plates)
+    return {number for number, deed, _ in stated if deed == "drift"}
+
+
+def zeros_of(
+    recording: Recording, marker_set: MarkerSet, laboratory: Laboratory
+) -> tuple[Zero | None, ...]:
+    """Give the zero of each plate; None where a foot is always on it, or its load is unknown."""
+    if (seen := _from_platform(recording, laboratory)) is None:
+        return (None,) * len(recording.plates)
+    markers = seen.markers
+    plates = EmptyPlates(marker_set, markers.names, seen.plates, markers.rate_hz)
+    phases = [*plates.phases(markers)]
+    return tuple(
+        Zero.of(plate, [(start, stop) for start, stop, empty in phases if empty[k]])
+        for k, plate in enumerate(seen.plates)
+    )
+
+
+def _from_platform(recording: Recording, laboratory: Laboratory) -> Recording | None:
+    """Show markers as the platform sees them, and plates without what it and the belts add."""
+    platform, compensated = laboratory.treadmill.platform, laboratory.calibration is not None
+    if platform is not None and not compensated:
+        return None
+    plates, markers = recording.plates, recording.markers
+    try:
+        pose, _ = platform_pose(recording, platform, markers.time)
+        if compensated or laboratory.belts:
+            artefacts, _ = plate_artefacts(bind(recording, laboratory, None))
+            plates = tuple(
+                replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
+                for plate, artefact in zip(plates, artefacts, strict=True)
+            )
+    except ValueError:  # a calibration pose may lack what a trial needs, and a trial says so itself
+        return None
+    if pose is not None:
+        position = (markers.position - pose.position[:, None]) @ pose.rotation
+        markers = replace(markers, position=position)
+    return replace(recording, markers=markers, plates=plates)
+
+
+def with_followed_zeros(
+    recording: Recording, marker_set: MarkerSet, laboratory: Laboratory, method: Method
+) -> Recording:
+    """Subtract the zeros that are stated to be followed; notes say of how many phases, or none.
+
+    In real time a zero is known by the phases before.
+    """
+    zeros = zeros_of(recording, marker_set, laboratory)
+    plates, notes = list(recording.plates), list(recording.notes)
+    for k, (plate, zero) in enumerate(zip(recording.plates, zeros, strict=True)):
+        if plate.number not in following(recording):
+            continue
+        if zero is None:
+            notes.append(Note.of("plate_drift_unseen", plate=plate.number))
+            continue
+        over_time = (zero.known_at if method == "realtime" else zero.at)(plate.time)
+        plates[k] = replace(plate, wrench_in_plate=plate.wrench_in_plate - over_time)
+        followed = {"plate": plate.number, "phases": len(zero.time)}
+        notes.append(Note.of("plate_zero_followed", **followed))
+    return replace(recording, plates=tuple(plates), notes=tuple(notes))
