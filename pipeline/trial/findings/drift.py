@@ -9,9 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import stats
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import median_filter
+import scipy
 
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
@@ -179,8 +177,8 @@ class Course(NamedTuple):
 
     Attributes
     ----------
-    knots, level
-        Times, and what it is then, (K,): one is a constant, two are a line.
+    knots, coefficients
+        Times, and its coefficients in `_basis`, (K,): one is a constant, two are a line.
     change, interval
         From where it is lowest to where it is highest, later minus earlier, and half of its 95 %
         interval.
@@ -189,7 +187,7 @@ class Course(NamedTuple):
     """
 
     knots: Array
-    level: Array
+    coefficients: Array
     change: float
     interval: float
     sure: bool
@@ -203,8 +201,8 @@ class Course(NamedTuple):
         for number in range(1, most + 1):
             knots = np.linspace(time[0], time[-1], number)
             basis = _basis(knots, time)
-            level = np.asarray(np.linalg.lstsq(basis, values)[0])
-            fits.append((knots, basis, level, values - basis @ level))
+            coefficients = np.asarray(np.linalg.lstsq(basis, values)[0])
+            fits.append((knots, basis, coefficients, values - basis @ coefficients))
         # neighbours that leave a line alike, by vibration in step with gait, are fewer readings
         alike = _alike(fits[min(1, most - 1)][-1])
         independent = max(count / alike, LEAST_INDEPENDENT)
@@ -212,19 +210,19 @@ class Course(NamedTuple):
             independent * np.log(np.mean(left**2) + MIN_VARIANCE) + len(knots) * np.log(independent)
             for knots, _, _, left in fits
         ]
-        knots, basis, level, left = fits[int(np.argmin(scores))]
+        knots, basis, coefficients, left = fits[int(np.argmin(scores))]
         free = max(count - len(knots), 1)
         variance = np.sum(left**2) / free * alike
-        fitted = basis @ level
+        fitted = basis @ coefficients
         first, last = sorted((int(np.argmin(fitted)), int(np.argmax(fitted))))
         between = basis[last] - basis[first]
         error = np.sqrt(variance * between @ np.linalg.pinv(basis.T @ basis) @ between)
         # the largest of all differences, after Scheffé
         directions = max(len(knots) - 1, 1)
-        quantiles = stats.f.ppf((INTERVAL, SURELY), directions, free)
+        quantiles = scipy.special.fdtri(directions, free, (INTERVAL, SURELY))
         interval, surely = (error * np.sqrt(directions * quantiles)).tolist()
         change = float(fitted[last] - fitted[first])
-        return cls(knots, level, change, interval, sure=abs(change) > surely)
+        return cls(knots, coefficients, change, interval, sure=abs(change) > surely)
 
 
 def _alike(left: Array) -> float:
@@ -237,12 +235,14 @@ def _alike(left: Array) -> float:
 
 
 def _basis(knots: Array, times: Array) -> Array:
-    """Give natural splines that are 1 at one knot and 0 at the others, (T, K); lines beyond."""
+    """Give natural cubic splines, which are lines beyond the knots, (T, K)."""
     if len(knots) == 1:
         return np.ones((len(times), 1))
-    spline = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")
-    inside = np.clip(times, knots[0], knots[-1])
-    return np.asarray(spline(inside) + spline(inside, 1) * (times - inside)[:, None])
+    at, x = (knots - knots[0]) / np.ptp(knots), (times - knots[0]) / np.ptp(knots)
+    cubes = np.maximum(x[:, None] - at, 0.0) ** 3
+    # beyond the last knot cubes and squares vanish (Hastie, Tibshirani and Friedman 2009, eq. 5.5)
+    curved = (cubes[:, :-1] - cubes[:, -1:]) / (1 - at[:-1])
+    return np.column_stack([np.ones_like(x), x, curved[:, :-1] - curved[:, -1:]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,7 +273,10 @@ class Zero:
             return None
         ends, values = (np.array(each) for each in zip(*read, strict=True))
         # a plate that somebody else loads for a moment reads the same before and after
-        apart = np.abs(values - median_filter(values, (NEIGHBOURS, 1), mode="mirror"))
+        reach = NEIGHBOURS // 2
+        around = np.pad(values, ((reach, reach), (0, 0)), mode="reflect")
+        usual = np.median(np.lib.stride_tricks.sliding_window_view(around, NEIGHBOURS, 0), axis=-1)
+        apart = np.abs(values - usual)
         step = np.median(np.abs(np.diff(values, axis=0)), axis=0) if len(values) > 1 else 0.0
         kept = (apart <= SPREAD + MOST_STEPS * step).all(axis=1)
         courses = (Course.through(ends[kept], each[kept]) for each in values.T)
@@ -296,13 +299,11 @@ class Zero:
 
     def at(self, times: Array) -> Array:
         """Give it over time, (T,) to (T, 6); constant where it does not drift."""
-        constant = np.median(self.values, axis=0)
-        return np.column_stack(
-            [
-                _basis(course.knots, times) @ course.level if drifts else np.full(len(times), mean)
-                for course, drifts, mean in zip(self.courses, self.drifts, constant, strict=True)
-            ]
-        )
+        zero = np.tile(np.median(self.values, axis=0), (len(times), 1))
+        for k in np.flatnonzero(self.drifts):
+            course = self.courses[k]
+            zero[:, k] = _basis(course.knots, times) @ course.coefficients
+        return zero
 
     def known_at(self, times: Array) -> Array:
         """Give it as it is known in real time, (T,) to (T, 6); nothing before the first phase."""
