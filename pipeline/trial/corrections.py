@@ -44,10 +44,10 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     if drifts := [*_of_drifts(chain)]:
         # together: two that drift may cancel in the sum of all plates
         mendings = [f"{number}: drift" for finding in drifts for number in finding.plates]
-        correction = try_mendings(chain, mendings)
+        correction = try_mendings(chain, mendings, measured=True)
         findings += [replace(finding, correction=correction) for finding in drifts]
-        if correction.helps:
-            done, chain = (*done, *mendings), chain.mended(mendings)
+        # other faults are judged without it, however little it adds to the residual
+        done, chain = (*done, *mendings), chain.mended(mendings)
     findings += _of_zeros(chain)
     most = len(findings) + MOST_FAULTS
     while len(findings) < most and chain.judged:
@@ -91,7 +91,7 @@ def _of_drifts(chain: Chain) -> Iterator[Finding]:
             which = np.flatnonzero(zero.drifts)
             names = ", ".join(WRENCH_COMPONENTS[k] for k in which)
             sizes = tuple(zero.change[which].tolist()), tuple(zero.interval[which].tolist())
-            yield Finding("drift", (plate.number,), names, *sizes)
+            yield Finding("drift", (plate.number,), names, *sizes, span_s=zero.span_s)
 
 
 def _of_zeros(chain: Chain) -> Iterator[Finding]:
@@ -171,14 +171,19 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     return _tried(chain, [mended, in_others], first, every, None), mended
 
 
-def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False) -> Correction:
+def try_mendings(
+    chain: Chain, mendings: Sequence[str], *, certain: bool = False, measured: bool = False
+) -> Correction:
     """Try corrections whose size the residual did not give.
 
-    Those of a fault that is certain help wherever they make no axis larger.
+    Those of a fault that is certain help wherever they make no axis larger. Those of a fault whose
+    size the unloaded plate shows help wherever they make the whole residual smaller: an axis may
+    have been small because the fault cancels something else in it.
     """
     mended, fitted_to = chain.mended(mendings), np.zeros(len(chain.time), bool)
     fall = 0.0 if certain else MIN_FALL
-    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall)
+    most = np.inf if measured else MAX_WORSE
+    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall, most)
 
 
 def _later(chain: Chain, delay_s: float) -> Chain:
@@ -203,6 +208,7 @@ def _tried(
     mendings: tuple[str, ...],
     plate_delay_s: float | None,
     least_fall: float = MIN_FALL,
+    most: float = MAX_WORSE,
 ) -> Correction:
     """Compare residuals before and after; the second chain has sizes by the other frames alone."""
     # frames that count once it is corrected: some faults leave frames out
@@ -214,8 +220,8 @@ def _tried(
     held_out = _rms(chain.residual[others]), _rms(corrected[1].residual[others])
     deviation = np.sqrt(np.diag(chain.evidence.covariance))
     there, corrected_there = (np.linalg.norm(rms / deviation) for rms in held_out)
-    worse = after > MAX_WORSE * before + NOISE * deviation
-    worse |= held_out[1] > MAX_WORSE * held_out[0] + NOISE_HELD_OUT * deviation
+    worse = after > most * before + NOISE * deviation
+    worse |= held_out[1] > most * held_out[0] + NOISE_HELD_OUT * deviation
     return Correction(
         mendings,
         plate_delay_s,

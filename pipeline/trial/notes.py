@@ -56,7 +56,8 @@ def _notes(chain: Chain, faults: Sequence[Finding]) -> Iterator[Note]:
         yield from (*far_from_feet(loads.shared), *in_part)
     yield from _of_delay(chain)
     yield from (note_of(finding, trial.plates, time) for finding in faults)
-    if chain.carried_kg is not None:
+    drifts = any(finding.kind == "drift" for finding in of_load)
+    if chain.carried_kg is not None and not drifts:
         yield Note.of("mass_carried", mass_kg=chain.carried_kg)
     if not other:
         yield from _of_masses(chain, None if of_load else chain.carried_kg)

@@ -283,8 +283,14 @@ class Zero:
         return cls(ends, values, tuple(courses))
 
     @property
+    def span_s(self) -> tuple[float, float]:
+        """The first and the last phase that a course goes through."""
+        knots = max((course.knots for course in self.courses), key=len)
+        return float(knots[0]), float(knots[-1])
+
+    @property
     def change(self) -> Array:
-        """How much each component changes, (6,) [N, N·m]."""
+        """How much each component changes over that span, (6,) [N, N·m]."""
         return np.array([each.change for each in self.courses])
 
     @property

@@ -14,6 +14,9 @@ Kind = RawKind | JudgedKind | Literal["zero", "drift"]
 MAX_WORSE: Final = 1.05
 """Of the RMS of an axis, that a correction may leave."""
 
+MOST_DRIFT_N: Final = 20.0
+"""3 % of the weight of a light adult: a zero that drifts by more changes what plates carry."""
+
 
 @dataclass(frozen=True, slots=True)
 class Correction:
@@ -80,7 +83,7 @@ class Finding:
         What corrects it, and half of its 95 % interval: factor of the channel less one, metres
         along x and y of the plate, radians, or seconds; empty for faults without a size. Of zeros
         what each plate reads [N], without an interval; of those that drift the change of each
-        channel in the trial [N, N·m], with its 95 % interval.
+        channel over `span_s` [N, N·m], with its 95 % interval.
     evidence
         By how much it is likelier than none: twice the logarithm of the odds; None where raw
         samples or unloaded plates show it.
@@ -90,6 +93,8 @@ class Finding:
         Others that explain the same, and cannot be told from it in this trial.
     correction
         What was tried; None where nothing can be typed, or rivals are as likely.
+    span_s
+        Of a zero that drifts: the first and the last time at which the unloaded plate shows it.
     """
 
     kind: Kind
@@ -101,8 +106,12 @@ class Finding:
     channels: tuple[RawFault, ...] = ()
     rivals: tuple["Finding", ...] = ()
     correction: Correction | None = None
+    span_s: tuple[float, float] | None = None
 
     @property
     def of_load(self) -> bool:
         """Whether the plate measures its load wrongly, beyond zero and single samples."""
-        return self.kind not in ("zero", "drift", "lost")
+        if self.kind == "drift":
+            sizes = dict(zip(self.component.split(", "), self.size, strict=True))
+            return abs(sizes.get("Fz", 0.0)) > MOST_DRIFT_N
+        return self.kind not in ("zero", "lost")

@@ -129,7 +129,9 @@ def _said(
             drifts = [
                 f"{k} {written(n, '+.1f')} ± {_with_unit((k, half), '.2g')}" for k, n, half in each
             ]
-            note = of_plate("plate_drifts", changes=drifts, remedy=remedy)
+            first_s, last_s = finding.span_s or (0.0, 0.0)
+            span = {"first_s": first_s, "last_s": last_s}
+            note = of_plate("plate_drifts", changes=drifts, **span, remedy=remedy)
             return note, f"{plate}: zero drifts", "\n".join(drifts)
         case "jumps":
             note = of_jumps("plate_jumps", sizes=sizes)

@@ -20,6 +20,7 @@ from pipeline.trial.findings.drift import Course, zeros_of
 from pipeline.trial.findings.words import row_of
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.inputs import Inputs
+from pipeline.trial.notes import notes_of
 from pipeline.trial.process import process_recording, trial_chain
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
@@ -167,6 +168,20 @@ def test_what_a_warning_advises_is_not_advised_again(tmp_path):
     whole = process_recording(steady, PERSON, Settings())
     left, right = (np.nanstd(each.measured.residual[600:1250], axis=0) for each in (mended, whole))
     np.testing.assert_allclose(left, right, rtol=0.1)
+
+
+def test_what_a_drift_explains_is_no_fault_of_mass_or_gain(shared_data):
+    """A real walk whose residual My is small only as long as the drift cancels it."""
+    base = next(real(shared_data))
+    faulty = drifting(base.recording, line(0, 0, -160 / 13, 0, 0, 0))
+    chain = Chain(Inputs(recording=faulty, **base.known), Settings())
+    (found,) = find_faults(chain)
+    assert (found.kind, found.plates, found.correction.helps) == ("drift", (1,), True)
+    start_s, stop_s = found.span_s
+    assert found.size[0] / (stop_s - start_s) == pytest.approx(-160 / 13, rel=0.02)
+    told = {note.code for note in notes_of(chain, [found])}
+    assert "plate_drifts" in told
+    assert told.isdisjoint({"plates_unclear", "mass_differs", "mass_carried", "carried_in_part"})
 
 
 def test_two_plates_that_drift_either_way_are_corrected_together(walk):
