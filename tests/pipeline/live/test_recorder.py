@@ -128,7 +128,12 @@ def test_of_a_killed_process_at_most_the_last_second_is_missing(tmp_path):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        time.sleep(1.6)
+        # the first file takes as long as its libraries take to load
+        results = tmp_path / "live" / RESULTS_FOLDER
+        deadline = time.monotonic() + 30
+        while len([*results.glob("*.parquet")]) < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        time.sleep(0.4)
         process.send_signal(signal.SIGKILL)
         frames = 2 + process.stdout.read().count("\n")
     read = read_recording(tmp_path / "live" / STREAMS)
