@@ -67,7 +67,9 @@ class CurveComparison:
         Simultaneous 95 % band, (101,): in 95 % of studies, it holds the difference at all instants.
     p
         Of each instant, corrected for all instants, (101,); 1 where nothing is known.
-    subjects, recordings
+    in_groups
+        Subjects who entered; of groups, those of the first and of the second.
+    recordings
         That entered.
     """
 
@@ -75,8 +77,13 @@ class CurveComparison:
     low: Array
     high: Array
     p: Array
-    subjects: int
+    in_groups: tuple[int, ...]
     recordings: int
+
+    @property
+    def subjects(self) -> int:
+        """All who entered."""
+        return sum(self.in_groups)
 
     @property
     def parts(self) -> tuple[CurveDifference, ...]:
@@ -238,8 +245,8 @@ def _compare(
         counts = np.zeros((len(people), cell.max() + 1), int)
         np.add.at(counts, (subject[pattern], cell[pattern]), 1)
         some, complete = counts.max(axis=1) > 0, counts.min(axis=1) > 0
-        in_groups = [complete[np.unique(subject[of_group])].sum() for of_group in groups]
-        if some.sum() < MIN_SUBJECTS or min(in_groups) < least:
+        with_all = min(complete[np.unique(subject[of_group])].sum() for of_group in groups)
+        if some.sum() < MIN_SUBJECTS or with_all < least:
             continue
         model = _Model(
             shown,
@@ -267,7 +274,8 @@ def _compare(
     p = np.where(np.isfinite(t), (beyond + 1) / (len(reached) + 1), 1.0)
     half = error * of_band[int(np.ceil(CONFIDENCE * len(of_band))) - 1]
     bands = difference, difference - half, difference + half, p
-    return CurveComparison(*bands, len({*subject[entered]}), len({*effects[2][entered]}))
+    in_groups = tuple(len({*subject[entered & of_group]}) for of_group in groups)
+    return CurveComparison(*bands, in_groups, len({*effects[2][entered]}))
 
 
 class _Model:
@@ -343,7 +351,7 @@ class _Model:
         moving = np.flatnonzero(np.abs(parts).max(axis=0) > ROUNDING * np.abs(parts).max())
         parts = parts[:, moving]
         # coefficients of the columns that move the difference, of each flip: (P, K, T)
-        fitted = np.stack([signs @ self.scores_of(residuals, k) for k in moving])
+        fitted = np.stack([signs @ self.scores_of(residuals, k) for k in moving.tolist()])
         # sum of squares of the scores that remain: signs * scores - parts @ fitted
         squares = np.asarray(self.inflation @ scores**2)
         smallest = ROUNDING * squares
