@@ -139,7 +139,8 @@ def compare_conditions(
     exact test of paired differences (Nichols and Holmes 2002, Hum Brain Mapp 15:1).
 
     The band is the difference ± its error times the 95 % quantile of the largest |t| of sign flips
-    of the residuals of the model with a difference.
+    of the residuals of the model with a difference, divided by the root of one minus the subject's
+    leverage, so that they vary as errors do.
 
     Examples
     --------
@@ -262,7 +263,7 @@ def _compare(
         varies = model.error > ROUNDING * np.abs(shown).max()
         difference[of], error[of] = model.difference, np.where(varies, model.error, np.nan)
         if varies.any():
-            for k, residuals in enumerate((model.without_difference, model.residuals)):
+            for k, residuals in enumerate((model.without_difference, model.errors)):
                 reached = model.largest_t(residuals[:, varies], signs[:, some])
                 largest[k] = np.maximum(largest[k], reached)
     if np.isnan(error).all():
@@ -338,6 +339,11 @@ class _Model:
         # a subject who determines a coefficient alone has no residual
         alone = left <= ROUNDING * errors
         return np.where(alone, 0.0, errors / np.where(alone, 1.0, left))
+
+    @cached_property
+    def errors(self) -> Array:
+        """Residuals as large as errors, (R, T)."""
+        return np.asarray(self.residuals * np.sqrt(self.inflation @ self.of_subject)[:, None])
 
     @cached_property
     def error(self) -> Array:

@@ -346,6 +346,32 @@ def test_false_alarms_and_bands_of_a_few_studies_are_as_stated():
     assert held > 0.95 - 3 * np.sqrt(0.05 * 0.95 / 200)
 
 
+def alarms_with_covariates(studies, people, covariates):
+    """Share of null studies of two equal groups in which a part differs."""
+    rng, names = np.random.default_rng([people, covariates]), np.arange(people).astype(str)
+    group, alarms = pd.Series([*"xy"] * (people // 2), names), 0
+    rows = pd.DataFrame({"subject": names, "cell": "walk", "recording": 0})
+    for k in range(studies):
+        between = pd.DataFrame(rng.normal(size=(people, covariates)), names)
+        curves = smooth(rng, people, sigma=(3, 10)[k % 2])
+        alarms += bool(compare_groups(curves, rows, group, between).parts)
+    return alarms / studies
+
+
+def test_false_alarms_between_groups_with_many_covariates_are_as_stated():
+    """300 studies of ten people and four covariates: within 3 SD of 5 %."""
+    assert alarms_with_covariates(300, 10, 4) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 300)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("people", [10, 14])
+@pytest.mark.parametrize("covariates", [1, 3, 4])
+def test_false_alarms_between_groups_with_covariates_are_as_stated(people, covariates):
+    alarms = alarms_with_covariates(1000, people, covariates)
+    print(f"{people} people, {covariates} covariates: {alarms:.1%}")
+    assert 0.025 < alarms < 0.075
+
+
 @pytest.mark.campaign
 @pytest.mark.parametrize("sizes", [(5, 5), (5, 10), (10, 20)])
 @pytest.mark.parametrize("deviation", [0.5, 1.0, 2.0])
