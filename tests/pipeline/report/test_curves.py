@@ -71,9 +71,10 @@ def test_of_a_single_condition_groups_are_compared(results):
 
 
 def test_of_three_groups_each_is_compared_with_the_first():
-    """A fourth, of whom nothing is stated, is in none."""
+    """Those of whom no group or no sex is stated are in none."""
     rng = np.random.default_rng(0)
-    people = pd.DataFrame({"group": [*["a"] * 5, *["b"] * 5, *["c"] * 5, None, None]})
+    people = pd.DataFrame({"group": [*["a"] * 6, *["b"] * 5, *["c"] * 5, None, None]})
+    people["sex"] = ["unspecified", *"fmfmfmfmfmfmfmfmf"]
     people.index = people.index.map("sub{:02}".format)
     keys = product(people.index, [""], range(101))
     rows = pd.DataFrame(keys, columns=["subject", "recording", "percent"])
