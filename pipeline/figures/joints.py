@@ -11,7 +11,14 @@ from matplotlib.figure import Figure
 from hbm.spatial import Array
 from pipeline.config.schema import Figures
 from pipeline.figures.residuals import legend_below, panel_grid
-from pipeline.figures.style import PAGE, add_title, draw_band, draw_differences, in_style
+from pipeline.figures.style import (
+    PAGE,
+    add_title,
+    draw_band,
+    draw_differences,
+    in_style,
+    make_room_above,
+)
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS, JointMotion
 
 if TYPE_CHECKING:
@@ -50,12 +57,14 @@ def joint_figure(
     differing: "Mapping[tuple[str, str], Sequence[CurveDifference]]" = MappingProxyType({}),
     healthy: Mapping[tuple[str, str], Sequence[Array]] = MappingProxyType({}),
     shown: Sequence[str] = (*CURVES,),
+    gaps: str = GAPS,
     look: Figures = PAGE,
 ) -> Figure:
     """Draw means over the gait cycle with one standard deviation as a band.
 
     ``differing`` are parts that differ, drawn as bars: name of a joint motion and curve -> parts.
-    ``healthy`` is as of `healthy_bands`, drawn behind; ``shown`` are some of `CURVES`.
+    ``healthy`` is as of `healthy_bands`, drawn behind; ``shown`` are some of `CURVES`; ``gaps``
+    says in the title why parts are unknown.
     """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
     quantities = [f"{POSITIVE[name]}{name} ({CURVES[name]})" for name in shown]
@@ -64,13 +73,13 @@ def joint_figure(
     heads = [f"{motion.joint} {motion.direction}\N{NO-BREAK SPACE}+" for motion in motions]
     turned = look.width_mm is not None
     percent = np.linspace(0, 100, 101)
+    any_p = any(differing.values())  # in a line of its own, below the heads
     with in_style(look):
-        gaps = ""
+        any_gap = False
         figure, panels = panel_grid(len(shown), len(motions), PANEL_INCH, look, turned=turned)
         panels[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for label, colour, linestyle, mean, spread in curves:
-            if np.isnan(mean[:, columns][..., places]).any():
-                gaps = GAPS
+            any_gap |= bool(np.isnan(mean[:, columns][..., places]).any())
             for (row, column), panel in np.ndenumerate(panels):
                 values = (
                     mean[:, columns[column], places[row]],
@@ -80,10 +89,10 @@ def joint_figure(
         for (row, column), panel in np.ndenumerate(panels):
             above, beside = heads[column], quantities[row].replace(" ", "\n", 1)
             below = "gait\N{NO-BREAK SPACE}cycle (%)"
-            if turned:  # a panel may be as wide as a word; p has its own line
+            if turned:  # a panel may be as wide as a word
                 texts = (beside, above, below)
                 above, beside, below = (text.replace(" ", "\n") for text in texts)
-                above += "\n" * any(differing.values())
+            above += "\n" * any_p
             if panel.get_subplotspec().is_first_row():
                 panel.set_title(above, loc="left")
             if panel.get_subplotspec().is_first_col():
@@ -98,5 +107,6 @@ def joint_figure(
                 usual, sd = healthy[curve]
                 panel.fill_between(percent, usual - sd, usual + sd, **HEALTHY)
         legend_below(figure, panels[0, 0])
-        add_title(figure, title + gaps, look)
+        make_room_above(figure, any_p)
+        add_title(figure, title + gaps * any_gap, look)
     return figure

@@ -16,6 +16,7 @@ from pipeline.config.schema import Figures
 from pipeline.figures.style import (
     BAND_OPACITY,
     COLOURS,
+    LINE_INCH,
     LINES,
     PAGE,
     add_title,
@@ -44,9 +45,7 @@ OTHERS_INCH: Final = 0.9, 1.5
 """Height of title, legend and labels together, on a page and in a journal."""
 KEY_LETTERS: Final = 8
 """Width of a line and of gaps beside its label in a legend, in letters."""
-LINE_INCH: Final = 0.2
-"""Height of a line of a legend."""
-MARGIN_INCH: Final = (0.8, 0.55, 0.2, 0.6)
+MARGIN_INCH: Final = (1.0, 0.55, 0.2, 0.6)
 """Left, below, right and above panels whose places are fixed."""
 MAX_TICKS: Final = 5
 """Intervals between the ticks of an axis."""

@@ -40,6 +40,8 @@ PALETTE: Final = ("#000000", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """All others of the colour-blind safe palette of Okabe and Ito but yellow: conditions, plates …"""
 LINE_STYLES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Of conditions, so that no two differ by colour alone."""
+LINE_INCH: Final = 0.2
+"""Height of a line of a legend or a title."""
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
 BAR: Final = (1.01, 1.035)
@@ -165,7 +167,16 @@ def add_title(figure: Figure, title: str, look: Figures = PAGE) -> None:
     """
     figure.set_label(title)
     if look.width_mm is None:
-        figure.suptitle(textwrap.fill(title, letters_in(figure.get_figwidth() / 1.2)))
+        lines = textwrap.wrap(title, letters_in(figure.get_figwidth() / 1.2))
+        figure.suptitle("\n".join(lines))
+        make_room_above(figure, len(lines) - 1)
+
+
+def make_room_above(figure: Figure, lines: int) -> None:
+    """Lower the upper edge of panels whose places are fixed, by lines of text."""
+    if figure.get_layout_engine() is None and lines > 0:
+        room = lines * LINE_INCH / figure.get_figheight()
+        figure.subplots_adjust(top=figure.subplotpars.top - room)
 
 
 def save_figure(figure: Figure, path: Path, look: Figures = PAGE) -> str:

@@ -45,6 +45,7 @@ def compared_curves(
         "first - second" of conditions; "cell: group - group" and "first - second: group - group" of
         groups, each with the first in the alphabet.
     """
+    people = people.where(people != "unspecified")
     reference, best = (design.reference, False), design.compensated
     judged: list[tuple[Cell, Cell]] = [((c, best), reference) for c in judged_conditions(design)]
     of_joints = [((name, True), (name, False)) for name in design.conditions if best]
@@ -94,6 +95,7 @@ def _of_one_curve(
     between = people.drop(columns=design.group or [])
     groups = [] if design.group is None else sorted(people[design.group].dropna().unique())
     singles = {cell for pair in pairs for cell in pair}
+    singles = singles or {(design.reference, design.compensated)}
     for compared in (*pairs, *((cell,) for cell in sorted(singles) if groups)):
         if not {*compared} <= {*cells}:
             continue
@@ -101,14 +103,15 @@ def _of_one_curve(
         table = pd.concat({design.cell(*cell): cells[cell] for cell in compared}, names=["cell"])
         table = table.dropna(how="all")
         rows, curves = table.index.to_frame(index=False), table.to_numpy(float)
+        if rows["cell"].nunique() < len(compared):
+            continue
         if len(compared) == 2:
             of_cells = compare_conditions(curves, rows, people)
             if of_cells is not None:
                 yield (curve, label), of_cells
         for other in groups[1:]:
             two = people[design.group].where(people[design.group].isin((groups[0], other)))
-            of_two = rows["subject"].map(two).notna().to_numpy()
-            of_groups = compare_groups(curves[of_two], rows[of_two], two, between)
+            of_groups = compare_groups(curves, rows, two, between)
             if of_groups is not None:
                 yield (curve, f"{label}: {other} - {groups[0]}"), of_groups
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain, count
 from math import nan
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -16,7 +17,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
-from hbm.spelling import counted, p_equation
+from hbm.spelling import p_equation
 from pipeline.config.schema import Figures
 from pipeline.figures.residuals import (
     SIX_PANELS_INCH,
@@ -51,6 +52,8 @@ DIFFERENCE: Final = COLOURS["compensated"]
 """Colour of differences of curves."""
 WIDTHS: Final = {True: 0.5, False: 1.25}
 """Of curves of the reference and of the condition beside it, of the usual width."""
+MAX_BYTES: Final = 200
+"""Of a label in a file's name, of which 255 are allowed."""
 THIN_LINE_PT: Final = 0.7
 NEAR: Final = 0.5
 """Of the least value in a panel: intervals that end above have both ends on its axis."""
@@ -113,8 +116,9 @@ def study_figures(
             gait_cycle_figure, shown, condition, design, grey=grey, differing=differing
         )
         yield f"gait_cycle_{condition}", figure
-    for label, of_curves in by_label(compared, AXES).items():
-        yield f"difference_{slug(label)}", partial(difference_figure, of_curves, label)
+    by_name = by_label(compared, AXES)
+    for (label, of_curves), name in zip(by_name.items(), file_names(by_name), strict=True):
+        yield f"difference_{name}", partial(difference_figure, of_curves, label)
     yield "marginal_means", partial(marginal_means_figure, results.residuals, statistics, design)
 
 
@@ -129,14 +133,25 @@ def by_label(
     return found
 
 
-def slug(label: str) -> str:
-    """Give a label as a part of a file's name, such as sway_IC_-_baseline_no_IC."""
-    return re.sub(r"[^\w.+-]+", "_", label)
+def file_names(labels: Iterable[str]) -> list[str]:
+    """Give labels as different parts of files' names, such as sway_IC_-_baseline_no_IC."""
+    names = list[str]()
+    for label in labels:
+        short = re.sub(r"[^\w.+-]+", "_", label).encode()[:MAX_BYTES].decode(errors="ignore")
+        taken = {name.casefold() for name in names}
+        numbered = (f"{short}_{number}" for number in count(2))
+        names.append(next(n for n in chain([short], numbered) if n.casefold() not in taken))
+    return names
 
 
-def difference_title(label: str, of: CurveComparison) -> str:
-    """Say what is compared, what the band is, and over how many subjects."""
-    return f"{label}: difference ± simultaneous 95 % band, {counted(of.subjects, 'subject')}"
+def difference_title(label: str, of_curves: Mapping[str, CurveComparison]) -> str:
+    """Say what is compared, what the band is, and who entered, of groups in the label's order."""
+    every = list(of_curves.values())
+    of_groups = zip(*(of.in_groups for of in every), strict=True)
+    people = " and ".join(numbers(pd.Series(counts), "subject") for counts in of_groups)
+    recordings = numbers(pd.Series([of.recordings for of in every]), "recording")
+    bars = "; black bars: p below .05" * any(of.parts for of in every)
+    return f"{label}: difference ± simultaneous 95 % band, {people}, {recordings}{bars}"
 
 
 def difference_figure(
@@ -168,8 +183,7 @@ def difference_figure(
                 percent = np.linspace(0, 100, len(of.difference))
                 draw_band(panel, percent, of.difference, of.high - of.difference, DIFFERENCE)
                 draw_differences(panel, of.parts)
-        *_, last = of_curves.values()
-        add_title(figure, f"Pelvis residuals, {difference_title(label, last)}", look)
+        add_title(figure, f"Pelvis residuals, {difference_title(label, of_curves)}", look)
     return figure
 
 

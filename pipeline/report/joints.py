@@ -13,7 +13,7 @@ from hbm.spatial import Array
 from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
 from pipeline.figures.style import condition_style
 from pipeline.report.blocks import Table
-from pipeline.report.figures import DIFFERENCE, VARIANTS, by_label, difference_title, slug
+from pipeline.report.figures import DIFFERENCE, VARIANTS, by_label, difference_title, file_names
 from pipeline.report.tables import numbers
 from pipeline.run.load import Curves
 from pipeline.statistics.curves import ComparedCurves, CurveComparison, CurveDifference
@@ -33,6 +33,7 @@ MAX_VALUES: Final = 10**8
 """Of the cycles of a cell in memory: 400 MB."""
 MIN_KNOWN_CYCLES: Final = 0.5
 """Share of the gait cycles of which an instant has to be known to be drawn."""
+FEW_KNOWN: Final = "; gaps: known of too few subjects or gait cycles"
 
 
 def subject_values(joints: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
@@ -105,10 +106,11 @@ class JointMeans:
         Condition -> number of subjects.
     of_recordings
         Cell -> means over gait cycles and sides: subject, recording and percent -> each of
-        `CURVE_COLUMNS`.
+        `CURVE_COLUMNS`. NaN where most of the cell's cycles are unknown: means of the few others
+        are of other steps.
     mean_and_spread
-        Cell -> mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each. NaN
-        where most cycles are unknown: means of the few others are of other steps.
+        Cell -> mean and SD over subjects, or over cycles of a single one, (101, 13, 3) each; NaN
+        alike.
     """
 
     def __init__(self, cycles: Curves, weigh: Weigh) -> None:
@@ -140,6 +142,8 @@ def _averaged(
     of_one = shown["subject"].nunique() == 1
     of_percent = (shown if of_one else means).groupby("percent", sort=True)[[*names]]
     known = shown[[*names]].notna().groupby(shown["percent"]).mean() >= MIN_KNOWN_CYCLES
+    at_percent = known.reindex(of_recordings.index.get_level_values("percent")).to_numpy()
+    of_recordings = of_recordings.where(at_percent)
     return of_recordings, of_percent.mean().where(known), of_percent.std().where(known)
 
 
@@ -187,19 +191,21 @@ def joint_figures(
         what += ", with inertia compensation" * best
         title = f"{what}: mean ± SD over {over(people)}"
         yield name, partial(joint_figure, together, title, motions)
-    for label, of_curves in by_label(compared, CURVE_COLUMNS).items():
+    by_name = by_label(compared, CURVE_COLUMNS)
+    for (label, of_curves), file in zip(by_name.items(), file_names(by_name), strict=True):
         nothing = np.full(101, np.nan)
-        unknown = CurveComparison(nothing, nothing, nothing, nothing, 0, 0)
+        unknown = CurveComparison(nothing, nothing, nothing, nothing, (), 0)
         shown = [of_curves.get(name, unknown) for name in CURVE_COLUMNS]
         shape = -1, len(JOINT_MOTIONS), len(CURVES)
         difference = np.stack([of.difference for of in shown], axis=1).reshape(shape)
         half = np.stack([of.high for of in shown], axis=1).reshape(shape) - difference
-        *_, last = of_curves.values()
-        title = f"Joints of the legs, {difference_title(label, last)}"
-        drawn = [(label, DIFFERENCE, "-", difference, half)]
+        title = f"Joints of the legs, {difference_title(label, of_curves)}"
+        drawn = [("", DIFFERENCE, "-", difference, half)]
         kinds = [kind for kind in CURVES if any(name.endswith(kind) for name in of_curves)]
-        figure = partial(joint_figure, drawn, title, differing=_parts(of_curves), shown=kinds)
-        yield f"joints_difference_{slug(label)}", figure
+        figure = partial(
+            joint_figure, drawn, title, differing=_parts(of_curves), shown=kinds, gaps=FEW_KNOWN
+        )
+        yield f"joints_difference_{file}", figure
 
 
 def _parts(

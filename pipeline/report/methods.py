@@ -91,7 +91,8 @@ def methods(
         versions=trials[0].versions,
         python=platform.python_version(),
         pingouin=version("pingouin"),
-        curves_tested=bool(design.factors) and len(results.subjects) >= MIN_SUBJECTS,
+        curves_tested=bool(design.factors or design.group)
+        and len(results.subjects) >= MIN_SUBJECTS,
         **_cycles(trials, study, design),
     )
     paragraphs = (" ".join(paragraph.split()) for paragraph in re.split(r"\n\s*\n", text))

@@ -32,6 +32,10 @@ MIN_ERROR: Final = 1e-6
 """Smallest error of a single curve in the working covariance, by all of its variance."""
 ROUNDING: Final = 1e-9
 """Relative; smaller differences are none."""
+SEPARATE: Final = 1e-6
+"""Of the difference; where another column is the same, each takes half."""
+SAME_COLUMNS: Final = 1e-11
+"""Smallest share of the largest eigenvalue: rounding leaves 1e-14, `MIN_ERROR` 1e-8 or more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +67,9 @@ class CurveComparison:
         Simultaneous 95 % band, (101,): in 95 % of studies, it holds the difference at all instants.
     p
         Of each instant, corrected for all instants, (101,); 1 where nothing is known.
-    subjects, recordings
+    in_groups
+        Subjects who entered; of groups, those of the first and of the second.
+    recordings
         That entered.
     """
 
@@ -71,8 +77,13 @@ class CurveComparison:
     low: Array
     high: Array
     p: Array
-    subjects: int
+    in_groups: tuple[int, ...]
     recordings: int
+
+    @property
+    def subjects(self) -> int:
+        """All who entered."""
+        return sum(self.in_groups)
 
     @property
     def parts(self) -> tuple[CurveDifference, ...]:
@@ -97,16 +108,19 @@ def compare_conditions(
     curves
         Of each recording and condition, (R, 101); NaN where unknown.
     rows
-        Of each curve: subject, recording (equal where one recording is in both conditions) and
-        cell, of which there are two. The first to appear is compared with the other.
+        Of each curve: subject, recording (equal where one recording is in both conditions, of all
+        subjects or of none) and cell, of which there are two. The first to appear is compared with
+        the other.
     between
         Index subject; columns are groups (text) and covariates (numbers) by which the subjects'
-        means may differ. Where every subject has both conditions they change nothing.
+        means may differ. Where every subject has both conditions they change nothing. A subject of
+        whom one is unknown has a mean of its own.
 
     Returns
     -------
     CurveComparison or None
-        None with fewer than six subjects, or fewer than four with both conditions.
+        None with fewer than six subjects, or fewer than four with both conditions; or where no
+        curve varies.
 
     Notes
     -----
@@ -125,7 +139,8 @@ def compare_conditions(
     exact test of paired differences (Nichols and Holmes 2002, Hum Brain Mapp 15:1).
 
     The band is the difference ± its error times the 95 % quantile of the largest |t| of sign flips
-    of the residuals of the model with a difference.
+    of the residuals of the model with a difference, divided by the root of one minus the subject's
+    leverage, so that they vary as errors do.
 
     Examples
     --------
@@ -138,6 +153,8 @@ def compare_conditions(
     >>> [(part.start, part.stop, round(part.p, 3)) for part in compared.parts]
     [(40, 60, 0.004)]
     """
+    if rows["cell"].nunique() < 2:
+        return None
     first = (rows["cell"] == rows["cell"].iloc[0]).to_numpy()
     nuisance = _between(rows["subject"], between)
     return _compare(curves, rows, first - 0.5, nuisance, [first | True], MIN_WITH_BOTH, null=True)
@@ -153,24 +170,32 @@ def compare_groups(
     curves, rows
         As of `compare_conditions`, of one cell or of two.
     group
-        Index subject; of each subject one of two names. The first in the alphabet is subtracted.
+        Index subject; one of two names, of which the first in the alphabet is subtracted. Subjects
+        of neither do not enter.
     between
-        Covariates, as of `compare_conditions`.
+        Covariates, as of `compare_conditions`. Of one cell, subjects of whom one is unknown do not
+        enter.
 
     Returns
     -------
     CurveComparison or None
-        None with fewer than five subjects in a group who have every cell.
+        None with fewer than five subjects in a group who have every cell, or where a covariate
+        tells the groups apart as well.
 
     Notes
     -----
     As `compare_conditions`, but p too is by residuals of the model with a difference: it and the
     leverages of subjects allow groups of different size and variance (as Welch's t).
     """
-    of_row = rows["subject"].map(group)
+    cells = rows["cell"].unique()
+    of_row, complete = rows["subject"].map(group), np.ones(len(rows), bool)
+    if len(cells) == 1 and between is not None:
+        stated = between.dropna(axis=1, how="all").reindex(rows["subject"])
+        complete = stated.notna().all(axis=1).to_numpy()
+    enters = of_row.notna().to_numpy() & complete
+    curves, rows, of_row = curves[enters], rows[enters], of_row[enters]
     second = (of_row == of_row.max()).to_numpy()
     sides, others = second - 0.5, _between(rows["subject"], between)
-    cells = rows["cell"].unique()
     if len(cells) == 2:  # the difference between groups of the difference between cells
         cell = (rows["cell"] == cells[0]).to_numpy() - 0.5
         sides, others = sides * cell, np.column_stack([others, sides, cell])
@@ -180,12 +205,17 @@ def compare_groups(
 def _between(subjects: "pd.Series[Any]", between: pd.DataFrame | None) -> Array:
     """Give the columns of what differs between subjects, a mean first, (R, Q)."""
     columns = [np.ones(len(subjects))]
-    for _, of_subjects in () if between is None else between.items():
-        values = subjects.map(of_subjects)
-        if pd.api.types.is_numeric_dtype(values):
-            columns.append((values - values.mean()).to_numpy(float))
-        else:
-            columns += [(values == level).to_numpy(float) for level in sorted(set(values))[1:]]
+    if between is not None:
+        of_rows = between.dropna(axis=1, how="all").reindex(subjects)
+        unknown = of_rows.isna().any(axis=1).to_numpy()
+        columns += [(subjects == name).to_numpy(float) for name in subjects[unknown].unique()]
+        for _, values in of_rows.items():
+            if pd.api.types.is_numeric_dtype(values):  # in any unit
+                centred = (values - values.mean()) / (np.ptp(values.dropna()) or 1.0)
+                columns.append(centred.fillna(0.0).to_numpy(float))
+            else:
+                levels = sorted(values.dropna().unique())
+                columns += [(values == level).to_numpy(float) for level in levels[1:]]
     return np.column_stack(columns)
 
 
@@ -201,12 +231,14 @@ def _compare(
 ) -> CurveComparison | None:
     """Fit and test; in each of the groups, at least so many subjects have every cell."""
     people, subject = np.unique(rows["subject"], return_inverse=True)
+    if len(people) < MIN_SUBJECTS:
+        return None
     cell = np.unique(rows["cell"], return_inverse=True)[1]
     signs, effects = _signs(len(people)), random_effects(rows)
     shape = curves.shape[1]
-    difference, error, p = np.full(shape, np.nan), np.full(shape, np.nan), np.ones(shape)
+    difference, error = np.full((2, shape), np.nan)
     largest = np.zeros((2, len(signs)))  # |t| over the cycle, without and with a difference
-    known = np.isfinite(curves)
+    known, entered = np.isfinite(curves), np.zeros(len(rows), bool)
     # instants at which the same curves are known have one model
     for pattern in np.unique(known, axis=1).T:
         of = (known == pattern[:, None]).all(axis=0)
@@ -214,8 +246,8 @@ def _compare(
         counts = np.zeros((len(people), cell.max() + 1), int)
         np.add.at(counts, (subject[pattern], cell[pattern]), 1)
         some, complete = counts.max(axis=1) > 0, counts.min(axis=1) > 0
-        in_groups = [complete[np.unique(subject[of_group])].sum() for of_group in groups]
-        if some.sum() < MIN_SUBJECTS or min(in_groups) < least:
+        with_all = min(complete[np.unique(subject[of_group])].sum() for of_group in groups)
+        if some.sum() < MIN_SUBJECTS or with_all < least:
             continue
         model = _Model(
             shown,
@@ -225,24 +257,26 @@ def _compare(
             # where all subjects have equally many curves, their weights are equal
             1 if np.ptp(counts[some]) == 0 else ROUNDS,
         )
+        if not model.separate:
+            continue
+        entered |= pattern
         varies = model.error > ROUNDING * np.abs(shown).max()
         difference[of], error[of] = model.difference, np.where(varies, model.error, np.nan)
         if varies.any():
-            for k, residuals in enumerate((model.without_difference, model.residuals)):
+            for k, residuals in enumerate((model.without_difference, model.errors)):
                 reached = model.largest_t(residuals[:, varies], signs[:, some])
                 largest[k] = np.maximum(largest[k], reached)
     if np.isnan(error).all():
         return None
-    t, (of_null, of_band) = np.abs(difference) / error, np.sort(largest)
-    reached = of_null if null else of_band
-    # at rounding, a flip of everything reaches the observed t
+    t, of_band = np.abs(difference) / error, np.sort(largest[1])
+    # the observed signs are the first of those without a difference, and reach their own t
+    reached = np.sort(largest[0, 1:]) if null else of_band
     beyond = len(reached) - np.searchsorted(reached, np.nan_to_num(t) * (1 - ROUNDING))
-    tested = np.isfinite(t)
-    p[tested] = ((beyond + (not null)) / (len(reached) + (not null)))[tested]
+    p = np.where(np.isfinite(t), (beyond + 1) / (len(reached) + 1), 1.0)
     half = error * of_band[int(np.ceil(CONFIDENCE * len(of_band))) - 1]
-    return CurveComparison(
-        difference, difference - half, difference + half, p, len(people), len({*effects[2]})
-    )
+    bands = difference, difference - half, difference + half, p
+    in_groups = tuple(len({*subject[entered & of_group]}) for of_group in groups)
+    return CurveComparison(*bands, in_groups, len({*effects[2][entered]}))
 
 
 class _Model:
@@ -264,7 +298,7 @@ class _Model:
         for _ in range(rounds):
             # generalised least squares: the coefficients are these weights times the curves
             inverse = np.linalg.inv(covariance)
-            self.spread = np.linalg.pinv(columns.T @ inverse @ columns)
+            self.spread = _inverse(columns.T @ inverse @ columns)
             self.weights = self.spread @ columns.T @ inverse
             self.residuals = curves - columns @ (self.weights @ curves)
             self.covariance = covariance
@@ -272,6 +306,11 @@ class _Model:
                 projection = inverse - inverse @ columns @ self.weights
                 covariance = _covariance(inverse @ self.residuals, projection, alike)
         self.difference = self.weights[0] @ curves
+
+    @property
+    def separate(self) -> bool:
+        """Whether the difference can be told from the effects of the other columns."""
+        return abs(float(self.weights[0] @ self.columns[:, 0]) - 1.0) < SEPARATE
 
     def scores_of(self, residuals: Array, k: int = 0) -> Array:
         """Give what each subject adds to a coefficient, (N, T)."""
@@ -287,7 +326,7 @@ class _Model:
         """Residuals of the model without its first column, (R, T)."""
         others = self.columns[:, 1:]
         weighted = others.T @ np.linalg.inv(self.covariance)
-        fitted = others @ (np.linalg.pinv(weighted @ others) @ weighted @ self.curves)
+        fitted = others @ (_inverse(weighted @ others) @ weighted @ self.curves)
         return np.asarray(self.curves - fitted)
 
     @cached_property
@@ -298,7 +337,13 @@ class _Model:
         fitted = self.columns @ self.spread @ self.columns.T
         left = errors - np.einsum("sr,rq,sq->s", own, fitted, own)
         # a subject who determines a coefficient alone has no residual
-        return np.where(left > ROUNDING * errors, errors / np.maximum(left, ROUNDING * errors), 0.0)
+        alone = left <= ROUNDING * errors
+        return np.where(alone, 0.0, errors / np.where(alone, 1.0, left))
+
+    @cached_property
+    def errors(self) -> Array:
+        """Residuals as large as errors, (R, T)."""
+        return np.asarray(self.residuals * np.sqrt(self.inflation @ self.of_subject)[:, None])
 
     @cached_property
     def error(self) -> Array:
@@ -310,17 +355,22 @@ class _Model:
         scores, inflation = self.scores_of(residuals), self.inflation[:, None]
         parts = self.of_subject @ (self.weights[0][:, None] * self.columns)
         moving = np.flatnonzero(np.abs(parts).max(axis=0) > ROUNDING * np.abs(parts).max())
-        fitted = {k: signs @ self.scores_of(residuals, k) for k in moving.tolist()}
-        products = np.asarray(parts.T @ (inflation * parts))
+        parts = parts[:, moving]
+        # coefficients of the columns that move the difference, of each flip: (P, K, T)
+        fitted = np.stack([signs @ self.scores_of(residuals, k) for k in moving.tolist()])
         # sum of squares of the scores that remain: signs * scores - parts @ fitted
         squares = np.asarray(self.inflation @ scores**2)
         smallest = ROUNDING * squares
-        for k, of_one in fitted.items():
-            squares = squares - 2 * of_one * (signs @ (inflation * parts[:, [k]] * scores))
-            for j, of_other in fitted.items():
-                squares = squares + products[k, j] * of_one * of_other
+        crossed = np.stack([signs @ (inflation * part[:, None] * scores) for part in parts.T])
+        products = np.tensordot(parts.T @ (inflation * parts), fitted, axes=1)
+        squares = squares - (fitted * (2 * crossed - products)).sum(axis=0)
         t = np.abs(signs @ scores) / np.sqrt(np.maximum(squares, smallest))
         return np.asarray(t.max(axis=1))
+
+
+def _inverse(products: Array) -> Array:
+    """Invert the products of columns, (P, P), of which some may tell the same."""
+    return np.asarray(np.linalg.pinv(products, SAME_COLUMNS, hermitian=True))
 
 
 def _covariance(weighted: Array, projection: Array, alike: Array) -> Array:

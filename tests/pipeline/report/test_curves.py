@@ -1,18 +1,24 @@
 """Curves of a study: every recording enters, and groups are compared."""
 
+import re
 from dataclasses import replace
+from itertools import product
+from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.report.curves import compared_curves, curve_tables
-from pipeline.report.figures import rms_over_cycles
+from pipeline.report.figures import difference_title, file_names, rms_over_cycles
 from pipeline.report.joints import JointMeans
 from pipeline.run.load import Curves, collect
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.curves import CurveComparison
 from pipeline.statistics.design import EXPERIMENT_3, design_of
 from tests.pipeline.fake_results import write_fake_results
 
+COLUMNS_OF_CYCLES = ["subject", "condition", "compensated", "recording", "axis", "percent"]
 PAIR = "sway IC - baseline no IC"
 
 
@@ -56,6 +62,63 @@ def test_groups_are_compared_in_every_cell_and_in_what_cells_differ_by(results):
     assert large["Fx", "pitch: p - c"].subjects == 11
     # of four people in a group nothing is said
     assert {label for _, label in compared(results, design, group=[*"ppppccccccc"])} == {cells[0]}
+
+
+def test_of_a_single_condition_groups_are_compared(results):
+    design = replace(design_of(["baseline"], compensated=False), group="group")
+    labels = {label for _, label in compared(results, design, group=[*"pppppcccccc"])}
+    assert labels == {"baseline: p - c"}
+
+
+def test_of_three_groups_each_is_compared_with_the_first():
+    """Those of whom no group or no sex is stated are in none."""
+    rng = np.random.default_rng(0)
+    people = pd.DataFrame({"group": [*["a"] * 6, *["b"] * 5, *["c"] * 5, None, None]})
+    people["sex"] = ["unspecified", *"fmfmfmfmfmfmfmfmf"]
+    people.index = people.index.map("sub{:02}".format)
+    keys = product(people.index, [""], range(101))
+    rows = pd.DataFrame(keys, columns=["subject", "recording", "percent"])
+    over_cycles = rows.assign(axis="Fx", condition="walk", compensated=False)
+    over_cycles["value"] = rng.normal(size=len(rows))
+    design = replace(design_of(["walk"], compensated=False), group="group")
+    found = compared_curves(over_cycles, SimpleNamespace(of_recordings={}), design, people)
+    assert {label: of.in_groups for (_, label), of in found.items()} == {
+        "walk: b - a": (5, 5),
+        "walk: c - a": (5, 5),
+    }
+    # a cell of which nothing is known is no second condition
+    unknown = over_cycles.assign(condition="run", value=np.nan)
+    two = replace(design_of(["walk", "run"], compensated=False), group="group")
+    every = pd.concat([over_cycles, unknown])
+    found = compared_curves(every, SimpleNamespace(of_recordings={}), two, people)
+    assert {label for _, label in found} == {"walk: b - a", "walk: c - a"}
+
+
+def test_without_gait_cycles_nothing_is_compared_and_the_tables_have_their_columns():
+    over_cycles = pd.DataFrame(columns=[*COLUMNS_OF_CYCLES, "value"])
+    people = pd.DataFrame(index=["sub01"])
+    joints = SimpleNamespace(of_recordings={})
+    tables = curve_tables(compared_curves(over_cycles, joints, EXPERIMENT_3, people))
+    assert [(len(of), len(of.columns)) for of in tables.values()] == [(0, 7), (0, 8)]
+
+
+def test_figures_say_who_entered_and_what_is_subtracted():
+    nothing = np.zeros(101)
+    of_curves = {
+        axis: CurveComparison(nothing, nothing, nothing, nothing + 1, counts, 20)
+        for axis, counts in (("Fx", (6, 5)), ("Fy", (7, 5)))
+    }
+    assert difference_title("walk: patients - controls", of_curves) == (
+        "walk: patients - controls: difference ± simultaneous 95 % band, "
+        "6 to 7 subjects and 5 subjects, 20 recordings"
+    )
+
+
+def test_different_labels_have_different_files_of_a_length_that_is_allowed():
+    labels = ["walk: a/b - c", "walk: a:b - c", "walk: A b - C", *("long " * 99 + k for k in "xy")]
+    names = file_names(labels)
+    assert len({name.casefold() for name in names}) == len(labels)
+    assert all(re.fullmatch(r"[\w.+-]+", n) and len(n.encode()) < 210 for n in names)
 
 
 def test_a_band_is_written_for_every_comparison_and_holds_where_no_part_differs(of_experiment):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import scipy
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 
@@ -184,6 +184,100 @@ def test_groups_whose_conditions_differ_differently_are_found_and_small_groups_a
     assert compare_groups(curves, rows, few) is None
 
 
+def test_subjects_of_whom_group_or_covariate_is_unknown_enter_pairs():
+    """Those with both conditions tell as much as without covariates; the others tell nothing."""
+    curves, rows = paired(smooth(np.random.default_rng(10), 9) + BUMP)
+    subjects = rows["subject"][:9].tolist()
+    people = pd.DataFrame({"group": [*"abababab", None], "age": [np.nan, *range(8)]}, subjects)
+    people["unknown"] = None
+    alone, adjusted = compare_conditions(curves, rows), compare_conditions(curves, rows, people)
+    np.testing.assert_allclose(adjusted.p, alone.p, atol=1e-9)
+    lacking = (rows["subject"] != subjects[0]) | (rows["cell"] == "boots")
+    some = compare_conditions(curves[lacking], rows[lacking].reset_index(drop=True), people)
+    pairs = (rows["subject"] != subjects[0]).to_numpy()
+    others = compare_conditions(curves[pairs], rows[pairs].reset_index(drop=True))
+    np.testing.assert_allclose(some.difference, others.difference, atol=1e-6)
+
+
+def test_of_one_condition_subjects_with_an_unknown_covariate_are_in_no_group():
+    rng = np.random.default_rng(11)
+    rows = pd.DataFrame({"subject": np.arange(16), "cell": "walk", "recording": 0})
+    group, curves = pd.Series([*"xy"] * 7 + ["x", None]), smooth(rng, 16)
+    people = pd.DataFrame({"age": [np.nan, *rng.normal(size=15)]})
+    compared = compare_groups(curves, rows, group, people)
+    fewer = slice(1, 15)
+    known = compare_groups(curves[fewer], rows[fewer].reset_index(drop=True), group, people)
+    assert compared.subjects == known.subjects == 14
+    np.testing.assert_allclose(compared.difference, known.difference, atol=1e-12)
+
+
+def test_groups_that_a_covariate_tells_apart_as_well_are_not_compared():
+    rows = pd.DataFrame({"subject": np.arange(12), "cell": "walk", "recording": 0})
+    group, curves = pd.Series([*"xy"] * 6), smooth(np.random.default_rng(12), 12)
+    assert compare_groups(curves, rows, group, pd.DataFrame({"age": [20.0, 60.0] * 6})) is None
+    ages = pd.DataFrame({"age": [20.0, 60.0] * 5 + [60.0, 20.0]})
+    assert compare_groups(curves, rows, group, ages) is not None
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_units_of_covariates_and_covariates_that_tell_the_same_change_nothing(unit):
+    rng = np.random.default_rng(13)
+    curves, rows = study(rng, 12, missing=0.3, most=2)
+    people = pd.DataFrame({"age": rng.normal(size=12)}, index=np.arange(12).astype(str))
+    twice = people.assign(again=people["age"], same=1.7, text="m", age=unit * people["age"])
+    found, other = (compare_conditions(curves, rows, of) for of in (people, twice))
+    np.testing.assert_allclose(other.difference, found.difference, atol=1e-9)
+    np.testing.assert_allclose(other.p, found.p, atol=1e-9)
+
+
+def test_without_a_second_condition_nothing_is_compared():
+    curves, rows = paired(smooth(np.random.default_rng(14), 9))
+    one = (rows["cell"] == "boots").to_numpy()
+    assert compare_conditions(curves[one], rows[one]) is None
+    assert compare_conditions(curves[:0], rows[:0]) is None
+
+
+def test_those_who_are_counted_are_known_at_an_instant_that_is_tested():
+    curves, rows = paired(smooth(np.random.default_rng(15), 9))
+    curves[rows["subject"] == "s00"] = np.nan
+    curves[1:4, :20] = np.nan
+    curves[1, 20:], curves[10, 20:] = np.nan, np.nan  # of a part where too few have both
+    curves[5:8, :20] = np.nan
+    compared = compare_conditions(curves, rows)
+    assert np.isnan(compared.difference[:20]).all()
+    assert (compared.subjects, compared.recordings) == (7, 14)
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 2**32 - 1))
+def test_odd_studies_give_p_above_zero_and_bands_around_the_difference(seed):
+    """Gaps, levels, covariates that are unknown or alike, groups of one."""
+    rng = np.random.default_rng(seed)
+    people = int(rng.choice([2, 3, 6, 8, 13]))
+    curves, rows = study(rng, people, missing=rng.choice([0.0, 0.4]), most=int(rng.integers(1, 4)))
+    names = pd.Index(np.arange(people).astype(str))
+    curves = (np.round(curves), np.ones_like(curves), curves)[rng.integers(3)]
+    curves[rng.random(len(curves)) < 0.1, : rng.integers(101)] = np.nan
+    curves[:, ::25][rng.random(curves[:, ::25].shape) < 0.1] = np.nan
+    columns = {
+        "number": rng.choice([np.nan, 1.0, 2.0, 3.0], people),
+        "text": rng.choice(np.array(["m", "f", None]), people),
+        "same": 1.7,
+        "unknown": None,
+    }
+    between = pd.DataFrame(columns, names)[rng.permutation([*columns])[: rng.integers(5)]]
+    group = pd.Series(rng.choice(["x", "y"], people), names)
+    results = [compare_conditions(curves, rows, between)]
+    for of in (rows["cell"] == "a", rows["cell"] != ""):
+        results.append(compare_groups(curves[of], rows[of], group, between))
+    for of in filter(None, results):
+        assert np.all((of.p > 0) & (of.p <= 1))
+        assert np.all(of.p[np.isnan(of.difference)] == 1)
+        banded = np.isfinite(of.low)
+        assert np.all((of.low <= of.difference) & (of.difference <= of.high) | ~banded)
+        assert 6 <= of.subjects <= people
+
+
 def test_on_measured_arch_angles_it_agrees_with_statistical_parametric_mapping():
     """The paired example of spm1d (Caravaggi et al. 2010): the same regions within two instants."""
     spm1d = pytest.importorskip("spm1d", reason="spm1d is not installed")
@@ -250,6 +344,32 @@ def test_false_alarms_and_bands_of_a_few_studies_are_as_stated():
     alarms, held, _ = alarms_and_coverage(200, 9, 0.25, seed=1, most=2)
     assert alarms < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 200)
     assert held > 0.95 - 3 * np.sqrt(0.05 * 0.95 / 200)
+
+
+def alarms_with_covariates(studies, people, covariates):
+    """Share of null studies of two equal groups in which a part differs."""
+    rng, names = np.random.default_rng([people, covariates]), np.arange(people).astype(str)
+    group, alarms = pd.Series([*"xy"] * (people // 2), names), 0
+    rows = pd.DataFrame({"subject": names, "cell": "walk", "recording": 0})
+    for k in range(studies):
+        between = pd.DataFrame(rng.normal(size=(people, covariates)), names)
+        curves = smooth(rng, people, sigma=(3, 10)[k % 2])
+        alarms += bool(compare_groups(curves, rows, group, between).parts)
+    return alarms / studies
+
+
+def test_false_alarms_between_groups_with_many_covariates_are_as_stated():
+    """300 studies of ten people and four covariates: within 3 SD of 5 %."""
+    assert alarms_with_covariates(300, 10, 4) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 300)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("people", [10, 14])
+@pytest.mark.parametrize("covariates", [1, 3, 4])
+def test_false_alarms_between_groups_with_covariates_are_as_stated(people, covariates):
+    alarms = alarms_with_covariates(1000, people, covariates)
+    print(f"{people} people, {covariates} covariates: {alarms:.1%}")
+    assert 0.025 < alarms < 0.075
 
 
 @pytest.mark.campaign
