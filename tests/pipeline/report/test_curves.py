@@ -24,9 +24,9 @@ PAIR = "sway IC - baseline no IC"
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """Eleven people, one of whom did not sway."""
-    folder = tmp_path_factory.mktemp("eleven")
-    write_fake_results(folder, subjects=11, cycles=4, without=[("sub01", "sway")])
+    """Twelve people, one of whom did not sway."""
+    folder = tmp_path_factory.mktemp("twelve")
+    write_fake_results(folder, subjects=12, cycles=4, without=[("sub01", "sway")])
     return collect(folder, in_curves=lambda trial: True)
 
 
@@ -49,32 +49,32 @@ def test_a_subject_without_a_condition_enters_curves_as_it_enters_the_mixed_mode
     headline = results.residuals[results.residuals["headline"]]
     tests = statistics(headline, results.subjects, EXPERIMENT_3, headline)
     rows = tests.query(f"axis == 'Fx' and test == 'mixed model' and effect == '{PAIR}'")
-    assert {*rows["n"]} == {of_fx.subjects} == {11}
-    assert {*rows["note"]} == {f"{of_fx.recordings} recordings"} == {"21 recordings"}
+    assert {*rows["n"]} == {of_fx.subjects} == {12}
+    assert {*rows["note"]} == {f"{of_fx.recordings} recordings"} == {"23 recordings"}
 
 
 def test_groups_are_compared_in_every_cell_and_in_what_cells_differ_by(results):
     design = replace(design_of(("baseline", "pitch"), compensated=False), group="group")
-    large = compared(results, design, group=[*"pppppcccccc"])
+    large = compared(results, design, group=[*"ppppppcccccc"])
     labels = {label for curve, label in large if curve == "Fx"}
     cells = ("pitch - baseline", "pitch", "baseline")
     assert labels == {cells[0], *(f"{cell}: p - c" for cell in cells)}
-    assert large["Fx", "pitch: p - c"].subjects == 11
-    # of four people in a group nothing is said
-    assert {label for _, label in compared(results, design, group=[*"ppppccccccc"])} == {cells[0]}
+    assert large["Fx", "pitch: p - c"].subjects == 12
+    # of five people in a group nothing is said
+    assert {label for _, label in compared(results, design, group=[*"pppppccccccc"])} == {cells[0]}
 
 
 def test_of_a_single_condition_groups_are_compared(results):
     design = replace(design_of(["baseline"], compensated=False), group="group")
-    labels = {label for _, label in compared(results, design, group=[*"pppppcccccc"])}
+    labels = {label for _, label in compared(results, design, group=[*"ppppppcccccc"])}
     assert labels == {"baseline: p - c"}
 
 
 def test_of_three_groups_each_is_compared_with_the_first():
     """Those of whom no group or no sex is stated are in none."""
     rng = np.random.default_rng(0)
-    people = pd.DataFrame({"group": [*["a"] * 6, *["b"] * 5, *["c"] * 5, None, None]})
-    people["sex"] = ["unspecified", *"fmfmfmfmfmfmfmfmf"]
+    people = pd.DataFrame({"group": [*["a"] * 7, *["b"] * 6, *["c"] * 6, None, None]})
+    people["sex"] = ["unspecified", *"fmfmfmfmfmfmfmfmfmfm"]
     people.index = people.index.map("sub{:02}".format)
     keys = product(people.index, [""], range(101))
     rows = pd.DataFrame(keys, columns=["subject", "recording", "percent"])
@@ -83,8 +83,8 @@ def test_of_three_groups_each_is_compared_with_the_first():
     design = replace(design_of(["walk"], compensated=False), group="group")
     found = compared_curves(over_cycles, SimpleNamespace(of_recordings={}), design, people)
     assert {label: of.in_groups for (_, label), of in found.items()} == {
-        "walk: b - a": (5, 5),
-        "walk: c - a": (5, 5),
+        "walk: b - a": (6, 6),
+        "walk: c - a": (6, 6),
     }
     # a cell of which nothing is known is no second condition
     unknown = over_cycles.assign(condition="run", value=np.nan)
