@@ -364,7 +364,7 @@ def test_false_alarms_between_groups_with_many_covariates_are_as_stated():
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("people", [10, 14])
+@pytest.mark.parametrize("people", [12, 14])
 @pytest.mark.parametrize("covariates", [1, 3, 4])
 def test_false_alarms_between_groups_with_covariates_are_as_stated(people, covariates):
     alarms = alarms_with_covariates(1000, people, covariates)
