@@ -246,6 +246,7 @@ def test_incomplete_studies_are_reported_with_what_is_missing(
     found = Page(write_report(write_fake_results(tmp_path, cycles=2, **study)))
     assert found.open == []
     assert text in found.text
+    assert "Curves are not compared: that needs six subjects" in found.text
     assert "nan" not in re.sub(r"[a-z]+nan|nan[a-z]+", "", found.text.lower())
 
 
