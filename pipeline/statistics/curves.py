@@ -25,8 +25,8 @@ MIN_SUBJECTS: Final = 6
 MIN_WITH_BOTH: Final = 4
 """Subjects with both conditions; with fewer, bands hold less often than they state."""
 MIN_IN_GROUP: Final = 6
-"""Subjects in each group; with five and ten, of whom the five vary twice as much, 7 % of studies
-without a difference show one (`tests/pipeline/statistics/test_curves.py`, ``-m campaign``)."""
+"""Subjects in each group; with five and ten, of whom the five vary twice as much, 6.6 % of studies
+without a difference show one (tests/validation/curves.md)."""
 ROUNDS: Final = 3
 """Of fits and their working covariance."""
 MIN_ERROR: Final = 1e-6
