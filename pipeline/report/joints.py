@@ -168,7 +168,10 @@ def joint_figures(
     def over(counts: pd.Series) -> str:
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
-    best = any(compensated for _, compensated in means.cells)
+    best, by_name = (
+        any(compensated for _, compensated in means.cells),
+        by_label(compared, CURVE_COLUMNS),
+    )
     for condition in conditions if best else ():
         drawn: list[Curve] = []
         for compensated, variant in VARIANTS.items():
@@ -178,7 +181,7 @@ def joint_figures(
                 drawn.append((*look, mean, spread))
         title = f"Joints of the legs, {condition}: mean ± SD over {over(people[[condition]])}"
         label = f"{design.cell(condition, True)} - {design.cell(condition, False)}"
-        parts = _parts(by_label(compared, CURVE_COLUMNS).get(label, {}))
+        parts = _parts(by_name.get(label, {}))
         title += "; bars: IC differs from no IC" * any(parts.values())
         yield f"joints_{condition}", partial(joint_figure, drawn, title, differing=parts)
     together: list[Curve] = [
@@ -191,7 +194,6 @@ def joint_figures(
         what += ", with inertia compensation" * best
         title = f"{what}: mean ± SD over {over(people)}"
         yield name, partial(joint_figure, together, title, motions)
-    by_name = by_label(compared, CURVE_COLUMNS)
     for (label, of_curves), file in zip(by_name.items(), file_names(by_name), strict=True):
         nothing = np.full(101, np.nan)
         unknown = CurveComparison(nothing, nothing, nothing, nothing, (), 0)

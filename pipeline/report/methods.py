@@ -19,7 +19,6 @@ from pipeline.report.blocks import templates
 from pipeline.report.tables import described
 from pipeline.run.load import Results
 from pipeline.statistics.comparison import MIXED_MODEL
-from pipeline.statistics.curves import MIN_SUBJECTS
 from pipeline.statistics.design import Design
 from pipeline.statistics.verdict import judged_conditions, within_margin
 from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
@@ -32,7 +31,12 @@ CITED_ELSEWHERE: Final = ("hbm_residuals", "vandeloosdrecht2018", "hicks2015")
 
 
 def methods(
-    results: Results, statistics: pd.DataFrame, design: Design, study: Study | None = None
+    results: Results,
+    statistics: pd.DataFrame,
+    design: Design,
+    study: Study | None = None,
+    *,
+    curves: bool = False,
 ) -> list[str]:
     """Write the Methods section.
 
@@ -48,6 +52,8 @@ def methods(
     study
         The study, if its folder is available; without it, platform, accelerometers and the
         selection of gait cycles are not described.
+    curves
+        Whether any curves were compared.
 
     Returns
     -------
@@ -91,8 +97,7 @@ def methods(
         versions=trials[0].versions,
         python=platform.python_version(),
         pingouin=version("pingouin"),
-        curves_tested=bool(design.factors or design.group)
-        and len(results.subjects) >= MIN_SUBJECTS,
+        curves_tested=curves,
         **_cycles(trials, study, design),
     )
     paragraphs = (" ".join(paragraph.split()) for paragraph in re.split(r"\n\s*\n", text))

@@ -209,7 +209,7 @@ def write_report(
     for name, figure in in_processes(tasks, least=least):
         drawn[name] = figure
         announce(f"drawing: {name}", len(drawn), len(tasks))
-    paragraphs = methods(results, tests, design, study)
+    paragraphs = methods(results, tests, design, study, curves=bool(curves))
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
     verdict = verdict_values(found, results.residuals, tests, states, design, stated=stated)

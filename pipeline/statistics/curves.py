@@ -127,8 +127,8 @@ def compare_conditions(
     -----
     At every instant, a curve is the mean of its condition, plus effects of group and covariates, an
     error of the subject and one of the curve. Weights are by generalised least squares with one
-    working covariance for all instants (subject, condition within it, recording, error, by moments
-    of the residuals), so several recordings of a subject count as much as they tell.
+    working covariance for all instants (subject, condition within it, recording, error, by
+    restricted maximum likelihood), so several recordings of a subject count as much as they tell.
 
     Inference flips the signs of all residuals of a subject together, which keeps whatever
     covariance they have: subjects are the exchangeability blocks (whole-block sign flips, Winkler

@@ -44,10 +44,11 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     if drifts := [*_of_drifts(chain)]:
         # together: two that drift may cancel in the sum of all plates
         mendings = [f"{number}: drift" for finding in drifts for number in finding.plates]
-        correction = try_mendings(chain, mendings, measured=True)
+        mended = chain.mended(mendings)
+        correction = _tried_as_measured(chain, mended, mendings)
         findings += [replace(finding, correction=correction) for finding in drifts]
         # other faults are judged without it, however little it adds to the residual
-        done, chain = (*done, *mendings), chain.mended(mendings)
+        done, chain = (*done, *mendings), mended
     findings += _of_zeros(chain)
     most = len(findings) + MOST_FAULTS
     while len(findings) < most and chain.judged:
@@ -171,19 +172,24 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     return _tried(chain, [mended, in_others], first, every, None), mended
 
 
-def try_mendings(
-    chain: Chain, mendings: Sequence[str], *, certain: bool = False, measured: bool = False
-) -> Correction:
+def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False) -> Correction:
     """Try corrections whose size the residual did not give.
 
-    Those of a fault that is certain help wherever they make no axis larger. Those of a fault whose
-    size the unloaded plate shows help wherever they make the whole residual smaller: an axis may
-    have been small because the fault cancels something else in it.
+    Those of a fault that is certain help wherever they make no axis larger.
     """
     mended, fitted_to = chain.mended(mendings), np.zeros(len(chain.time), bool)
     fall = 0.0 if certain else MIN_FALL
-    most = np.inf if measured else MAX_WORSE
-    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall, most)
+    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall)
+
+
+def _tried_as_measured(chain: Chain, mended: Chain, mendings: Sequence[str]) -> Correction:
+    """Compare residuals before and after what unloaded plates show is corrected.
+
+    It helps wherever the whole residual is smaller: an axis may have been small because the fault
+    cancels something else in it.
+    """
+    no_frame = np.zeros(len(chain.time), bool)
+    return _tried(chain, [mended, mended], no_frame, tuple(mendings), None, MIN_FALL, np.inf)
 
 
 def _later(chain: Chain, delay_s: float) -> Chain:

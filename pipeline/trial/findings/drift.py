@@ -19,6 +19,7 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import parse_mending
 from pipeline.trial.findings.evidence import MAX_STANCE_MPS
 from pipeline.trial.findings.zeros import REST_SPREAD_N
+from pipeline.trial.gait.carried import plate_edges
 from pipeline.trial.gait.events import SIDES
 from pipeline.trial.ground.laboratory import Laboratory, bind
 from pipeline.trial.ground.platform import platform_pose
@@ -40,6 +41,7 @@ EDGES_S: Final = 0.10, 0.05
 MIN_PHASES: Final = 5
 """For a line, and what is left to tell its error."""
 MOST_KNOTS: Final = 5
+"""Of the spline: a zero changes slowly within a trial."""
 NEIGHBOURS: Final = 5
 """Phases whose median one that is loaded nevertheless does not move."""
 MOST_STEPS: Final = 2.0
@@ -47,6 +49,7 @@ MOST_STEPS: Final = 2.0
 SPREAD: Final = REST_SPREAD_N * np.array([1.0, 1.0, 1.0, *[1 / 3] * 3])
 """Of what an unloaded plate reads, a third of a metre from its centre."""
 LEAST_INDEPENDENT: Final = 3.0
+"""Readings, however alike neighbours are."""
 LAST_PHASES: Final = 9
 """Whose median a zero is that is followed in real time: of ten seconds of walking."""
 MIN_DRIFT: Final = np.array([3.0, 3.0, 3.0, 0.75, 0.75, 0.75])
@@ -56,6 +59,7 @@ recordings none, and of 270 of five simulated studies one seems to change by as 
 INTERVAL, SURELY = 0.95, 0.999
 """Confidence of an interval, and that a zero changes at all: six components of each plate may."""
 MOST_ALIKE: Final = 0.9
+"""Correlation of neighbours: of more, few readings tell nothing."""
 MIN_VARIANCE: Final = 1e-9
 """Of a plate whose unloaded samples are exactly zero [N², (N·m)²]."""
 
@@ -91,11 +95,7 @@ class EmptyPlates:
             [k for k, name in enumerate(names) if segment_of.get(name) in of_foot]
             for of_foot in ((f"{side}_foot", f"{side}_toes") for side in SIDES)
         ]
-        # a point is over a plate if it is on the same side of all of its edges
-        corner = np.array([plate.corners[:, :2] for plate in plates])
-        edge = np.roll(corner, -1, axis=1) - corner
-        self.inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
-        self.begins = np.vecdot(self.inward, corner)
+        self.inward, self.begins = plate_edges(np.array([plate.corners for plate in plates]))
         # frames of the phase that lasts, and whether a foot swings in it
         self.time, self.position, self.swings = list[float](), list[Array](), UNKNOWN
         self.most = max(MIN_FRAMES, round(LONGEST_S * rate_hz))
@@ -146,8 +146,8 @@ class EmptyPlates:
                 middles.append(np.nanmean(position[:, columns], axis=1))
         if not middles:
             return np.zeros(len(self.begins), bool)
-        side = np.vecdot(np.array(middles)[..., None, None, :2], self.inward) - self.begins
-        over = (side > 0).all(axis=-1) | (side < 0).all(axis=-1)
+        depth = np.vecdot(np.array(middles)[..., None, None, :2], self.inward) - self.begins
+        over = (depth > 0).all(axis=-1)
         return np.asarray(~over.any(axis=(0, 1)) & np.isfinite(self.begins).all(axis=1))
 
     def _velocity(self, time: Array, position: Array, foot: int) -> Array:

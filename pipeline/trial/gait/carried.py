@@ -94,6 +94,20 @@ class Feet(NamedTuple):
     depth: Array
 
 
+def plate_edges(corner: Array) -> tuple[Array, Array]:
+    """Give the inward normals of the edges of plates, (P, 4, 2), and where these begin, (P, 4) [m].
+
+    A point over a plate, of whose corners (P, 4, 3) are known, is further along all four normals.
+    """
+    edge = np.roll(corner, -1, axis=1)[..., :2] - corner[..., :2]
+    inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+    middle = corner[..., :2].mean(axis=1)[:, None]
+    inward *= np.sign(np.sum(inward * (middle - corner[..., :2]), axis=-1, keepdims=True))
+    size = np.linalg.norm(inward, axis=-1, keepdims=True)
+    inward = inward / np.where(size > 0, size, np.nan)
+    return inward, np.sum(inward * corner[..., :2], axis=-1)
+
+
 class Support:
     """Finds the frames in which plates carry the subject, in one call or frame by frame.
 
@@ -130,14 +144,8 @@ class Support:
         self, body: Body, corners: Sequence[Array], settings: Settings, rest_n: Array | None = None
     ) -> None:
         corner = np.asarray(corners)
-        edge = np.roll(corner, -1, axis=1)[..., :2] - corner[..., :2]
-        inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
-        middle = corner[..., :2].mean(axis=1)[:, None]
-        inward *= np.sign(np.sum(inward * (middle - corner[..., :2]), axis=-1, keepdims=True))
-        size = np.linalg.norm(inward, axis=-1, keepdims=True)
-        inward = inward / np.where(size > 0, size, np.nan)
-        self.begins = np.sum(inward * corner[..., :2], axis=-1).ravel()
-        self.inward = inward.reshape(-1, 2).T
+        inward, begins = plate_edges(corner)
+        self.begins, self.inward = begins.ravel(), inward.reshape(-1, 2).T
         self.level = corner[..., 2].mean(axis=1)
         self.steps = bool(np.ptp(self.level) > MAX_LEVEL_M)
         self.highest = np.max(self.level) + MAX_LEVEL_M

@@ -157,3 +157,12 @@ def test_only_analyses_that_were_made_are_described(tmp_path):
     results = collect(write_fake_results(tmp_path / "one", subjects=2, cycles=2, without=alone))
     tests = statistics(results.residuals, results.subjects, recordings=results.residuals)
     assert "non-inferiority" not in " ".join(methods(results, tests, EXPERIMENT_3, None))
+
+
+def test_curves_are_described_only_where_they_were_compared(usual):
+    _, results, tests = usual
+    without, compared = (
+        " ".join(methods(results, tests, EXPERIMENT_3, curves=curves)) for curves in (False, True)
+    )
+    assert "sign flips" not in without
+    assert "sign flips" in compared
