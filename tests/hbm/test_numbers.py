@@ -8,43 +8,45 @@ from pathlib import Path
 
 import numpy as np
 
-from hbm.thresholds import read_thresholds
+from hbm.numbers import read_numbers
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def sections():
-    """Every section of every room: its package and folder, its name and its entries."""
+    """Every section of every file: its path, its package, its name and its entries."""
     for room in ("hbm", "compensation", "pipeline"):
-        for path in sorted((ROOT / room).rglob("thresholds.toml")):
-            package = ".".join(path.parent.relative_to(ROOT).parts)
-            for section, entries in tomllib.loads(path.read_text(encoding="utf-8")).items():
-                yield package, path.parent, section, entries
+        for name in ("thresholds.toml", "parameters.toml"):
+            for path in sorted((ROOT / room).rglob(name)):
+                package = ".".join(path.parent.relative_to(ROOT).parts)
+                for section, entries in tomllib.loads(path.read_text(encoding="utf-8")).items():
+                    yield path, package, section, entries
 
 
 def entries():
-    for package, _, section, named in sections():
+    for path, _, section, named in sections():
         for name, entry in named.items():
-            yield f"{package}: {section}.{name}", entry
+            yield f"{path}: {section}.{name}", entry
 
 
-def test_a_threshold_has_a_unit_a_meaning_and_an_origin():
+def test_a_number_has_a_unit_a_meaning_and_an_origin():
     for name, entry in entries():
         origin = set(entry) - {"value", "unit", "meaning"}
         assert origin in ({"data", "command"}, {"source"}), name
         assert all(str(text).strip() for text in entry.values()), name
 
 
-def test_code_reads_each_threshold():
-    for package, folder, section, named in sections():
-        reading = re.compile(rf'read_thresholds\(\s*"{re.escape(package)}",\s*"{section}"')
-        codes = [path.read_text(encoding="utf-8") for path in folder.rglob("*.py")]
+def test_code_reads_each_number():
+    for path, package, section, named in sections():
+        arguments = r",\s*".join(f'"{re.escape(word)}"' for word in (package, path.name, section))
+        reading = re.compile(rf"read_numbers\(\s*{arguments}")
+        codes = [code.read_text(encoding="utf-8") for code in path.parent.rglob("*.py")]
         readers = [code for code in codes if reading.search(code)]
         for name in named:
             assert any(re.search(rf"\.{name}\b", code) for code in readers), f"{section}.{name}"
 
 
-def test_the_command_of_a_threshold_can_be_typed():
+def test_the_command_of_a_number_can_be_typed():
     for name, entry in entries():
         if "command" not in entry:
             continue
@@ -58,7 +60,7 @@ def test_the_command_of_a_threshold_can_be_typed():
 
 
 def test_values_are_read_as_they_stand():
-    for package, _, section, named in sections():
-        values = read_thresholds(package, section)
+    for path, package, section, named in sections():
+        values = read_numbers(package, path.name, section)
         for name, entry in named.items():
             np.testing.assert_array_equal(getattr(values, name), entry["value"])
