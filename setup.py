@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from setuptools import Extension, setup
+from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
 from setuptools.errors import CompileError
 
@@ -99,6 +100,14 @@ class BuildKernels(build_ext):
         shutil.copy(built, library)
 
 
+class PlatformWheel(bdist_wheel):
+    """A wheel for any Python on one platform: libraries that ctypes loads know no Python."""
+
+    def get_tag(self) -> tuple[str, str, str]:
+        """Keep the platform's part of the tag alone."""
+        return "py3", "none", super().get_tag()[2]
+
+
 x86 = platform.machine().lower() in ("x86_64", "amd64")
 setup(
     ext_modules=[
@@ -106,5 +115,5 @@ setup(
         for lanes, flags in VECTORS.items()
         if x86 or not flags
     ],
-    cmdclass={"build_ext": BuildKernels},
+    cmdclass={"bdist_wheel": PlatformWheel, "build_ext": BuildKernels},
 )
