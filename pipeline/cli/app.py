@@ -129,7 +129,8 @@ def common(
 ) -> None:
     """Pelvis residuals of a full-body gait model on instrumented treadmills that move.
 
-    'hbm FILE' says what a file or folder is and what can be done with it.
+    'hbm FILE' says what a file or folder is and what can be done with it; 'hbm
+    FILE --header' prints the head of a file without names of people.
     """
     del debug, version  # taken from the arguments by main, printed by the callback
 
@@ -237,6 +238,11 @@ def _with_command(typed: list[str]) -> list[str] | None:
             return typed
         near = did_you_mean(path.name, [each.name for each in path.parent.glob("*")])
         raise ValueError(f"{path}: no such file{near}")
+    if "--header" in typed:
+        from pipeline.io.header import describe_header
+
+        print("\n".join(map(printable, describe_header(path))))
+        return None
     from pipeline.cli.recognise import recognise
 
     found = recognise(path)

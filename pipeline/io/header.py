@@ -1,0 +1,199 @@
+"""What stands at the head of a file, without words that may name a person.
+
+It is what somebody can show of a recording that cannot be shown: counts, rates, units, labels,
+force plates. Of other text, only words that mean something in recordings are printed.
+"""
+
+import re
+import struct
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from hbm.markers import marker_sets
+from pipeline.io.c3d.data import KEY
+from pipeline.io.c3d.parameters import (
+    BLOCK_BYTES,
+    BYTE_ORDERS,
+    floats,
+    integer_type,
+    parameter_records,
+    parse_parameters,
+)
+from pipeline.io.input_file import open_file
+from pipeline.io.labels import without_prefixes
+from pipeline.io.read import file_format
+from pipeline.io.stated import Stated
+from pipeline.io.text_table import decoded
+from pipeline.io.xdf import MAGIC, read_streams
+
+MOST_NUMBERS: Final = 24
+"""Of one parameter."""
+MOST_ROWS, MOST_LETTERS = 50, 4000
+"""Of a text file, and of a row."""
+MOST_BYTES: Final = 2**26
+"""Of a file; blocks of an ASCII export begin within them."""
+WORD: Final = re.compile(r"[^\W\d_]{2,}")
+HIDDEN: Final = "letters"
+WORDS: Final = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        acc actual amti analog axis belt bertec bytes cal camera camerarate cameras channel
+        channels cm cop copx copy copz cortex count cx cy cz data datarate default deg
+        description devices duration event events fields file first foot for force forces forx
+        fory forz fp frame framenumber frames frequency fx fy fz general hz imported included
+        info kistler kn label labels last left mag marker markers measured milliseconds mm mom
+        moment moments momx momy momz motek motion motive mx my mz names nexus nm nmm no
+        numframes nummarkers of off offset optitrack origdatarate origdatastartframe origin
+        orignumframes pathfiletype pitch plate plates point pos position posx posy posz px py pz
+        qtm qualisys rad rate right samples scale seconds speed stamp start strike sub sway time
+        timestamp toe torque track trajectories trajectory trc treadmill trial tsv type types
+        units used velocity version vicon vx vy vz
+        """,
+    )
+)
+"""Words of the headers of all formats, and of programs that write them."""
+
+
+def describe_header(path: Path) -> list[str]:
+    """Describe the head of a file, readable or not, line by line.
+
+    Parameters
+    ----------
+    path
+        A recording of any format, or any other file.
+
+    Returns
+    -------
+    list of str
+        Names of people, of files and of places are not in it: prefixes of labels are numbers, other
+        text is the number of its letters.
+
+    Raises
+    ------
+    OSError
+        The file cannot be opened.
+    """
+    with open_file(path) as file:
+        head = file.read(MOST_BYTES)
+    try:
+        kind = file_format(path)
+    except ValueError as error:
+        kind = str(error).replace(f"{path.name}: ", "", 1)
+    lines = [f"{kind}; {path.stat().st_size:,} bytes"]
+    if head[1:2] == bytes([KEY]):
+        return [*lines, *_c3d(head)]
+    if head.startswith(MAGIC):
+        return [*lines, *_xdf(head)]
+    try:
+        return [*lines, *_text(decoded(head[: len(head) // 2 * 2]))]
+    except ValueError:
+        return [*lines, f"begins with the bytes {head[:16].hex(' ')}"]
+
+
+def _c3d(head: bytes) -> Iterator[str]:
+    """Describe the header block and the parameters of a C3D file."""
+    section = head[max(head[0] - 1, 0) * BLOCK_BYTES :]
+    order = BYTE_ORDERS.get(section[3] if len(section) > 3 else 0, "intel")
+    if len(head) < BLOCK_BYTES:
+        return
+    words = np.frombuffer(head[:BLOCK_BYTES], integer_type(order, signed=False))
+    scale, rate = floats(head[12:16] + head[20:24], order)
+    yield (
+        f"{order}; points {words[1]}, analog samples {words[2]}, frames {words[3]} to {words[4]}, "
+        f"scale {scale:g}, data in block {words[8]}, samples per frame {words[9]}, {rate:g} Hz"
+    )
+    body = section[4 : BLOCK_BYTES * (section[2] if len(section) > 2 else 0)]
+    try:
+        groups = parse_parameters(body, order).groups
+    except (ValueError, struct.error) as error:
+        yield f"parameters: {error}"
+        groups = {}
+        try:
+            for record in parameter_records(body, order):
+                yield f"  {record.name} at byte {record.start}"
+        except (ValueError, struct.error):
+            return
+    for group, members in groups.items():
+        for name, values in members.items():
+            shape = "×".join(map(str, values.shape)) or "1"
+            texts = [str(text) for text in values.ravel(order="F")]
+            if values.dtype.kind != "U":
+                shown = " ".join(f"{number:g}" for number in values.ravel(order="F")[:MOST_NUMBERS])
+            elif name.startswith("LABELS") and group in ("POINT", "ANALOG"):
+                shown = ", ".join(_labels(texts))
+            else:
+                shown = ", ".join(map(_words, texts[:MOST_NUMBERS]))
+            yield f"{group}:{name} [{shape}] {shown}"
+
+
+def _xdf(content: bytes) -> Iterator[str]:
+    """Describe the streams of an XDF file."""
+    try:
+        streams = read_streams(content)[0]
+    except ValueError as error:
+        yield f"streams: {_words(str(error))}"
+        return
+    for stream in streams:
+        labels = _labels([label.text or "" for label in stream.info.iter("label")])
+        yield (
+            f"stream {_words(stream.name)} of type {_words(stream.content_type)}: "
+            f"{stream.channels} channels of {stream.format}, {stream.rate_hz:g} Hz, "
+            f"{stream.samples} samples: {', '.join(labels)}"
+        )
+
+
+def _text(text: str) -> list[str]:
+    """Describe the rows of a text file that have words, and two rows of numbers after each."""
+    described, numbers = list[str](), 0
+    for row in text.splitlines():
+        numbers = 0 if WORD.search(row) else numbers + 1
+        if numbers <= 2:
+            described.append(_row(row[:MOST_LETTERS]))
+        if len(described) == MOST_ROWS:
+            break
+    return described
+
+
+def _row(row: str) -> str:
+    """Describe a row of a text file: labels, of which some are known, or words and numbers."""
+    cells = re.split(r"[\t,;]", row)
+    named = [cell for cell in cells if WORD.search(cell)]
+    known = [cell for cell in named if HIDDEN not in _words(cell.rpartition(":")[2])]
+    # columns of markers are labels whatever their names; other rows are anybody's text
+    labels = len(named) > 3 and 3 * len(known) >= len(named)
+    shown = _labels(cells) if labels else [*map(_words, cells)]
+    return " | ".join(shown)
+
+
+def _labels(labels: Sequence[str]) -> list[str]:
+    """Give labels with numbers in place of the prefixes, which name subjects."""
+    owners = [label.rpartition(":")[0] for label in labels]
+    try:
+        bare = without_prefixes(labels, Stated())[0]
+    except ValueError:  # several subjects carry the same labels
+        bare = {k: label.rpartition(":")[2] for k, label in enumerate(labels)}
+    numbers = {owner: k for k, owner in enumerate(dict.fromkeys(filter(None, owners)), start=1)}
+    return [f"{numbers[owner]}:{bare[k]}" if owner else bare[k] for k, owner in enumerate(owners)]
+
+
+def _words(text: str) -> str:
+    """Give a text with the number of its letters in place of a word that means nothing here."""
+    return WORD.sub(lambda word: word[0] if word[0].casefold() in _known() else _hidden(word), text)
+
+
+def _hidden(word: re.Match[str]) -> str:
+    """Give what stands in place of a word."""
+    return f"‹{len(word[0])} {HIDDEN}›"
+
+
+@cache
+def _known() -> frozenset[str]:
+    """Give the words of headers and those in the labels of all marker sets, in lower case."""
+    sets = marker_sets().values()
+    labels = (label for chosen in sets for marker in chosen.markers for label in marker.labels)
+    return WORDS.union(word.casefold() for label in labels for word in WORD.findall(label))
