@@ -18,6 +18,7 @@ def _sections(package: str, file: str) -> dict[str, dict[str, dict[str, Any]]]:
     return packaged_toml(package, file)
 
 
+@cache
 def read_numbers(package: str, file: str, section: str) -> SimpleNamespace:
     """Give the values of a section of a package's file by their names; a list becomes an array.
 
