@@ -20,7 +20,6 @@ from pipeline.io.c3d.parameters import (
     BYTE_ORDERS,
     floats,
     integer_type,
-    parameter_records,
     parse_parameters,
 )
 from pipeline.io.input_file import open_file
@@ -30,17 +29,9 @@ from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded
 from pipeline.io.xdf import MAGIC, read_streams
 
-MOST_NUMBERS: Final = 24
-"""Of one parameter."""
-MOST_ROWS, MOST_LETTERS = 50, 4000
-"""Of a text file, and of a row."""
-MOST_BYTES: Final = 2**26
-"""Of a file; blocks of an ASCII export begin within them."""
 WORD: Final = re.compile(r"[^\W\d_]{2,}")
-HIDDEN: Final = "letters"
 WORDS: Final = frozenset(
-    re.findall(
-        r"\w+",
+    WORD.findall(
         """
         acc actual amti analog axis belt bertec bytes cal camera camerarate cameras channel
         channels cm cop copx copy copz cortex count cx cy cz data datarate default deg
@@ -78,8 +69,8 @@ def describe_header(path: Path) -> list[str]:
     OSError
         The file cannot be opened.
     """
-    with open_file(path) as file:
-        head = file.read(MOST_BYTES)
+    with open_file(path) as file:  # blocks of an ASCII export begin within 64 MB
+        head = file.read(2**26)
     try:
         kind = file_format(path)
     except ValueError as error:
@@ -113,21 +104,16 @@ def _c3d(head: bytes) -> Iterator[str]:
     except (ValueError, struct.error) as error:
         yield f"parameters: {error}"
         groups = {}
-        try:
-            for record in parameter_records(body, order):
-                yield f"  {record.name} at byte {record.start}"
-        except (ValueError, struct.error):
-            return
     for group, members in groups.items():
         for name, values in members.items():
             shape = "×".join(map(str, values.shape)) or "1"
             texts = [str(text) for text in values.ravel(order="F")]
             if values.dtype.kind != "U":
-                shown = " ".join(f"{number:g}" for number in values.ravel(order="F")[:MOST_NUMBERS])
+                shown = " ".join(f"{number:g}" for number in values.ravel(order="F")[:24])
             elif name.startswith("LABELS") and group in ("POINT", "ANALOG"):
                 shown = ", ".join(_labels(texts))
             else:
-                shown = ", ".join(map(_words, texts[:MOST_NUMBERS]))
+                shown = ", ".join(map(_words, texts[:24]))
             yield f"{group}:{name} [{shape}] {shown}"
 
 
@@ -153,8 +139,8 @@ def _text(text: str) -> list[str]:
     for row in text.splitlines():
         numbers = 0 if WORD.search(row) else numbers + 1
         if numbers <= 2:
-            described.append(_row(row[:MOST_LETTERS]))
-        if len(described) == MOST_ROWS:
+            described.append(_row(row[:4000]))
+        if len(described) == 50:
             break
     return described
 
@@ -163,7 +149,7 @@ def _row(row: str) -> str:
     """Describe a row of a text file: labels, of which some are known, or words and numbers."""
     cells = re.split(r"[\t,;]", row)
     named = [cell for cell in cells if WORD.search(cell)]
-    known = [cell for cell in named if HIDDEN not in _words(cell.rpartition(":")[2])]
+    known = [cell for cell in named if "letters›" not in _words(cell.rpartition(":")[2])]
     # columns of markers are labels whatever their names; other rows are anybody's text
     labels = len(named) > 3 and 3 * len(known) >= len(named)
     shown = _labels(cells) if labels else [*map(_words, cells)]
@@ -183,12 +169,10 @@ def _labels(labels: Sequence[str]) -> list[str]:
 
 def _words(text: str) -> str:
     """Give a text with the number of its letters in place of a word that means nothing here."""
-    return WORD.sub(lambda word: word[0] if word[0].casefold() in _known() else _hidden(word), text)
-
-
-def _hidden(word: re.Match[str]) -> str:
-    """Give what stands in place of a word."""
-    return f"‹{len(word[0])} {HIDDEN}›"
+    return WORD.sub(
+        lambda word: word[0] if word[0].casefold() in _known() else f"‹{len(word[0])} letters›",
+        text,
+    )
 
 
 @cache
