@@ -46,13 +46,8 @@ from pipeline.virtual_lab.protocol.walking_trial import (
 CALIBRATION: Final = "calibration.c3d"
 ANOTHER_DAY: Final = "empty_day2.c3d"
 """The empty treadmill with the same signal, which `hbm calibration check` compares."""
-CYCLES: Final = 50
 CUTOFF_HZ: Final = 6.0
-"""Gait cycles per condition, and cut-off frequency: the thesis'."""
-LONGEST_CYCLE_S: Final = 1.5
-"""Shorter trials have fewer gait cycles, all of which are used."""
-SETTLE_S: Final = 2.0
-"""After the belts have reached their speed, before the gait cycles are counted; assumed."""
+"""Cut-off frequency of the study's filter: the thesis'."""
 
 
 def study_texts(setting: Setting) -> dict[str, str]:
@@ -109,12 +104,14 @@ perturbed = true  # only the gait cycles with a perturbation
 pulse_channel = "{PULSE_CHANNEL}"  # rises at its onset
 window = {part}  # of them: the platform's motion, whole cycles, or seconds from the onset
 """
-    walking_s = protocol.duration(name) - protocol.steady_s - SETTLE_S
-    is_long = walking_s > CYCLES * LONGEST_CYCLE_S
-    cycles = f"cycles = {CYCLES}  # gait cycles that are used, after\n" if is_long else ""
+    # gait cycles count from 2 s after the belts have reached their speed (assumed): 50 as in the
+    # thesis, or all of a trial that is too short for 50 of 1.5 s
+    first_s = protocol.steady_s + 2.0
+    is_long = protocol.duration(name) - protocol.steady_s - 2.0 > 50 * 1.5
+    cycles = "cycles = 50  # gait cycles that are used, after\n" if is_long else ""
     return f"""\
 [conditions.{name}]
-{cycles}skip_s = {protocol.steady_s + SETTLE_S:g}  # the T-pose and the start of the belts
+{cycles}skip_s = {first_s:g}  # the T-pose and the start of the belts
 """
 
 
