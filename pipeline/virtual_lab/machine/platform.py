@@ -157,9 +157,9 @@ def specific_force(motion: PlatformMotion, point: Array) -> Array:
     -----
     With ``d`` from the pitch axis to the point: ``φ̈ ŷ×d − φ̇² (d − (d·ŷ) ŷ) + ÿ ŷ − Rᵀ g``.
     """
-    felt = motion_terms(motion) @ felt_by_terms(point, motion.pivot).T
-    felt[:, 2] += GRAVITY_MPS2
-    return np.asarray(felt)
+    specific = motion_terms(motion) @ felt_by_terms(point, motion.pivot).T
+    specific[:, 2] += GRAVITY_MPS2
+    return np.asarray(specific)
 
 
 def motion_terms(motion: PlatformMotion) -> Array:

@@ -36,14 +36,14 @@ class SoleTarget:
     ----------
     on_foot
         Their places in the foot's frame, (4, 3) [m].
-    wanted
+    places
         Where they should be in the lab, (3, 4, T) [m].
     weight
         (4, T).
     """
 
     on_foot: Array
-    wanted: Array
+    places: Array
     weight: Array
 
     @classmethod
@@ -53,13 +53,13 @@ class SoleTarget:
         # four points that are not in a plane hold the sole in all directions [m]
         ball, aside = sole.ball, 0.04
         on_sole = np.array([[sole.heel, 0, 0], [ball, aside, 0], [ball, -aside, 0], [0, 0, 0.08]])
-        places = (on_sole - sole.origin) @ sole.rotation
-        wanted = np.einsum("tij,kj->ikt", on_foot, places) + origin.T[:, None]
-        return cls(places, wanted, np.ascontiguousarray(weight.T))
+        held = (on_sole - sole.origin) @ sole.rotation
+        places = np.einsum("tij,kj->ikt", on_foot, held) + origin.T[:, None]
+        return cls(held, places, np.ascontiguousarray(weight.T))
 
     def frames(self, part: slice) -> "SoleTarget":
         """Give the target in some frames."""
-        return SoleTarget(self.on_foot, self.wanted[..., part], self.weight[:, part])
+        return SoleTarget(self.on_foot, self.places[..., part], self.weight[:, part])
 
 
 def solve_legs(
@@ -76,7 +76,7 @@ def solve_legs(
     subject
         Whose legs.
     reference
-        Wanted coordinates, (46, T); pelvis, trunk, head and arms are kept, the legs' are
+        Coordinates to approach, (46, T); pelvis, trunk, head and arms are kept, the legs' are
         approached where the soles leave a choice or cannot be reached.
     targets
         Side -> target of its sole.
@@ -182,7 +182,7 @@ def _jacobian(
     jacobian = np.empty((len(axes), *position.shape))
     for row, axis, place in zip(jacobian, axes, places, strict=True):
         row[:] = np.cross(axis[:, None], position - place[:, None], axis=0)
-    return jacobian, target.wanted - position
+    return jacobian, target.places - position
 
 
 def _solve_symmetric(matrix: Array, right: Array) -> Array:

@@ -155,7 +155,7 @@ class Frame:
 
 
 def frames(
-    skeleton: Skeleton, motion: tuple[Array, ...], wanted: Iterable[str] = SEGMENTS
+    skeleton: Skeleton, motion: tuple[Array, ...], names: Iterable[str] = SEGMENTS
 ) -> dict[str, Frame]:
     """Compute the frames of segments.
 
@@ -166,7 +166,7 @@ def frames(
     motion
         Coordinates, (55, T) [rad and m]; if accelerations are wanted, followed by their first and
         second derivatives.
-    wanted
+    names
         Segments; what carries them is computed too, and given as well.
 
     Returns
@@ -181,7 +181,7 @@ def frames(
     the acceleration ``ö + R̈ x``.
     """
     orders, count = len(motion), motion[0].shape[1]
-    needed = _with_carriers(tuple(wanted))
+    needed = _with_carriers(tuple(names))
     identity = np.zeros((3, 3, count))
     identity[[0, 1, 2], [0, 1, 2]] = 1.0
     still = np.zeros((3, count))
@@ -249,9 +249,9 @@ def segment_poses(skeleton: Skeleton, q: Array, names: list[str]) -> list[tuple[
 
 
 @cache
-def _with_carriers(wanted: tuple[str, ...]) -> frozenset[str]:
+def _with_carriers(names: tuple[str, ...]) -> frozenset[str]:
     needed = set()
-    for name in wanted:
+    for name in names:
         segment: str | None = name
         while segment is not None and segment != "ground":
             needed.add(segment)

@@ -614,6 +614,6 @@ class FootPlacement:
 
     def total_pressure(self, time: Array) -> Array:
         """Give the intended centre of pressure of both feet together, (T, 2) [m]."""
-        share = self.left_share(time)[:, None]
+        on_left = self.left_share(time)[:, None]
         left, right = (self.pressure(side, time) for side in SIDES)
-        return share * left + (1 - share) * right
+        return on_left * left + (1 - on_left) * right
