@@ -108,7 +108,7 @@ def make_structure(
         stretch[:, :, part] = [rigid_shape(place)[:3] for place in places]
         stretch[:, :, :FRAME] = [-frame_shape(place)[:3] for place in places]
         inertia = np.full(3 * len(places), assembly.mass / len(places))
-        hz = np.array(STRUCTURE.cell_frequency * len(places)) / softness
+        hz = np.tile(STRUCTURE.cell_frequency, len(places)) / softness
         cells.append(
             springs(stretch.reshape(-1, COORDINATES), inertia, hz, STRUCTURE.steel_damping)
         )
