@@ -185,7 +185,7 @@ def t_pose(names: Sequence[str], height_m: float, sex: Sex, proportions: Proport
             x, y = x * scale[part][0], y * scale[part][1]
             z = np.interp(z, SIZES.heights, heights)
         position[k] = x, y, z
-    return position * height_m / SIZES.heights[-1]
+    return np.asarray(position * height_m / SIZES.heights[-1])
 
 
 def _scaled(marks: Sequence[float], factors: Sequence[float]) -> Array:

@@ -27,7 +27,7 @@ GAIT: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "ga
 
 def roll_over(phase: Array) -> Array:
     """Give the place of the centre of pressure between heel (0) and toe tip (1), (T,)."""
-    return np.interp(np.clip((phase % 1) / GAIT.stance, 0, 1), *GAIT.roll_over)
+    return np.asarray(np.interp(np.clip((phase % 1) / GAIT.stance, 0, 1), *GAIT.roll_over))
 
 
 def sole_weights(pitch: Array, phase: Array) -> Array:
@@ -111,7 +111,7 @@ def posture(phase: Array, extent: Array, slope: Array, standing: Array) -> Array
 
 def size_of(standing: Array) -> float:
     """Give leg length relative to that of the person the coefficients were fitted for."""
-    return float(standing[INDEX["PelvisZ"]]) / GAIT.hip_height
+    return float(standing[INDEX["PelvisZ"]] / GAIT.hip_height)
 
 
 def foot_angles(phase: Array) -> tuple[Array, Array]:
@@ -583,7 +583,7 @@ class FootPlacement:
         """Give when the floor begins to release the foot of a step [s]."""
         # before foot off, by phases of 1.3 m/s that are scaled as double support is
         early = (GAIT.stance - GAIT.leaving[0]) * self.steps.overlap / (GAIT.stance - 0.5)
-        return float(self.steps.off[number]) - early * self.step_s
+        return float(self.steps.off[number] - early * self.step_s)
 
     def left_share(self, time: Array) -> Array:
         """Give the share of the weight on the left foot, (T,).

@@ -123,7 +123,7 @@ class Protocol(InputModel):
 
     def duration(self, condition: ConditionName) -> float:
         """Give the duration of a trial [s]."""
-        walking = {
+        walking: dict[str, float] = {
             "baseline": self.baseline_s,
             "sway": sum(self.waits_s) + MOTION.after,
             "pitch": self.pitch_s,
