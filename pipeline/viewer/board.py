@@ -28,20 +28,9 @@ LIGHTS: Final[dict[Colour, tuple[str, str]]] = {
 SENT: Final = (750, 780)
 """Pixels that are sent, 1.8 MB a second: letters stay sharp."""
 MARGIN: Final = 30
-BAND: Final = 420
-"""Height of the light with its sentence."""
-SENTENCE: Final = ((64, 24, 3), (48, 33, 4), (34, 46, 6))
-"""Height of the letters, letters in a line, lines that have room."""
-RESIDUALS: Final = "RMS of the last ten cycles (line: healthy)"
-SENDERS: Final = (20, 78)
-"""Height of the letters, letters in a line."""
-MAX_DONE: Final = 26
-"""Large letters that have room."""
 BARS: Final = (280, 780)
 """Where all bars begin and are full."""
 ROW, FIRST_ROW = 66, 588
-THIN: Final = 12
-"""Height of the bar of plates as measured below that of compensated ones."""
 
 
 @cache
@@ -59,30 +48,33 @@ def log_board(stream: rr.RecordingStream, board: Board) -> None:
 def draw_board(board: Board) -> Image.Image:
     """Draw the light with its sentence, gait cycles, bars of residuals, and senders."""
     width, height = BOARD_SIZE.astype(int).tolist()
+    band = 420  # height of the light with its sentence
     image = Image.new("RGB", (width, height), WHITE)
     draw = ImageDraw.Draw(image)
     colour, on_colour = LIGHTS[board.colour]
-    draw.rectangle((0, 0, width, BAND), colour)
+    draw.rectangle((0, 0, width, band), colour)
     draw.text((MARGIN, 8), board.colour.upper(), on_colour, _font(140))
+    # the largest letters in which the sentence has room: their height, letters in a line, lines
+    sizes = ((64, 24, 3), (48, 33, 4), (34, 46, 6))
     size, lines = next(
         (size, lines)
-        for size, letters, most in SENTENCE
+        for size, letters, most in sizes
         if (lines := wrap(board.sentence, letters, break_on_hyphens=False)[:most])
-        and (size == SENTENCE[-1][0] or " ".join(lines) == board.sentence)
+        and (size == sizes[-1][0] or " ".join(lines) == board.sentence)
     )
     draw.multiline_text((MARGIN, 185), "\n".join(lines), on_colour, _font(size))
 
-    draw.text(
-        (MARGIN, BAND + 14), board.done, BLACK, _font(56 if len(board.done) < MAX_DONE else 36)
-    )
+    # 26 large letters have room
+    draw.text((MARGIN, band + 14), board.done, BLACK, _font(56 if len(board.done) < 26 else 36))
     done = MARGIN + (width - 2 * MARGIN) * min(board.progress, 1.0)
-    draw.rectangle((MARGIN, BAND + 90, width - MARGIN, BAND + 110), GREY)
-    draw.rectangle((MARGIN, BAND + 90, done, BAND + 110), LIGHTS["good"][0])
-    draw.text((MARGIN, BAND + 124), RESIDUALS, BLACK, _font(32))
+    draw.rectangle((MARGIN, band + 90, width - MARGIN, band + 110), GREY)
+    draw.rectangle((MARGIN, band + 90, done, band + 110), LIGHTS["good"][0])
+    of_bars = "RMS of the last ten cycles (line: healthy)"
+    draw.text((MARGIN, band + 124), of_bars, BLACK, _font(32))
     for k, axis in enumerate(AXES):
         _draw_bars(draw, board, k, axis)
-    senders = wrap(board.senders, SENDERS[1], max_lines=2, placeholder=" …")
-    draw.multiline_text((MARGIN, height - 54), "\n".join(senders), BLACK, _font(SENDERS[0]))
+    senders = wrap(board.senders, 78, max_lines=2, placeholder=" …")
+    draw.multiline_text((MARGIN, height - 54), "\n".join(senders), BLACK, _font(20))
     return image
 
 
@@ -94,7 +86,8 @@ def _draw_bars(draw: ImageDraw.ImageDraw, board: Board, k: int, axis: str) -> No
     draw.rectangle((left, top, right, top + 54), GREY)
     for row, (variant, rms) in enumerate(reversed([*board.rms.items()])):
         stop = left + (right - left) * min(float(rms[k]) / FULL_SCALE[k], 1.0)
-        below = top + 54 - THIN if row else top
+        # plates as measured have a thin bar, below that of compensated ones
+        below = top + 54 - 12 if row else top
         draw.rectangle((left, below, stop, top + 54), COLOURS[variant])
         if not row:
             draw.text((right + 14, top + 2), f"{rms[k]:.0f}", BLACK, _font(44))

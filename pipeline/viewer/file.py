@@ -16,9 +16,6 @@ import rerun.blueprint as rrb
 from hbm.spatial import Array, Mask
 from pipeline.io.write import whole_file
 
-CHUNK_ROWS: Final = 6000
-"""Rows sent at once, about a minute; the viewer loads chunks of this size fastest."""
-
 _NOT_IN_FONT: Final = re.compile(
     "[^\n -~\u00a0-\u0148\u014a-\u017f"  # Latin
     "\u0391-\u03a1\u03a3-\u03c9\u0410-\u044f"  # Greek, Cyrillic
@@ -88,8 +85,9 @@ def send(
     **fields: np.ndarray,
 ) -> None:
     """Send an archetype's fields, (T, K, ...), for all rows; of those present, (T, K)."""
-    for start in range(0, len(present), CHUNK_ROWS):
-        rows = slice(start, start + CHUNK_ROWS)
+    chunk = 6000  # rows at once, about a minute: the viewer loads chunks of this size fastest
+    for start in range(0, len(present), chunk):
+        rows = slice(start, start + chunk)
         chosen = {name: value[rows][present[rows]] for name, value in fields.items()}
         stream.send_columns(
             entity,
@@ -104,8 +102,8 @@ def send(
 
 def rgba(*colours: str) -> np.ndarray:
     """Give hexadecimal colours, "#rrggbb" or "#rrggbbaa", as bytes, (K, 4)."""
-    each = [list(bytes.fromhex(f"{colour[1:]}ff"[:8])) for colour in colours]
-    return np.array(each, np.uint8).reshape(-1, 4)
+    channels = [list(bytes.fromhex(f"{colour[1:]}ff"[:8])) for colour in colours]
+    return np.array(channels, np.uint8).reshape(-1, 4)
 
 
 def printable(text: str) -> str:

@@ -17,17 +17,6 @@ from pipeline.viewer.live import FULL_SCALE
 from pipeline.viewer.plots import panel_name
 from pipeline.viewer.scene import ARROWS, MIN_ERROR_LINE_M
 
-WINDOW_S: Final = 2.0
-"""Time shown before and after the cursor: about two gait cycles each."""
-CYCLES_SHOWN: Final = 2
-"""Gait cycles shown before and after the cursor of trials side by side."""
-LIVE_WINDOW_S: Final = 10.0
-"""Time shown of what is going on: about nine gait cycles."""
-GRID_SPACING_M: Final = 0.25
-EYE_FROM_TARGET_M: Final = np.array([1.5, -1.9, 0.35])
-"""The camera is ahead of the subject, to the right, slightly above the pelvis."""
-PATH_IN_VIEW_M: Final = 2.5
-"""The camera is twice as far away where the pelvis travels this far, and so on in proportion."""
 ROWS: Final = "left_foot", "right_foot", "perturbation", "plates", "residuals"
 """Of states over time: the viewer shows names of entities."""
 CYCLE: Final = "gait cycle"
@@ -49,7 +38,7 @@ def log_legend(stream: Stream) -> None:
 
 def trial_layout(pelvis: Array, *, video: bool) -> rrb.Blueprint:
     """Lay out a trial around the path of the pelvis, (T, 3) [m]."""
-    window = _time(-WINDOW_S, WINDOW_S)
+    window = _time(-2.0, 2.0)  # about two gait cycles before and after the cursor
     states = rrb.StateTimelineView(
         name="Gait phases",
         contents=[f"/{row}" for row in ROWS],
@@ -81,7 +70,7 @@ def beside_layout(
     paths: Mapping[str, Array], scales: Sequence[float], *, video: bool
 ) -> rrb.Blueprint:
     """Lay out trials, title -> path of the pelvis, side by side on the same scales [N, N·m]."""
-    window = _time(-CYCLES_SHOWN * 100, CYCLES_SHOWN * 100, PERCENT)
+    window = _time(-200, 200, PERCENT)  # two gait cycles before and after the cursor
     columns = [
         rrb.Vertical(
             _scene(pelvis, f"trial_{k}/", title),
@@ -95,7 +84,7 @@ def beside_layout(
 
 def live_layout(target: Array, *, light: bool) -> rrb.Blueprint:
     """Lay out a live view, whose camera looks at a point, (3,) [m]; its scales are fixed."""
-    window, (width, height) = _time(-LIVE_WINDOW_S, 0.0), SENT
+    window, (width, height) = _time(-10.0, 0.0), SENT  # about nine gait cycles
     board = rrb.Spatial2DView(
         name="Light",
         origin="board",
@@ -137,11 +126,13 @@ def _series(
 def _scene(pelvis: Array, folder: str = "", name: str = "Body and forces") -> rrb.Spatial3DView:
     middle = np.nanmedian(pelvis, axis=0)
     path = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
-    eye = middle + (1 + path / PATH_IN_VIEW_M) * EYE_FROM_TARGET_M
+    # from ahead of the subject, from the right, slightly above the pelvis; twice as far away where
+    # the pelvis travels 2.5 m, and so on in proportion
+    eye = middle + (1 + path / 2.5) * np.array([1.5, -1.9, 0.35])
     return rrb.Spatial3DView(
         name=name,
         origin=f"{folder}lab",
-        line_grid=rrb.LineGrid3D(visible=True, spacing=GRID_SPACING_M),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.25),
         eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0, 0, 1)),
     )
 

@@ -26,14 +26,8 @@ News = tuple[list[tuple[int, "ShownFrame"]], "Board | None"]
 """New frames with their numbers; the board, None where it is the same."""
 FULL_SCALE: Final = (100.0, 100.0, 100.0, 50.0, 50.0, 50.0)
 """Of all bars and curves of residuals, whatever they are [N, N·m]."""
-PROGRAM: Final = "pipeline.viewer.live_drawing"
-PERIOD_S: Final = 1 / 30
-"""Pause between what is sent: with the time that drawing takes, about 25 pictures a second."""
 MAX_WAITING: Final = 1000
 """Frames that wait for a slow viewer, 10 s at 100 Hz; then the oldest are left out."""
-SENT_AT_ONCE: Final = 100
-"""Frames: to pack more would hold up the thread that computes them."""
-MAX_WRITE_S: Final = 1.0
 MAX_STOP_S: Final = 4.0
 """After this, the drawing process and its viewer are killed."""
 
@@ -81,7 +75,7 @@ class Board:
     colour, sentence
         The light: good, look or stop; what is wrong and what to do.
     progress
-        Share of the gait cycles that are done; it may exceed 1.
+        Fraction of the gait cycles that are done; it may exceed 1.
     done
         The same in words, such as "12 / 25 gait cycles".
     rms
@@ -217,7 +211,7 @@ class LiveView:
     def close(self) -> None:
         """End the viewer; takes at most some seconds, whatever state it is in."""
         self._closing.set()
-        if self._writing.acquire(timeout=MAX_WRITE_S):
+        if self._writing.acquire(timeout=1.0):
             with suppress(OSError):
                 self._to.close()  # it ends once its input does
             self._writing.release()
@@ -240,9 +234,11 @@ class LiveView:
         try:
             self.address = self._ask(scene)
             self._ready.set()
-            while not self._closing.wait(PERIOD_S):
+            # with this pause and the time that drawing takes, about 25 pictures a second
+            while not self._closing.wait(1 / 30):
                 with self._lock:
-                    sent = min(len(self._waiting), SENT_AT_ONCE)
+                    # to pack more would hold up the thread that computes frames
+                    sent = min(len(self._waiting), 100)
                     frames = [self._waiting.popleft() for _ in range(sent)]
                     board, self._board = self._board, None
                 if sent or board is not None:
@@ -279,13 +275,13 @@ def _start() -> subprocess.Popen[bytes]:
     """Start the drawing process; Ctrl-C in a terminal is not for it, nor for its viewer."""
     here = str(Path(__file__).parents[2])
     path = os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))
-    own = {"PYTHONPATH": path, "RUST_LOG": "off", "OPENBLAS_NUM_THREADS": "1"}
+    quiet = {"PYTHONPATH": path, "RUST_LOG": "off", "OPENBLAS_NUM_THREADS": "1"}
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", PROGRAM],
+        [sys.executable, "-P", "-m", "pipeline.viewer.live_drawing"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        env=os.environ | own,
+        env=os.environ | quiet,
         process_group=0 if os.name == "posix" else None,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
     )

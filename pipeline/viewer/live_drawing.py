@@ -37,24 +37,6 @@ from pipeline.viewer.serve import (
     viewer_files,
 )
 
-APPLICATION: Final = "hbm_residuals_live"
-SCENE_RATE_HZ: Final = 50.0
-"""Smooth to the eye; residual curves have every frame."""
-TARGET_FROM_PLATES_M: Final = np.array([0.0, 0.0, 0.8])
-"""Where the camera looks: head and plates are in the picture."""
-MEMORY: Final = "1GB"
-"""Of the viewer, which then drops its oldest data: about a quarter of an hour at 100 Hz."""
-SERVER_MEMORY: Final = "16MB"
-"""Of what the viewer's server keeps for others."""
-PAGE_BYTES: Final = 64_000_000
-"""Of what is kept for pages that open later: about half a minute at 100 Hz, soon caught up with."""
-FLUSH_S: Final = 0.25
-"""How often the ends of viewer and input are looked for while the viewer takes no data."""
-GRACE_S: Final = 1.0
-"""After the end of the input, the viewer is killed if it has not ended."""
-LOWER_PRIORITY: Final = 5
-SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
-"""Any of them names a screen on Linux."""
 WITHOUT_SCREEN: Final = "show it to a browser (--web), or use --view on a computer with one"
 
 Shown = tuple[str | None, Callable[[], bool]]
@@ -72,7 +54,9 @@ class LiveDrawing:
         centers = np.array([plate.center for plate in scene.plates]).reshape(-1, 3)
         ground = centers.mean(axis=0) if len(centers) else np.zeros(3)
         self._surface_m = float(ground[2])
-        layout = live_layout(ground + TARGET_FROM_PLATES_M, light=scene.screen != "browser")
+        # head and plates are in the picture
+        target = ground + np.array([0.0, 0.0, 0.8])
+        layout = live_layout(target, light=scene.screen != "browser")
         stream.send_blueprint(layout, make_active=True, make_default=True)
         stream.send_recording_name("live")
         draw_scene(stream, scene.body, scene.markers, scene.plates, scene.variants)
@@ -114,8 +98,8 @@ class LiveDrawing:
         curves = {name: np.insert(value, gaps, np.nan, axis=0) for name, value in residual.items()}
         broken = {"time": np.insert(time, gaps, time[gaps] - 1e-6)}
         send_residual_curves(self._stream, broken, curves)
-        # the scene has fewer frames than the curves, the newest among them
-        step = int(np.ceil(len(time) / (1 + np.ptp(time) * SCENE_RATE_HZ)))
+        # the scene has fewer frames than the curves, the newest among them: 50 Hz look smooth
+        step = int(np.ceil(len(time) / (1 + np.ptp(time) * 50.0)))
         frames, time = frames[::-step][::-1], time[::-step][::-1]
         poses = [frame.platform for frame in frames if frame.platform is not None]
         platform = None
@@ -154,7 +138,7 @@ class _Input:
                 self.messages.put(pickle.load(self._pipe))
         self.ended.set()
         self.messages.put(None)
-        time.sleep(GRACE_S)
+        time.sleep(1.0)  # for the viewer to end
         if self.viewer is not None:
             self.viewer.kill()
 
@@ -164,15 +148,17 @@ def _draw(inbox: _Input, answer: Callable[[str | OSError | None], None]) -> None
     scene: LiveScene | None = inbox.messages.get()
     if scene is None:
         return
-    if scene.screen == "window" and sys.platform == "linux" and not os.environ.keys() & SCREENS:
+    screens = {"DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"}  # any of them names one on Linux
+    if scene.screen == "window" and sys.platform == "linux" and not os.environ.keys() & screens:
         raise OSError(f"there is no screen; {WITHOUT_SCREEN}")
     rr.set_strict_mode(True)
-    stream = rr.RecordingStream(APPLICATION, recording_id=token_hex(8), send_properties=False)
+    application = "hbm_residuals_live"
+    stream = rr.RecordingStream(application, recording_id=token_hex(8), send_properties=False)
     drawing = LiveDrawing(stream, scene)
-    seen = _viewer(stream, scene.screen, inbox)
+    shown = _viewer(stream, scene.screen, inbox)
     if scene.screen == "browser":
-        seen = _page(stream, lambda: drawing.board)
-    with seen as (address, taken):
+        shown = _page(stream, lambda: drawing.board)
+    with shown as (address, taken):
         taken()
         answer(address)
         while (news := inbox.messages.get()) is not None:
@@ -187,7 +173,8 @@ def _draw(inbox: _Input, answer: Callable[[str | OSError | None], None]) -> None
 @contextmanager
 def _page(stream: rr.RecordingStream, board: Callable[[], Board]) -> Iterator[Shown]:
     """Serve what is drawn to browsers, beside the light, which is never as late as the viewer."""
-    drawn, recording = rr.binary_stream(stream), GrowingRecording(PAGE_BYTES)
+    # for pages that open later about half a minute at 100 Hz is kept, soon caught up with
+    drawn, recording = rr.binary_stream(stream), GrowingRecording(64_000_000)
 
     def taken() -> bool:
         recording.append(drawn.read() or b"")
@@ -200,8 +187,9 @@ def _page(stream: rr.RecordingStream, board: Callable[[], Board]) -> Iterator[Sh
 @contextmanager
 def _viewer(stream: rr.RecordingStream, screen: Screen, inbox: _Input) -> Iterator[Shown]:
     """Run a viewer, in a window or unseen, and send it what is drawn."""
+    # the viewer keeps about a quarter of an hour at 100 Hz, its server little for others
     port = free_port()
-    limits = ["--memory-limit", MEMORY, "--server-memory-limit", SERVER_MEMORY]
+    limits = ["--memory-limit", "1GB", "--server-memory-limit", "16MB"]
     unseen = ["--headless", "--window-size", "1920x1080"] if screen == "none" else []
     arguments = [*unseen, "--port", str(port), *limits, "--hide-welcome-screen"]
     with running_viewer(arguments, port, without_screen=WITHOUT_SCREEN) as process:
@@ -210,13 +198,14 @@ def _viewer(stream: rr.RecordingStream, screen: Screen, inbox: _Input) -> Iterat
 
         def taken() -> bool:
             """Wait until the viewer has taken all, or has ended, or the input has."""
+            pause_s = 0.25  # after which both ends are looked for while the viewer takes no data
             while process.poll() is None and not inbox.ended.is_set():
                 try:
-                    stream.flush(timeout_sec=FLUSH_S)
+                    stream.flush(timeout_sec=pause_s)
                     break
                 except RuntimeError as error:
                     if "timed out" not in str(error):
-                        time.sleep(FLUSH_S)
+                        time.sleep(pause_s)
             return process.poll() is None
 
         yield data_address(port) if screen == "none" else None, taken
@@ -227,7 +216,7 @@ def main() -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if hasattr(os, "nice"):
-        os.nice(LOWER_PRIORITY)
+        os.nice(5)
 
     def answer(content: str | OSError | None) -> None:
         pickle.dump(content, answers)

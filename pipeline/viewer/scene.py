@@ -31,24 +31,12 @@ ARROWS: Final = (
     f"Arrows: 1 m = {GROUND_N_PER_M:.0f} N; residual {RESIDUAL_N_PER_M:.0f} N, "
     f"{RESIDUAL_NM_PER_M:.0f} N·m"
 )
-MOMENT_COLOURS: Final = {"measured": "#E69F00", "compensated": "#56B4E9"}
-MEASURED_COLOUR: Final = "#009E73"
 MODELLED_COLOUR: Final = "#F0E442"
-ERROR_COLOUR: Final = "#CC79A7"
-PLATE_COLOUR: Final = "#8A8F98"
 BODY_COLOURS: Final = {"left": "#BCD0EE", "right": "#F0DCBC", "middle": "#E2E2E2"}
 ALPHA: Final = "38"
 """A fifth opaque: what is inside or below stays visible."""
 MIN_ERROR_LINE_M: Final = 0.02
 """OpenSim's guideline for the RMS marker error; shorter lines would only obscure the body."""
-MIN_HULL_THICKNESS_M: Final = 0.01
-"""Points that lie in a plane, apart from noise, have no hull."""
-MIN_BONE_LENGTH_M: Final = 1e-3
-BONE_RADIUS_M: Final = 0.016
-MEASURED_RADIUS_M, MODELLED_RADIUS_M = 0.009, 0.006
-LINE_RADIUS_M: Final = 0.004
-GROUND_ARROW_RADIUS_M, RESIDUAL_ARROW_RADIUS_M = 0.014, 0.008
-AXIS_LENGTH_M, LAB_AXIS_LENGTH_M = 0.05, 0.2
 
 
 def draw_scene(
@@ -64,41 +52,43 @@ def draw_scene(
         stream.log(f"lab/{entity}", shape, static=True)
 
     stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    stay("axes", rr.TransformAxes3D(LAB_AXIS_LENGTH_M))
+    stay("axes", rr.TransformAxes3D(0.2))
     for segment in MOVING:
-        own = [i for i, name in enumerate(body.marker_segment) if name == segment]
-        for part, shape in _shapes(body, segment, own):
+        on_segment = [i for i, name in enumerate(body.marker_segment) if name == segment]
+        for part, shape in _shapes(body, segment, on_segment):
             stay(f"body/{segment}/{part}", shape)
-        stay(f"body/{segment}/frame", rr.TransformAxes3D(AXIS_LENGTH_M))
-        if own:
-            names = [printable(f"{body.markers[i]}, modelled") for i in own]
-            look = _look(MODELLED_COLOUR, MODELLED_RADIUS_M, names)
-            stay(f"body/{segment}/markers", rr.Points3D(body.marker_position[own], **look))
+        stay(f"body/{segment}/frame", rr.TransformAxes3D(0.05))
+        if on_segment:
+            names = [printable(f"{body.markers[i]}, modelled") for i in on_segment]
+            look = _look(MODELLED_COLOUR, 0.006, names)
+            stay(f"body/{segment}/markers", rr.Points3D(body.marker_position[on_segment], **look))
     for segment, carrier in FIXED_TO.items():  # a part of the other's drawing, without own pose
         fixed = _ellipsoid(body.segments[segment], segment, "majorwireframe")
         stay(f"body/{carrier}/{segment}", fixed)
     names = [printable(name) for name in markers]
-    look = _look(MEASURED_COLOUR, MEASURED_RADIUS_M, names)
+    look = _look("#009E73", 0.009, names)
     stay("markers/measured", rr.Points3D.from_fields(**look))
-    lines = rr.LineStrips3D.from_fields(radii=LINE_RADIUS_M, colors=rgba(ERROR_COLOUR))
+    lines = rr.LineStrips3D.from_fields(radii=0.004, colors=rgba("#CC79A7"))
     stay("markers/error", lines)
+    grey = "#8A8F98"
     for plate in plates:
         if np.isfinite(plate.corners).all():
             entity = f"platform/plate_{plate.number}"
             surface = rr.Mesh3D(
                 vertex_positions=plate.corners,
                 triangle_indices=[[0, 1, 2], [0, 2, 3]],
-                albedo_factor=rgba(PLATE_COLOUR + ALPHA)[0],
+                albedo_factor=rgba(grey + ALPHA)[0],
             )
             stay(f"{entity}/surface", surface)
-            look = _look(PLATE_COLOUR, LINE_RADIUS_M, [f"plate {plate.number}"])
+            look = _look(grey, 0.004, [f"plate {plate.number}"])
             stay(f"{entity}/edge", rr.LineStrips3D([plate.corners[[0, 1, 2, 3, 0]]], **look))
+    of_moments = {"measured": "#E69F00", "compensated": "#56B4E9"}
     for variant in variants:
         names = [f"residual force, {variant}", f"residual moment, {variant}"]
-        look = _look(COLOURS[variant], RESIDUAL_ARROW_RADIUS_M, names)
-        look["colors"] = rgba(COLOURS[variant], MOMENT_COLOURS[variant])
+        look = _look(COLOURS[variant], 0.008, names)
+        look["colors"] = rgba(COLOURS[variant], of_moments[variant])
         stay(f"residual/{variant}", rr.Arrows3D.from_fields(**look))
-        arrows = rr.Arrows3D.from_fields(radii=GROUND_ARROW_RADIUS_M, colors=rgba(COLOURS[variant]))
+        arrows = rr.Arrows3D.from_fields(radii=0.014, colors=rgba(COLOURS[variant]))
         stay(f"ground_reaction/{variant}", arrows)
 
 
@@ -107,7 +97,7 @@ def _look(colour: str, radius_m: float, names: Sequence[str]) -> dict[str, Any]:
     return {"colors": rgba(colour), "radii": radius_m, "labels": names, "show_labels": False}
 
 
-def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any]]:
+def _shapes(body: Body, segment: str, on_segment: list[int]) -> Iterable[tuple[str, Any]]:
     """Give a segment's bones, joint to joint, and the hull of its joints and own markers."""
     if segment == "head":
         yield "skull", _ellipsoid(body.segments["head"], segment, "solid")
@@ -115,7 +105,8 @@ def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any
     children = [body.offsets[child] for child, parent in PARENT.items() if parent == segment]
     if not children and segment in body.segments:
         children = [(1 if segment == "head" else 2) * body.segments[segment].center]
-    ends = np.array([end for end in children if np.linalg.norm(end) > MIN_BONE_LENGTH_M])
+    # joints in one place have no bone between them
+    ends = np.array([end for end in children if np.linalg.norm(end) > 1e-3])
     if not len(ends):
         return
     bones = rr.Capsules3D(
@@ -123,12 +114,13 @@ def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any
         translations=np.zeros_like(ends),
         quaternions=[Rotation.align_vectors([end], [[0, 0, 1]])[0].as_quat() for end in ends],
         fill_mode="solid",
-        **_look(colour, BONE_RADIUS_M, [segment.replace("_", " ")]),
+        **_look(colour, 0.016, [segment.replace("_", " ")]),
     )
     yield "bones", bones
-    points = np.vstack([np.zeros(3), ends, body.marker_position[own]])
+    # points that lie in a plane, apart from noise, have no hull
+    points = np.vstack([np.zeros(3), ends, body.marker_position[on_segment]])
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if segment != "head" and len(points) > 3 and spread[2] > MIN_HULL_THICKNESS_M:
+    if segment != "head" and len(points) > 3 and spread[2] > 0.01:
         hull = ConvexHull(points)
         surface = rr.Mesh3D(
             vertex_positions=points[hull.simplices].reshape(-1, 3),
@@ -140,6 +132,7 @@ def _shapes(body: Body, segment: str, own: list[int]) -> Iterable[tuple[str, Any
 
 def _ellipsoid(part: Inertia, segment: str, fill: Any) -> rr.Ellipsoids3D:
     """Give the ellipsoid of uniform density that has a segment's mass and inertia."""
+    # m/5 (b² + c²) about each principal axis of half sizes a, b, c; right-handed axes
     moments, axes = np.linalg.eigh(part.tensor)
     squares = 2.5 / part.mass * (moments.sum() - 2 * moments)
     axes[:, 2] *= np.linalg.det(axes)
@@ -161,8 +154,10 @@ def _send_pose(
 
     Where it is NaN, the position stays NaN, which hides the entity.
     """
-    known = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
-    quaternion = Rotation.from_matrix(np.where(known[:, None, None], rotation, np.eye(3))).as_quat()
+    is_finite = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
+    quaternion = Rotation.from_matrix(
+        np.where(is_finite[:, None, None], rotation, np.eye(3))
+    ).as_quat()
     fields = {"translation": origin[:, None], "quaternion": quaternion[:, None]}
     send(stream, entity, timelines, rr.Transform3D, np.ones((len(origin), 1), bool), **fields)
 
@@ -187,19 +182,20 @@ def send_scene(
     The surface of the plates is so high with the platform in neutral; a foot with less vertical
     force than the threshold has no arrow.
     """
-    known = np.isfinite(q).all(axis=1, keepdims=True)
-    rotation, origin = segment_frames(body, np.where(known, q, np.nan))  # whole, or not at all
+    is_finite = np.isfinite(q).all(axis=1, keepdims=True)
+    rotation, origin = segment_frames(body, np.where(is_finite, q, np.nan))  # whole, or not at all
     for k, segment in enumerate(MOVING):
         _send_pose(stream, f"lab/body/{segment}", timelines, rotation[:, k], origin[:, k])
     everything = np.ones(markers.position.shape[:2], bool)
     entity = "lab/markers/measured"
     send(stream, entity, timelines, rr.Points3D, everything, positions=markers.position)
+    # lines from measured to modelled markers, where these are far apart
     measured = [k for k, name in enumerate(body.markers) if name in markers.names]
     lines = np.empty((len(q), len(measured), 2, 3))
     for i, k in enumerate(measured):
-        own = MOVING.index(body.marker_segment[k])
+        carrier = MOVING.index(body.marker_segment[k])
         lines[:, i, 0] = markers.position[:, markers.names.index(body.markers[k])]
-        lines[:, i, 1] = rotation[:, own] @ body.marker_position[k] + origin[:, own]
+        lines[:, i, 1] = rotation[:, carrier] @ body.marker_position[k] + origin[:, carrier]
     far = np.linalg.norm(lines[:, :, 1] - lines[:, :, 0], axis=-1) > MIN_ERROR_LINE_M
     send(stream, "lab/markers/error", timelines, rr.LineStrips3D, far, strips=lines)
     if platform is not None:
@@ -215,8 +211,8 @@ def send_scene(
             (f"lab/ground_reaction/{variant}", np.stack(at, 1), force),
             (f"lab/residual/{variant}", pelvis, drawn),
         ):
-            seen = np.asarray(np.isfinite(origins + vectors).all(axis=2))
-            send(stream, entity, timelines, rr.Arrows3D, seen, origins=origins, vectors=vectors)
+            present = np.asarray(np.isfinite(origins + vectors).all(axis=2))
+            send(stream, entity, timelines, rr.Arrows3D, present, origins=origins, vectors=vectors)
 
 
 def pressure_point(
@@ -224,6 +220,7 @@ def pressure_point(
 ) -> Array:
     """Give the centre of pressure on a surface that may move, (T, 3) [m]; NaN where unloaded."""
     if platform is not None:
+        # in the platform's frame, where its surface is level
         back = np.swapaxes(platform.rotation, 1, 2)
         wrench = rotate_wrench(shift_wrench(wrench, platform.position), back)
     point = center_of_pressure(wrench, threshold_n, surface_m)

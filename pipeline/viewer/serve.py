@@ -47,7 +47,6 @@ HEADERS: Final = {
 }
 HTML: Final = "text/html"
 STREAM: Final = "application/octet-stream"
-REPORT: Final = "/report.html"
 LIGHT: Final = "/light"
 Cursor = tuple[str, int]
 """Timeline and value on it: nanoseconds of "time", else a whole number."""
@@ -59,15 +58,9 @@ Page = AbstractContextManager[str]
 """A page that is served, and its address."""
 MAX_START_S: Final = 30.0
 """A first start on a slow disk takes about ten seconds."""
-MAX_STOP_S: Final = 5.0
-"""After this, the viewer is killed."""
 POLL_S: Final = 0.05
-MAX_REASON: Final = 200
-"""Characters of the viewer's own message about its failure."""
 WITHOUT_SCREEN: Final = "serve to a browser (--web) or save a file (--save)"
 """What a person can do with recordings where there is no screen."""
-SIGNAL_EXIT: Final = 128
-"""A process ended by signal N exits with this plus N, as in a shell."""
 
 
 def view(
@@ -92,12 +85,15 @@ def view(
     """
     if not path.is_file():
         raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
-    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(SIGNAL_EXIT + number))
+    # as in a shell, a process ended by signal N exits with 128 + N
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         if web:
             page = page_server(viewer_files(), lambda: [path.read_bytes()], cursor, others)
             with page as address, suppress(KeyboardInterrupt):
-                report = f", the report at {address}report.html" * (REPORT in (others or {}))
+                report = f", the report at {address}report.html" * (
+                    "/report.html" in (others or {})
+                )
                 announce(f"serving {path.name} at {address}{report} (stop with Ctrl-C)")
                 while True:
                     time.sleep(1)
@@ -146,7 +142,7 @@ def running_viewer(
             raise OSError(f"the viewer was ended by {signal.Signals(-process.returncode).name}")
         output.seek(0)
         lines = output.read().decode(errors="replace").strip().splitlines()
-        reason = lines[-1][:MAX_REASON] if lines else process.returncode
+        reason = lines[-1][:200] if lines else process.returncode
         raise OSError(f"the viewer failed: {reason}; where there is no screen, {without_screen}")
 
     quiet = os.environ | {"RUST_LOG": "error", "NO_COLOR": "1", "CI": "1"}  # CI: no statistics
@@ -167,7 +163,7 @@ def running_viewer(
         finally:
             process.terminate()
             try:
-                process.wait(MAX_STOP_S)
+                process.wait(5.0)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -194,12 +190,12 @@ def viewer_files() -> dict[str, bytes]:
     address = f"http://{LOOPBACK}:{port}"
     arguments = ["--serve-web", "--web-viewer-port", str(port), f"{address}/none.rrd"]
     opener = build_opener(ProxyHandler({}))
-    found = {}
+    contents = {}
     with running_viewer(arguments, port):
         for path in VIEWER_FILES:
             with opener.open(f"{address}{path}", timeout=MAX_START_S) as answer:
-                found[path] = answer.read()
-    return found
+                contents[path] = answer.read()
+    return contents
 
 
 def free_port() -> int:

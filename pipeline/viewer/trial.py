@@ -43,15 +43,11 @@ from pipeline.viewer.layout import (
 from pipeline.viewer.scene import draw_scene, send_scene
 from pipeline.viewer.serve import Cursor, view
 
-APPLICATION: Final = "hbm_residuals_trial"
 VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
 STEPPING: Final = """\
 Choose the timeline `gait cycle` below, and press ← or →: each gait cycle is shown where it stands \
 out, curves are its RMS residuals. On `gait cycle, %`, 1235 is 35 % of the 12th."""
-PERTURBATION_S: Final = 1.0
-"""How long a perturbation is drawn; only its onset is known."""
-PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 STATES: Final = {
     **{"stance": "#009E73", "swing": "#3A4A45", "perturbation": "#E69F00"},
     **{"uncertain": "#CC79A7", "not used": "#BBBBBB"},
@@ -130,7 +126,7 @@ def write_recording(
         curves = [curve for trial in trials for curve in _residuals(trial).values()]
         scales = np.nanmax(np.abs(np.concatenate(curves)), axis=0).tolist()
         layout = beside_layout(paths, scales, video=video is not None)
-    with recording_file(path, APPLICATION, " beside ".join(paths), layout) as stream:
+    with recording_file(path, "hbm_residuals_trial", " beside ".join(paths), layout) as stream:
         for k, trial in enumerate(trials):
             folder = stream if beside is None else Folder(stream, f"trial_{k}")
             _send_trial(folder, trial, side, view_hz, None if k else bands, worst)
@@ -217,10 +213,12 @@ def _residuals(result: TrialResult) -> dict[str, Array]:
 def _states(result: TrialResult) -> dict[str, list[tuple[float, str]]]:
     """Give the states of each row: from which time on [s] which one; "" is none."""
     time, onsets = result.motion.time, result.onsets
-    pushed = (time[:, None] >= onsets) & (time[:, None] < onsets + PERTURBATION_S)
+    # a perturbation is drawn for a second: only its onset is known
+    pushed = (time[:, None] >= onsets) & (time[:, None] < onsets + 1.0)
     uncertain = ~free_of(result.quality, Quality.FOOT_UNCERTAIN)
+    begins = {"foot_strike": "stance", "foot_off": "swing"}
     phases = (
-        [(event.time, PHASES[event.label]) for event in result.events if event.side == side]
+        [(event.time, begins[event.label]) for event in result.events if event.side == side]
         for side in ("left", "right")
     )
     changes = (
@@ -308,7 +306,7 @@ def _send_frames(
         Markers(markers.time[at], markers.names, markers.position[at]),
         pose and PlatformPose(pose.rotation[at], pose.position[at]),
         {n: np.stack(list(result.ground[n].values()), 1)[at] for n in result.variants},
-        {n: np.where(counts, each.residual[at], np.nan) for n, each in result.variants.items()},
+        {n: np.where(counts, v.residual[at], np.nan) for n, v in result.variants.items()},
         surface_m=float(np.mean([plate.center[2] for plate in result.plates])),
         threshold_n=result.settings.contact_threshold_n,
     )

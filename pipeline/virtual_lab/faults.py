@@ -4,7 +4,7 @@ Scales are 1 for a well-maintained laboratory; the sizes that they multiply stan
 sources, where the instruments, the machine and the body are made.
 """
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -13,9 +13,8 @@ from pipeline.config.input_model import InputModel
 Size = Annotated[float, Field(ge=0)]
 Scale = Annotated[float, Field(ge=0, le=3)]
 """Beyond it no person is possible."""
-MAX_DELAY_S: Final = 0.2
-"""Of an instrument, either way: more than any laboratory has."""
-Delay = Annotated[float, Field(ge=-MAX_DELAY_S, le=MAX_DELAY_S)]
+Delay = Annotated[float, Field(ge=-0.2, le=0.2)]
+"""Of an instrument [s], either way: more than any laboratory has."""
 PlacementDeg = Annotated[float, Field(ge=-10, le=10)]
 PlacementM = Annotated[float, Field(ge=-0.1, le=0.1)]
 """Of a plate that cameras and plates disagree about; more is a mistake that everybody sees."""

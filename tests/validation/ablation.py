@@ -41,12 +41,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 from pipeline.virtual_lab.machine.platform import Machine, TreadmillMotion
 from pipeline.virtual_lab.machine.structure import Response
 from pipeline.virtual_lab.person.walk import Walk
-from pipeline.virtual_lab.protocol.walking_protocol import (
-    ONSET_PHASE,
-    ConditionName,
-    Protocol,
-    Setting,
-)
+from pipeline.virtual_lab.protocol.walking_protocol import MOTION, ConditionName, Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import (
     person_loads,
     record,
@@ -427,6 +422,6 @@ def _counting_frames(protocol: Protocol, motion: TreadmillMotion, walk: Walk) ->
     inside = (time > protocol.steady_s + EDGE_S) & (time < time[-1] - EDGE_S)
     if len(motion.onsets):
         stride = 2 * walk.placement.step_s
-        since = time[:, None] - motion.onsets + ONSET_PHASE * stride
+        since = time[:, None] - motion.onsets + MOTION.onset * stride
         inside = inside & ((since >= 0) & (since < stride)).any(axis=1)
     return np.asarray(inside, bool)

@@ -69,12 +69,12 @@ def flexible(seed: int, flexibility: float, drifts: bool) -> Session:
     rng = np.random.default_rng((seed, 1))
     # of the zero: from recording to recording [N, N·m], and within one [N/s, N·m/s]
     scale = drifts * instruments.ERROR_SCALE
-    drift = instruments.DRIFT_N_PER_MIN / 60 * scale * rng.normal(size=6)
+    drift = instruments.PLATE.drift / 60 * scale * rng.normal(size=6)
 
     def record(name: str, **motion: Any) -> Recording:
         one = machine.record(int(rng.integers(2**31)), **motion)
         time = np.arange(len(one.left)) / flexible_treadmill.RATE_HZ
-        shift = instruments.ZERO_SHIFT_N * scale * rng.normal(size=6)
+        shift = instruments.PLATE.zero_shift * scale * rng.normal(size=6)
         drifted = replace(one, left=one.left + shift + drift * time[:, None])
         return flexible_treadmill.as_recording(f"{name}.c3d", drifted)
 

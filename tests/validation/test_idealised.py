@@ -15,13 +15,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     make_treadmill,
 )
 from pipeline.virtual_lab.machine.platform import BELT_ASSEMBLIES
-from pipeline.virtual_lab.protocol.walking_protocol import (
-    ONSET_PHASE,
-    PITCH_DEG,
-    PITCH_PERIOD_S,
-    SWAY_MPS,
-    Setting,
-)
+from pipeline.virtual_lab.protocol.walking_protocol import MOTION, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 from tests.pipeline.virtual_lab.conftest import SHORT
 from tests.validation.ablation import Case, fit_models, residual_of
@@ -46,7 +40,7 @@ def steady(motion):
 def perturbed(walk, motion):
     """Frames of the gait cycles that contain a perturbation."""
     time, stride = motion.time[::SAMPLES_PER_FRAME], 2 * walk.placement.step_s
-    since = time[:, None] - motion.onsets + ONSET_PHASE * stride
+    since = time[:, None] - motion.onsets + MOTION.onset * stride
     return ((since >= 0) & (since < stride)).any(axis=1)
 
 
@@ -109,7 +103,9 @@ def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(per
     trial, _ = perfect("pitch")
     mass = sum(part.mass for part in BELT_ASSEMBLIES)
     assert mass == 300.0
-    expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
+    expected = (
+        mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(np.linspace(0, MOTION.pitch_period, 1000))))
+    )
     assert expected == pytest.approx(330, rel=0.15)
     since = trial.motion.time[::SAMPLES_PER_FRAME][steady(trial.motion)] - SHORT.steady_s
     expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(since)))
@@ -118,7 +114,7 @@ def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(per
 
 
 def pitch_angle(since):
-    return np.radians(PITCH_DEG) * np.sin(2 * np.pi * since / PITCH_PERIOD_S)
+    return np.radians(MOTION.pitch) * np.sin(2 * np.pi * since / MOTION.pitch_period)
 
 
 def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect, left_over):
@@ -164,7 +160,10 @@ def pulse_acceleration(bandwidth_hz, time, onsets):
     Both are written out as spectra: ``ω²/(iω' + ω)²`` and ``1/(1 + (f/c)⁴)``, whose cut-off for two
     passes of the second order is where the amplitude has fallen to 1/√2.
     """
-    speed = sum(SWAY_MPS * ((time >= onset) & (time < onset + 0.05 / SWAY_MPS)) for onset in onsets)
+    speed = sum(
+        MOTION.sway_speed * ((time >= onset) & (time < onset + 0.05 / MOTION.sway_speed))
+        for onset in onsets
+    )
     f = np.fft.rfftfreq(len(time), 1 / ANALOG_HZ)
     actuator = 1 / (1 + 1j * f / bandwidth_hz) ** 2
     cutoff = 6.0 / (np.sqrt(2) - 1) ** 0.25

@@ -17,7 +17,7 @@ import pandas as pd
 
 from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.spatial import Array
-from pipeline.virtual_lab.person.gait import SPEED_MPS, STRIDE_S
+from pipeline.virtual_lab.person.gait import GAIT
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from tests.virtual_gait.gait_optimum import Target, nodes, optimise
 
@@ -175,7 +175,7 @@ def target_of(
     both = [[np.radians(evaluate(c, nodes() + shift)) for shift in (0.0, 0.5)] for c in feet]
     vertical = evaluate(wave(1.0, *VERTICAL_WAVES), nodes())
     pitch, heading = np.array(both)
-    target = Target(SPEED_MPS, STRIDE_S, joints, sds, pitch, heading, vertical)
+    target = Target(GAIT.speed, GAIT.stride, joints, sds, pitch, heading, vertical)
     return target, feet
 
 

@@ -16,15 +16,7 @@ from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.kernels import skeleton
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.machine.platform import smooth_step
-from pipeline.virtual_lab.person.gait import (
-    LEAVING,
-    LEFT,
-    OUTWARD,
-    STANCE,
-    orientation,
-    roll_over,
-    rolled,
-)
+from pipeline.virtual_lab.person.gait import GAIT, LEFT, OUTWARD, orientation, roll_over, rolled
 from pipeline.virtual_lab.person.subject import VirtualSubject
 from tests.validation.true_body import true_body
 
@@ -74,7 +66,7 @@ Symbol = Any
 
 def load_share(phase: Array) -> Array:
     """Give the share of body weight on a foot at phases of its own gait cycle, (T,)."""
-    overlap = STANCE - 0.5
+    overlap = GAIT.stance - 0.5
     cycle = phase % 1
     return np.asarray(smooth_step(cycle / overlap) - smooth_step((cycle - 0.5) / overlap))
 
@@ -82,7 +74,7 @@ def load_share(phase: Array) -> Array:
 def floor_contact(phase: Array) -> Array:
     """Give how firmly the floor holds a foot at phases of its own gait cycle, (T,), 0 to 1."""
     cycle = phase % 1
-    released, landed = (smooth_step((cycle - a) / (b - a)) for a, b in (LEAVING, LANDING))
+    released, landed = (smooth_step((cycle - a) / (b - a)) for a, b in (GAIT.leaving, LANDING))
     return np.asarray(1 - released + landed)
 
 

@@ -16,9 +16,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.signal import butter, cont2discrete, lfilter, sosfilt
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BeltFaults
 from pipeline.virtual_lab.machine.platform import Machine, Pair, follow
+
+BELTS: Final = read_numbers("pipeline.virtual_lab.machine", "parameters.toml", "belts")
+PLATE: Final = read_numbers("pipeline.virtual_lab.machine", "parameters.toml", "plate")
 
 PARAMETERS_TOML: Final = Path(__file__).with_name("belt_parameters.toml")
 
@@ -54,7 +58,7 @@ class BeltDrive:
     motor_turns
         Turns of the motor per turn of the roller, in the same sense.
     idler_share
-        Share of belt and not driven roller in the inertia of rollers and belt.
+        Fraction of the inertia of rollers and belt that belt and not driven roller have.
     belt_hz, belt_damping
         Mode of the other roller on the elastic belt, with the driving roller held.
     stretch_n
@@ -143,6 +147,7 @@ class BeltDrive:
 
     def bearing_friction(self, speed: Array) -> Array:
         """Give the friction of motor and bearings at a speed, (N,) [N]."""
+        # Stribeck's curve: friction falls from breakaway to Coulomb's as the bearing begins to turn
         breakaway = (self.static_n - self.coulomb_n) * np.exp(-((speed / self.stribeck_mps) ** 2))
         sliding = (self.coulomb_n + breakaway) * np.tanh(speed / self.smooth_mps)
         return np.asarray(sliding + self.viscous_n_per_mps * speed)
@@ -178,17 +183,6 @@ def identified_drive(rng: np.random.Generator | None = None) -> BeltDrive:
 
 INTERNAL_HZ: Final = 250.0
 """At which the drive is solved; its fastest mode is some 30 Hz. Outputs are interpolated."""
-MAX_ITERATIONS: Final = 60
-TOLERANCE_N: Final = 0.1
-DIVERGED_N: Final = 1e6
-"""Change of friction, slip and limited motor force below which they are solved, and above which
-they will not be."""
-COMMAND_HZ: Final = 100.0
-"""How often the drive gets a new command from D-Flow, and ramps to it (van de Loosdrecht 2018)."""
-RUMBLE_FULL_MPS: Final = 0.5
-"""Speed beyond which the rumble of a running belt grows no more; assumed."""
-RUMBLE_HZ: Final = 50.0
-"""Where the rumble ends; assumed, as high as the recordings that it is identified on reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,7 +265,8 @@ def run_belt(
     time = np.arange(len(command)) / rate_hz
     count = int(np.ceil(time[-1] * INTERNAL_HZ)) + 2
     inside = np.arange(count) / INTERNAL_HZ
-    w = np.interp(np.floor(inside * COMMAND_HZ + 1e-9) / COMMAND_HZ, time, command)
+    # a new command every 10 ms
+    w = np.interp(np.floor(inside * BELTS.command_rate + 1e-9) / BELTS.command_rate, time, command)
     loads = [np.zeros(count) if x is None else np.interp(inside, time, x) for x in (weight, push)]
     solved = _solve(drive, w, *loads)
 
@@ -282,6 +277,7 @@ def run_belt(
     angles, noise, channel = rng.spawn(3)
     travel = np.cumsum(solved.roller) / INTERNAL_HZ
     forward, upward, unbalance = _unbalance(drive, at(solved.roller), at(travel), angles)
+    # what angular momentum changes: m r v of each part, of the motor by how fast it turns
     motor_kg = drive.motor_kg / drive.motor_turns
     momentum = drive.roller_radius_m * (
         (drive.turning_kg - drive.idler_kg + motor_kg) * solved.roller_acceleration
@@ -301,6 +297,7 @@ def _reported(
     d: BeltDrive, speed: Array, inside: Array, time: Array, rng: np.random.Generator
 ) -> Array:
     """Give the driving roller's speed as the drive reports it, (N,) [m/s]."""
+    # low-passed, then the value at each report, which is late and uneven and holds until the next
     keep = np.exp(-1 / (INTERNAL_HZ * max(d.report_lag_s, 1e-9)))
     smooth, _ = lfilter([1 - keep], [1, -keep], speed, zi=[keep * speed[0]])
     number = np.floor(time * d.report_hz + 1e-9).astype(int)
@@ -325,6 +322,7 @@ def _matrices(d: BeltDrive) -> tuple[Array, Array]:
     and motor force; the controller's integral. Inputs: command, friction of the motor's side and of
     the belt, slip speed, and what the limit takes from the motor's force.
     """
+    # m v̇ = F - N + c (u - v), i u̇ = N - c (u - v), Ṅ = k (v - u) - k slip; and the PI controller
     m, i = d.motor_kg + d.turning_kg - d.idler_kg, d.idler_kg
     omega = 2 * np.pi * d.belt_hz
     k, c = i * omega**2, 2 * d.belt_damping * i * omega
@@ -360,24 +358,25 @@ def _solve(d: BeltDrive, command: Array, weight: Array, push: Array) -> _Solutio
     inputs[0] = states[:2] = command
     kp, ki = d.gains
     on_board = d.board_friction * np.maximum(weight, 0)
-    for _ in range(MAX_ITERATIONS):
-        wanted = kp * (command - states[0]) + ki * states[4]
+    # until friction, slip and limited force change by less than 0.1 N; beyond 1e6 N they diverge
+    for _ in range(60):
+        asked = kp * (command - states[0]) + ki * states[4]
         new = np.stack(
             [
                 command,
                 d.bearing_friction(states[0]) - bearing * states[0],
                 on_board * np.tanh(states[1] / d.smooth_mps) + push - board * states[1],
                 np.abs(states[0]) * states[2] / d.stretch_n,
-                wanted - np.clip(wanted, -d.max_force_n, d.max_force_n),
+                asked - np.clip(asked, -d.max_force_n, d.max_force_n),
             ]
         )
         change = float(np.max(np.abs(new[1:] - inputs[1:]).max(axis=1) * [1, 1, kp, 1]))
         inputs = new
         states = _respond(A, B, inputs)
-        if change < TOLERANCE_N:
+        if change < 0.1:
             rates = A[:2] @ states + B[:2] @ inputs
             return _Solution(states[0], states[1], states[3], *rates)
-        if change > DIVERGED_N:
+        if change > 1e6:
             break
     raise ValueError(
         f"belt: the motor's {d.max_force_n:g} N do not follow the command; give the drive a larger "
@@ -394,10 +393,11 @@ def _respond(A: Array, B: Array, inputs: Array) -> Array:
     drives = np.linalg.solve(vectors, B.astype(complex)) @ inputs
     states = np.zeros((len(A), inputs.shape[1]))
     for mode, vector, drive in zip(values, vectors.T, drives, strict=True):
-        if mode.imag < 0:
+        if mode.imag < 0:  # counted with its conjugate
             continue
         x = mode / INTERNAL_HZ
         grown = np.exp(x)
+        # weights of the input at the end and the beginning of a step, ∫ e^(λ(h-t)) u(t) dt
         late = (grown - 1 - x) / (x * mode)
         early = (grown - 1) / mode - late
         steps = early * np.concatenate([[0], drive[:-1]]) + late * drive
@@ -417,6 +417,7 @@ def _unbalance(
     """
     square, turn = speed**2, 2 * np.pi * travel
     forward, upward, moment = 0 * speed, 0 * speed, 0 * speed
+    # a force that turns with each roller; its moment about the left axis is z Fx - x Fz
     for x in (d.roller_place_m, -d.roller_place_m):
         angle = rng.uniform(0, 2 * np.pi) + d.turns_per_m * turn
         ahead, up = (d.unbalance_kg_per_m * square * f(angle) for f in (np.cos, np.sin))
@@ -430,10 +431,11 @@ def _unbalance(
 
 def _rumble(d: BeltDrive, speed: Array, rate_hz: float, rng: np.random.Generator) -> Array:
     """Give the broad-band moment of a running belt, (N,) [N·m]."""
+    # white noise of that density up to half the sampling rate, low-passed where the rumble ends
     white = d.rumble_nm_per_sqrt_hz * np.sqrt(rate_hz / 2) * rng.normal(size=len(speed))
-    if rate_hz > 2 * RUMBLE_HZ:
-        white = sosfilt(butter(2, RUMBLE_HZ, fs=rate_hz, output="sos"), white)
-    return np.asarray(white * np.minimum(np.abs(speed) / RUMBLE_FULL_MPS, 1))
+    if rate_hz > 2 * BELTS.rumble_end:
+        white = sosfilt(butter(2, BELTS.rumble_end, fs=rate_hz, output="sos"), white)
+    return np.asarray(white * np.minimum(np.abs(speed) / BELTS.rumble_speed, 1))
 
 
 def run_linear_belt(machine: Machine, command: Array, rate_hz: float) -> BeltMotion:
@@ -453,8 +455,6 @@ def run_linear_belt(machine: Machine, command: Array, rate_hz: float) -> BeltMot
 
 
 Drives = tuple[BeltDrive, BeltDrive]
-BELT_LEFT_M: Final = (0.25, -0.25)
-"""Where the middle of the left and the right belt is [m]."""
 
 
 def make_drives(faults: BeltFaults, rng: np.random.Generator) -> Drives | None:
@@ -505,13 +505,14 @@ def run_belts(
         Left and right.
     """
     motions = []
-    for k, own in enumerate(rng.spawn(2)):
+    for k, of_belt in enumerate(rng.spawn(2)):
         if drives is None:
             motions.append(run_linear_belt(machine, command, rate_hz))
         else:
             load = np.zeros((len(command), 6)) if people is None else people[k]
+            # people press the belt on its board, and push it forward, against its motion
             weight, push = np.maximum(load[:, 2], 0.0), -load[:, 0]
-            motions.append(run_belt(drives[k], command, rate_hz, own, weight, push))
+            motions.append(run_belt(drives[k], command, rate_hz, of_belt, weight, push))
     return motions[0], motions[1]
 
 
@@ -522,8 +523,9 @@ def carried_of_belts(belts: tuple[BeltMotion, BeltMotion]) -> Pair:
     person standing there.
     """
     wrenches = []
-    for belt, y in zip(belts, BELT_LEFT_M, strict=True):
+    for belt, y in zip(belts, (PLATE.width / 2, -PLATE.width / 2), strict=True):
         zero = np.zeros(len(belt.speed))
+        # moments of forces at (0, y, 0): y Fz and -y Fx
         columns = [belt.forward_force, zero, belt.upward_force]
         columns += [y * belt.upward_force, belt.pitch_moment, -y * belt.forward_force]
         wrenches.append(np.column_stack(columns))

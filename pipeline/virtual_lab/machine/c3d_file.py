@@ -208,7 +208,7 @@ def _header(markers: Markers, channels: Analog, first_frame: int, data_block: in
 
 def _samples(position: Array, analog: Array) -> bytes:
     frames, points = position.shape[:2]
-    seen = ~np.isnan(position.sum(axis=-1, keepdims=True))
-    words = np.concatenate([np.where(seen, position, 0), np.where(seen, 0, -1)], axis=-1)
+    is_finite = ~np.isnan(position.sum(axis=-1, keepdims=True))
+    words = np.concatenate([np.where(is_finite, position, 0), np.where(is_finite, 0, -1)], axis=-1)
     rows = words.reshape(frames, 4 * points), analog.reshape(frames, analog.size // frames)
     return np.hstack(rows, dtype="<f4", casting="same_kind").tobytes()

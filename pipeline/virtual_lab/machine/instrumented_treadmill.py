@@ -12,6 +12,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from hbm.markers import Markers
+from hbm.numbers import read_numbers
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about, shift_wrench, transform_wrench
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.units import acceleration_in_mps2
@@ -26,17 +27,17 @@ from pipeline.virtual_lab.machine.structure import (
     respond,
 )
 
+PLATE: Final = read_numbers("pipeline.virtual_lab.machine", "parameters.toml", "plate")
+CONVERTERS: Final = read_numbers("pipeline.virtual_lab.machine", "parameters.toml", "converters")
+STREAMS: Final = read_numbers("pipeline.virtual_lab.machine", "parameters.toml", "streams")
+CAMERAS: Final = read_numbers("pipeline.virtual_lab.machine", "parameters.toml", "cameras")
+SENSORS: Final = read_numbers("pipeline.virtual_lab.machine", "parameters.toml", "accelerometers")
+
 ANALOG_HZ: Final = 1000.0
 FRAME_HZ: Final = 100.0
 """Sampling rate of plates and analog channels, and frame rate of the cameras: the thesis'. Standard
 deviations of noise on plates and analog channels are stated for `ANALOG_HZ`."""
 SAMPLES_PER_FRAME: Final = round(ANALOG_HZ / FRAME_HZ)
-MAX_JITTER_S: Final = 0.002
-"""Largest error of an instant, that of recorded streams."""
-WANDER_HZ: Final = 0.5
-"""Corner frequency of a zero that wanders; assumed."""
-WANDER_UPDATE_HZ: Final = 10.0
-"""How often a wandering zero is drawn; in between it is straight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ class Clock:
     delay_s
         How much later its readings are than what they show [s].
     rate
-        Error of its clock, as a share of the time.
+        Error of its clock, as a fraction of the time.
     jitter_s
         Standard deviation of its instants [s].
     """
@@ -59,6 +60,7 @@ class Clock:
 
     def sample(self, values: Array, rate_hz: float, rng: np.random.Generator) -> Array:
         """Give what the instrument samples of what happens, (N, C), at ``rate_hz``, (N, C)."""
+        # where in the true samples each reading is taken: by a clock that runs fast and lags
         position = np.arange(len(values), dtype=np.float64)
         position *= 1 + self.rate
         position -= self.delay_s * rate_hz
@@ -68,8 +70,9 @@ class Clock:
 
 
 def jitter(count: int, sd_s: float, rng: np.random.Generator) -> Array:
-    """Draw errors of instants, `MAX_JITTER_S` at most, (N,) [s]."""
-    return np.clip(sd_s * rng.standard_normal(count), -MAX_JITTER_S, MAX_JITTER_S)
+    """Draw errors of instants, 2 ms at most, (N,) [s]."""
+    most = CONVERTERS.largest_jitter
+    return np.clip(sd_s * rng.standard_normal(count), -most, most)
 
 
 def interpolated(values: Array, position: Array) -> Array:
@@ -80,7 +83,7 @@ def interpolated(values: Array, position: Array) -> Array:
     values
         (N, C).
     position
-        Wanted places in samples, (K,); before the first and after the last it is held.
+        Places in samples, (K,); before the first and after the last it is held.
 
     Returns
     -------
@@ -91,6 +94,7 @@ def interpolated(values: Array, position: Array) -> Array:
     here = np.clip(position, 0, last)
     below = np.minimum(here.astype(int), max(last - 1, 0))
     f = here - below
+    # Lagrange's polynomials through the samples at -1, 0, 1 and 2
     weights = (
         -f * (f - 1) * (f - 2) / 6,
         (f + 1) * (f - 1) * (f - 2) / 2,
@@ -115,14 +119,16 @@ def add_noise(
 
 
 def wander(count: int, rate_hz: float, channels: int, rng: np.random.Generator) -> Array:
-    """Draw zeros that wander below `WANDER_HZ`, with standard deviation 1, (N, channels)."""
-    step = max(round(rate_hz / WANDER_UPDATE_HZ), 1)
-    kept = np.exp(-2 * np.pi * WANDER_HZ / WANDER_UPDATE_HZ)
+    """Draw zeros that wander below 0.5 Hz, with standard deviation 1, (N, channels)."""
+    update_hz = 10.0  # how often a zero is drawn; in between it is straight
+    step = max(round(rate_hz / update_hz), 1)
+    # a low-pass of first order keeps the variance at 1 if its input has 1 - kept²
+    kept = np.exp(-2 * np.pi * PLATE.wander_corner / update_hz)
     drawn = rng.standard_normal((count // step + 2, channels))
     drawn[1:] *= np.sqrt(1 - kept**2)
     drawn = np.asarray(lfilter([1.0], [1.0, -kept], drawn, axis=0))
-    share = np.arange(step)[:, None] / step
-    between = drawn[:-1, None] + share * np.diff(drawn, axis=0)[:, None]
+    fraction = np.arange(step)[:, None] / step
+    between = drawn[:-1, None] + fraction * np.diff(drawn, axis=0)[:, None]
     return np.asarray(between.reshape(-1, channels)[:count])
 
 
@@ -140,16 +146,11 @@ def add_interference(values: Array, rms: Array | float, rng: np.random.Generator
     Sampled without a filter it appears as a tone at any frequency below that; in each recording
     and channel there is some of it.
     """
-    share = rms * rng.standard_normal(values.shape[1])
+    by_channel = rms * rng.standard_normal(values.shape[1])
     if np.any(rms):
         frequency, phase = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
         tone = np.sqrt(2) * np.sin(frequency * np.arange(len(values)) + phase)
-        values += tone[:, None] * share
-
-
-UPDATE_HZ: Final = 200.0
-"""How often the controller updates the belt speed that it reports (van de Loosdrecht 2018); in
-between the recorder holds the last value."""
+        values += tone[:, None] * by_channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +162,7 @@ class Stream:
     delay_s
         How much later its values arrive than what they show [s].
     jitter_s
-        Standard deviation of its instants, one every 1 / `UPDATE_HZ` [s].
+        Standard deviation of its instants, one every 5 ms [s].
     doubled_per_minute
         How often a value is repeated instead of read anew.
     held
@@ -175,8 +176,9 @@ class Stream:
 
     def sample(self, values: Array, rate_hz: float, rng: np.random.Generator) -> Array:
         """Give what the recorder holds of what happens, (N, C), at ``rate_hz``, (N, C)."""
-        step = max(round(rate_hz / UPDATE_HZ), 1)
+        step = max(round(rate_hz / STREAMS.update_rate), 1)
         count = len(values)
+        # how late each value is, in samples: a repeated one is that of the instant before
         first = np.arange(0, count, step)
         of_jitter, of_doubled = rng.spawn(2)
         late = np.full(len(first), -self.delay_s * rate_hz)
@@ -187,12 +189,6 @@ class Stream:
         if self.held:
             return np.repeat(interpolated(values, first + late), step, axis=0)[:count]
         return interpolated(values, np.arange(count) + np.repeat(late, step)[:count])
-
-
-GAP_S: Final = 0.15
-"""Mean duration of a gap; assumed."""
-MARKERS_OF_A_PERSON: Final = 46
-"""Number of markers to which ``gaps_per_minute`` refers: those of the HBM2 set."""
 
 
 def measure_markers(
@@ -218,44 +214,20 @@ def measure_markers(
     """
     frames, markers = position.shape[:2]
     measured = position + faults.noise_m * rng.normal(size=position.shape)
+    # gaps of random length in random markers, their number by time and markers
     minutes = frames / rate_hz / 60
-    for _ in range(rng.poisson(faults.gaps_per_minute * minutes * markers / MARKERS_OF_A_PERSON)):
+    for _ in range(rng.poisson(faults.gaps_per_minute * minutes * markers / CAMERAS.markers)):
         start = rng.integers(frames)
-        length = max(1, round(rng.exponential(GAP_S) * rate_hz))
+        length = max(1, round(rng.exponential(CAMERAS.gap) * rate_hz))
         measured[start : start + length, rng.integers(markers)] = np.nan
     return measured
 
 
-PLATE_LENGTH_M: Final = 1.8
-PLATE_WIDTH_M: Final = 0.5
-"""Belt surface of each plate; assumed, as on common split-belt treadmills."""
-PLATE_CENTERS_M: Final = np.array([[0.0, PLATE_WIDTH_M / 2, 0.0], [0.0, -PLATE_WIDTH_M / 2, 0.0]])
+PLATE_CENTERS_M: Final = np.array([[0.0, PLATE.width / 2, 0.0], [0.0, -PLATE.width / 2, 0.0]])
 """Centres of the left and the right plate's surface with the platform in neutral."""
-MOMENT_ARM_M: Final = 1 / 3
-"""By which errors drawn for forces are multiplied to give those of moments [N·m per N]: about how
-far the load cells are from the centre of a plate."""
-
-
-FORCE_NOISE_N: Final = 1.1
-MOMENT_NOISE_NM: Final = 0.6
-WANDER_N: Final = 0.15
-"""White noise: real plates at rest have 0.9 to 1.3 N and 0.4 to 0.9 N·m. White noise alone would
-leave half of the 0.13 to 0.27 N that these have below 6 Hz: the zero wanders."""
-CROSS_TALK: Final = 0.002
-CURVATURE: Final = 0.002
-"""Of each component in each other; and of a force at full scale, as a share of that, of plates and
-accelerometers; assumed, of the size that makers state."""
-OFFSET_N: Final = 2.0
-ZERO_SHIFT_N: Final = 0.5
-DRIFT_N_PER_MIN: Final = 0.3
-"""Of the zero, from trial to trial and within one; assumed."""
-ALIAS_N: Final = 0.1
-"""Interference of the motors, from above half the sampling rate; assumed."""
-BITS: Final = 16
-"""Of the converters over the range."""
-FULL_SCALE_N: Final = 4000.0
-"""Range of a plate's forces, either way; of its moments, by `MOMENT_ARM_M`; assumed."""
-ERROR_SCALE: Final = np.array([1.0, 1.0, 1.0, *[MOMENT_ARM_M] * 3])
+ERROR_SCALE: Final = np.array([1.0, 1.0, 1.0, *[1 / 3] * 3])
+"""By which errors drawn for forces are multiplied: those of moments [N·m per N] by about how far
+the load cells are from the centre of a plate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,7 +239,7 @@ class ForcePlate:
     gain
         Cross-talk and gain: measured = gain @ true, (6, 6).
     curvature
-        Vertical force too large by this share of full scale at full scale, growing with its square.
+        Vertical force too large by this fraction at full scale, growing with its square.
     full_scale_n
         Vertical force at which ``curvature`` is stated [N].
     offset
@@ -284,7 +256,7 @@ class ForcePlate:
         Root mean square of interference from above half the sampling rate, (6,) [N, N·m]; in each
         recording some of it.
     bits
-        Of its converter over `FULL_SCALE_N` either way; 0 for a perfect one.
+        Of its converter over its range either way; 0 for a perfect one.
     clock
         When it samples.
     """
@@ -318,6 +290,7 @@ class ForcePlate:
         Array
             (N, 6) [N, N·m], about the same point.
         """
+        # sampled, changed by gains and curvature, then zero, interference, noise and converter
         of_clock, of_zero, of_wander, of_alias = rng.spawn(4)
         measured = self.clock.sample(wrench, rate_hz, of_clock) @ self.gain.T
         measured[:, 2] += self.curvature / self.full_scale_n * measured[:, 2] ** 2
@@ -327,7 +300,7 @@ class ForcePlate:
             measured += wander(len(wrench), rate_hz, 6, of_wander) * self.wander
         add_interference(measured, self.alias, of_alias)
         add_noise(measured, self.noise, rng, rate_hz)
-        return quantised(measured, FULL_SCALE_N * ERROR_SCALE, self.bits)
+        return quantised(measured, PLATE.full_scale * ERROR_SCALE, self.bits)
 
 
 def make_force_plate(
@@ -347,20 +320,20 @@ def make_force_plate(
     Returns
     -------
     ForcePlate
-        Errors of moments are a third of those of forces, in N·m and N (`MOMENT_ARM_M`).
+        Errors of moments are a third of those of forces, in N·m and N (`ERROR_SCALE`).
     """
-    cross_talk = faults.gain_scale * CROSS_TALK * rng.normal(size=(6, 6))
+    cross_talk = faults.gain_scale * PLATE.cross_talk * rng.normal(size=(6, 6))
     return ForcePlate(
         gain=np.eye(6) + cross_talk * ERROR_SCALE[:, None],
-        curvature=faults.gain_scale * CURVATURE * rng.normal(),
-        full_scale_n=FULL_SCALE_N,
-        offset=faults.zero_scale * OFFSET_N * rng.normal(size=6) * ERROR_SCALE,
-        drift=faults.zero_scale * DRIFT_N_PER_MIN / 60 * rng.normal(size=6) * ERROR_SCALE,
-        noise=faults.noise_scale * np.repeat([FORCE_NOISE_N, MOMENT_NOISE_NM], 3),
-        wander=faults.fine_scale * WANDER_N * ERROR_SCALE,
-        zero_shift=faults.zero_scale * ZERO_SHIFT_N * ERROR_SCALE,
-        alias=faults.fine_scale * ALIAS_N * ERROR_SCALE,
-        bits=BITS if faults.fine_scale else 0,
+        curvature=faults.gain_scale * CONVERTERS.curvature * rng.normal(),
+        full_scale_n=PLATE.full_scale,
+        offset=faults.zero_scale * PLATE.offset * rng.normal(size=6) * ERROR_SCALE,
+        drift=faults.zero_scale * PLATE.drift / 60 * rng.normal(size=6) * ERROR_SCALE,
+        noise=faults.noise_scale * np.repeat([PLATE.force_noise, PLATE.moment_noise], 3),
+        wander=faults.fine_scale * PLATE.wander * ERROR_SCALE,
+        zero_shift=faults.zero_scale * PLATE.zero_shift * ERROR_SCALE,
+        alias=faults.fine_scale * PLATE.interference * ERROR_SCALE,
+        bits=CONVERTERS.bits if faults.fine_scale else 0,
         clock=clock or Clock(faults.delay_s),
     )
 
@@ -404,7 +377,7 @@ def recorded_plate(number: int, time: Array, wrench_in_plate: Array) -> Plate:
         Its axes are parallel to the platform's.
     """
     center = PLATE_CENTERS_M[number - 1]
-    x, y = PLATE_LENGTH_M / 2, PLATE_WIDTH_M / 2
+    x, y = PLATE.length / 2, PLATE.width / 2
     corners = center + np.array([[x, y, 0], [x, -y, 0], [-x, -y, 0], [-x, y, 0]])
     return Plate(number, time, wrench_in_plate, np.eye(3), center, corners)
 
@@ -418,17 +391,6 @@ PLACES_M: Final = {
 """Name and place in the platform frame: the first two at opposite corners, as in the thesis; the
 other two, assumed, at other heights, so that they distinguish rotations."""
 SENSOR_NAMES: Final = tuple(PLACES_M)
-RANGE_G: Final = 2.0
-"""The thesis'."""
-NOISE_MPS2: Final = 0.02
-GAIN_SHARE: Final = 0.01
-MISALIGNMENT_DEG: Final = 1.0
-CROSS_AXIS: Final = 0.01
-OFFSET_MPS2: Final = 0.05
-DRIFT_MPS2_PER_MIN: Final = 0.001
-ALIAS_MPS2: Final = 0.002
-"""Standard deviations, of the size that makers state; ``CROSS_AXIS`` is what a channel shows of the
-other two axes beside the misalignment of the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,7 +413,7 @@ class Accelerometer:
     limit
         Where it clips [m/s²].
     curvature
-        Reading too large by this share of ``limit`` there, growing with its square, (3,).
+        Reading too large by this fraction of ``limit`` there, growing with its square, (3,).
     drift
         Change of the offset, (3,) [m/s² per s].
     alias
@@ -513,43 +475,29 @@ def make_accelerometers(
     scale = faults.error_scale
     sensors = []
     for (name, place), clock in zip(list(PLACES_M.items())[: faults.sensors], clocks, strict=False):
+        # turned about a random axis; each channel has its gain, and shows some of the other two
         axis = rng.normal(size=3)
-        angle = np.radians(scale * MISALIGNMENT_DEG) * rng.normal()
+        angle = np.radians(scale * SENSORS.misalignment) * rng.normal()
         misalignment = rotation_about(axis / np.linalg.norm(axis), angle)
-        gain = np.diag(1 + scale * GAIN_SHARE * rng.normal(size=3))
-        offset = scale * OFFSET_MPS2 * rng.normal(size=3)
-        others = scale * CROSS_AXIS * rng.normal(size=(3, 3)) * (1 - np.eye(3))
+        gain = np.diag(1 + scale * SENSORS.gain * rng.normal(size=3))
+        offset = scale * SENSORS.offset * rng.normal(size=3)
+        others = scale * SENSORS.cross_axis * rng.normal(size=(3, 3)) * (1 - np.eye(3))
         sensors.append(
             Accelerometer(
                 name,
                 np.array(place),
                 sensitivity=(gain + others) @ misalignment,
                 offset=offset,
-                noise=faults.noise_scale * NOISE_MPS2,
-                limit=RANGE_G * GRAVITY_MPS2,
-                curvature=scale * CURVATURE * rng.normal(size=3),
-                drift=scale * DRIFT_MPS2_PER_MIN / 60 * rng.normal(size=3),
-                alias=scale * ALIAS_MPS2,
-                bits=BITS if faults.noise_scale else 0,
+                noise=faults.noise_scale * SENSORS.noise,
+                limit=SENSORS.range * GRAVITY_MPS2,
+                curvature=scale * CONVERTERS.curvature * rng.normal(size=3),
+                drift=scale * SENSORS.drift / 60 * rng.normal(size=3),
+                alias=scale * SENSORS.interference,
+                bits=CONVERTERS.bits if faults.noise_scale else 0,
                 clock=clock,
             )
         )
     return tuple(sensors)
-
-
-RATE_PPM: Final = 1.0
-JITTER_S: Final = 0.00002
-"""Error of each instrument's clock, and of the instants of the converter of plates and
-accelerometers (SD); assumed, of instruments that are synchronised."""
-STREAM_JITTER_S: Final = 0.0003
-DOUBLED_PER_MINUTE: Final = 0.3
-"""Of the stream of belt speed and platform channels, of which a sample is now and then a repetition
-of the one before: 0.2 to 0.3 ms and one to three in six minutes are those of the recordings of Hnat
-and van den Bogert (2014)."""
-NOISE_MPS: Final = 0.005
-"""Of the belts' speed channels; assumed."""
-INSTRUMENT_STREAM: Final = 7
-"""Number of the random numbers of the instruments, which are not those of a subject."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -595,14 +543,14 @@ def make_treadmill(faults: Faults, seed: int) -> InstrumentedTreadmill:
     InstrumentedTreadmill
         Equal seeds give equal instruments; each has its own random numbers.
     """
-    of_left, of_right, of_sensors, of_clocks, of_drives = np.random.default_rng(
-        (seed, INSTRUMENT_STREAM)
-    ).spawn(5)
+    rng = np.random.default_rng((seed, 7))  # not the random numbers of a subject
+    of_left, of_right, of_sensors, of_clocks, of_drives = rng.spawn(5)
     # the clocks of both plates and of every accelerometer that there can be
     delays = [*faults.plates.delays_s, *[faults.accelerometers.delay_s] * len(SENSOR_NAMES)]
-    errors = 1e-6 * faults.clocks.scale * RATE_PPM * of_clocks.standard_normal(len(delays))
+    rate_sd = 1e-6 * faults.clocks.scale * CONVERTERS.clock_rate
+    errors = rate_sd * of_clocks.standard_normal(len(delays))
     left, right, *of_each = (
-        Clock(delay_s, rate, faults.clocks.scale * JITTER_S)
+        Clock(delay_s, rate, faults.clocks.scale * CONVERTERS.jitter)
         for delay_s, rate in zip(delays, errors.tolist(), strict=True)
     )
     flexibility = faults.machine.flexibility
@@ -674,11 +622,6 @@ BELT_CHANNELS: Final = ("Belt.Left", "Belt.Right")
 SWAY_CHANNEL: Final = "Platform.Sway"
 PITCH_CHANNEL: Final = "Platform.Pitch"
 PULSE_CHANNEL: Final = "Perturbation"
-PULSE_V: Final = 5.0
-"""Height of the pulse that marks the onset of a perturbation: a logic level."""
-PULSE_S: Final = 0.02
-PULSE_NOISE_V: Final = 0.01
-"""Duration of the pulse, and noise on its channel; assumed."""
 Channels = tuple[tuple[str, ...], tuple[str, ...], Array]
 """Names, units and values, (N, C), of analog channels."""
 
@@ -726,14 +669,16 @@ def recorded(
     rate_hz, faults = motion.rate_hz, treadmill.faults
     noises = of_sensors.spawn(len(treadmill.sensors))
     readings = [
-        sensor.measure(felt, rate_hz, noise) / acceleration_in_mps2("g")
-        for sensor, felt, noise in zip(treadmill.sensors, response.sensors, noises, strict=True)
+        sensor.measure(at_sensor, rate_hz, noise) / acceleration_in_mps2("g")
+        for sensor, at_sensor, noise in zip(
+            treadmill.sensors, response.sensors, noises, strict=True
+        )
     ]
     sensors = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
     # a motor's reports are uneven already
-    jitter_s = faults.clocks.scale * STREAM_JITTER_S if treadmill.drives is None else 0.0
-    stream = Stream(0.0, jitter_s, faults.clocks.scale * DOUBLED_PER_MINUTE, held=True)
-    noise_mps, speeds = faults.belts.roughness * NOISE_MPS, []
+    jitter_s = faults.clocks.scale * STREAMS.jitter if treadmill.drives is None else 0.0
+    stream = Stream(0.0, jitter_s, faults.clocks.scale * STREAMS.doubled, held=True)
+    noise_mps, speeds = faults.belts.roughness * STREAMS.belt_noise, []
     for belt, noise, _ in zip(response.belts, of_belts.spawn(2), belts, strict=False):
         speeds.append(stream.sample(belt.reported_speed[:, None], rate_hz, noise.spawn(1)[0]))
         add_noise(speeds[-1], noise_mps, noise, rate_hz)
@@ -744,6 +689,7 @@ def recorded(
         strict=True,
     )
     plates = []
+    # plates err about the platform's origin, and are recorded about their centres
     for k, noise in enumerate(of_plates.spawn(2)):
         carried = misplaced(response.plates[k], faults.plates)
         measured = treadmill.plates[k].measure(carried, rate_hz, noise)
@@ -771,6 +717,7 @@ def measure_platform(
     step = round(motion.rate_hz / FRAME_HZ)
     pose = motion.platform.every(step).pose
     places = []
+    # the frame's bending moves a marker on the platform, the platform's pose brings it to the lab
     for place in map(np.array, PLATFORM_MARKERS_M.values()):
         moved = place + response.frame @ frame_shape(place)[:3].T
         places.append(pose.position + (pose.rotation @ moved[..., None])[..., 0])
@@ -786,9 +733,10 @@ def measure_pose(
     sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
     true = np.column_stack([sway_mm, pitch_deg])
     scale, faults = treadmill.faults.clocks.scale, treadmill.faults.platform
+    # a repetition of the motion starts some whole frames earlier or later
     most = faults.replay_frames
     late_s = faults.delay_s + float(of_delay.integers(-most, most, endpoint=True)) / FRAME_HZ
-    stream = Stream(late_s, scale * STREAM_JITTER_S, scale * DOUBLED_PER_MINUTE)
+    stream = Stream(late_s, scale * STREAMS.jitter, scale * STREAMS.doubled)
     values = stream.sample(true, motion.rate_hz, of_stream)
     return (SWAY_CHANNEL, PITCH_CHANNEL), ("mm", "deg"), values
 
@@ -797,6 +745,6 @@ def measure_pulses(motion: TreadmillMotion, rng: np.random.Generator) -> Channel
     """Record the pulses that mark the onsets of perturbations."""
     time, pulse = motion.time, np.zeros((len(motion.time), 1))
     for onset in motion.onsets:
-        pulse[(time >= onset) & (time < onset + PULSE_S)] += PULSE_V
-    add_noise(pulse, PULSE_NOISE_V, rng)
+        pulse[(time >= onset) & (time < onset + STREAMS.pulse_duration)] += STREAMS.pulse_height
+    add_noise(pulse, STREAMS.pulse_noise, rng)
     return (PULSE_CHANNEL,), ("V",), pulse

@@ -54,6 +54,7 @@ class Trajectory:
 
     def at_knots(self, position: Array, derivative: int = 0) -> Array:
         """Evaluate a derivative at places that are counted in knots, (T, C)."""
+        # six basis functions are not zero between two knots
         knot = np.clip(np.floor(position).astype(int), 0, len(self.coefficients) - DEGREE - 1)
         weights = _weights(position - knot, derivative) * self.rate_hz**derivative
         value = np.zeros((len(position), self.coefficients.shape[1]))
@@ -107,8 +108,6 @@ Pair = tuple[Array, Array]
 """Of the left and the right plate or belt."""
 TERMS: Final = 5
 """Number of `motion_terms`."""
-STATIONARY_KNOTS: Final = 20
-"""Enough samples for a spline; a platform that does not move needs no more, however long it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,9 +157,9 @@ def specific_force(motion: PlatformMotion, point: Array) -> Array:
     -----
     With ``d`` from the pitch axis to the point: ``φ̈ ŷ×d − φ̇² (d − (d·ŷ) ŷ) + ÿ ŷ − Rᵀ g``.
     """
-    felt = motion_terms(motion) @ felt_by_terms(point, motion.pivot).T
-    felt[:, 2] += GRAVITY_MPS2
-    return np.asarray(felt)
+    specific = motion_terms(motion) @ felt_by_terms(point, motion.pivot).T
+    specific[:, 2] += GRAVITY_MPS2
+    return np.asarray(specific)
 
 
 def motion_terms(motion: PlatformMotion) -> Array:
@@ -169,6 +168,7 @@ def motion_terms(motion: PlatformMotion) -> Array:
     ``ÿ, φ̈, φ̇², g sin φ, g (1 − cos φ)``: all zero at rest in neutral.
     """
     (_, _, sway_acceleration), (angle, rate, acceleration) = motion.sway, motion.pitch
+    # 1 - cos φ = 2 sin² (φ/2), which keeps its digits at small angles
     falling = GRAVITY_MPS2 * np.sin(angle), 2 * GRAVITY_MPS2 * np.sin(angle / 2) ** 2
     return np.column_stack([sway_acceleration, acceleration, rate**2, *falling])
 
@@ -213,6 +213,7 @@ class PlatformTrajectory:
     def _at(self, time: Array) -> Array:
         begin = self.trajectory.start
         end = begin + self.trajectory.duration
+        # beyond the end: the motion before it, mirrored and turned about the last value
         mirrored = np.where(time > end, 2 * end - np.asarray(time), time)
         value = self.trajectory.at(np.clip(mirrored, begin, end))
         beyond = np.asarray(time) > end
@@ -228,7 +229,8 @@ def platform_trajectory(motion: PlatformMotion, rate_hz: float) -> PlatformTraje
 
 def stationary_platform() -> PlatformTrajectory:
     """Give a platform that does not move."""
-    return PlatformTrajectory(fit_trajectory(np.zeros((STATIONARY_KNOTS, 2)), 1.0), np.zeros(3))
+    # enough samples for a spline; one that does not move needs no more, however long the trial is
+    return PlatformTrajectory(fit_trajectory(np.zeros((20, 2)), 1.0), np.zeros(3))
 
 
 def _turned_about(pivot: Array, sway: Array, pitch: Array) -> PlatformPose:
@@ -236,6 +238,7 @@ def _turned_about(pivot: Array, sway: Array, pitch: Array) -> PlatformPose:
 
     A positive pitch lowers the front: ``x = (c, 0, -s)``, ``z = (s, 0, c)``.
     """
+    # R about the left axis; the pivot p moves by the sway alone: origin = p - R p, and sway
     c, s, zero = np.cos(pitch), np.sin(pitch), np.zeros(len(pitch))
     rotation = np.stack([[c, zero, s], [zero, zero + 1, zero], [-s, zero, c]]).transpose(2, 0, 1)
     x, _, z = pivot
@@ -331,6 +334,7 @@ class BeltRamp:
         """Give the distance that the belt has travelled, the integral of its speed, (T,) [m]."""
         since = time - self.start
         x = np.clip(since / self.ramp, 0.0, 1.0)
+        # ∫ 10 x³ - 15 x⁴ + 6 x⁵, and full speed after the ramp
         ramping = self.ramp * (x**6 - 3 * x**5 + 2.5 * x**4)
         return np.asarray(self.speed_mps * (ramping + np.maximum(since - self.ramp, 0.0)))
 
@@ -409,8 +413,8 @@ def _limited(command: Array, max_value: float, max_speed: float, rate_hz: float)
     if np.abs(np.diff(within)).max(initial=0.0) <= step:
         return within
     value, values = float(within[0]), []
-    for wanted in within.tolist():
-        value += min(max(wanted - value, -step), step)
+    for target in within.tolist():
+        value += min(max(target - value, -step), step)
         values.append(value)
     return np.array(values)
 
@@ -423,6 +427,7 @@ def follow(command: Array, bandwidth_hz: float, rate_hz: float) -> Array:
     omega = 2 * np.pi * bandwidth_hz
     rest = float(command[0])
     rows = []
+    # sᵏ ω² / (s² + 2 ω s + ω²) for value, velocity and acceleration, exact for a first-order hold
     for derivative in range(3):
         numerator = np.array([omega**2, *[0.0] * derivative])
         denominator = np.array([1, 2 * omega, omega**2])
@@ -430,10 +435,6 @@ def follow(command: Array, bandwidth_hz: float, rate_hz: float) -> Array:
         rows.append(lfilter(b.ravel(), a, command - rest))
     rows[0] += rest
     return np.stack(rows)
-
-
-LEFTWARD: Final = np.array([0.0, 1.0, 0.0])
-"""Direction of the pitch axis in the platform frame."""
 
 
 def inertial_wrench(assembly: Assembly, pivot: Array) -> Array:
@@ -454,9 +455,11 @@ def inertial_wrench(assembly: Assembly, pivot: Array) -> Array:
     """
     force = assembly.mass * felt_by_terms(np.array(assembly.center), pivot)
     moment = skew(assembly.center) @ force
-    column = np.array(assembly.tensor) @ LEFTWARD
+    # Euler's equation about the pitch axis ŷ: J ŷ φ̈ + φ̇² ŷ × J ŷ
+    leftward = np.array([0.0, 1.0, 0.0])
+    column = np.array(assembly.tensor) @ leftward
     moment[:, 1] += column
-    moment[:, 2] += np.cross(LEFTWARD, column)
+    moment[:, 2] += np.cross(leftward, column)
     return np.vstack([force, moment])
 
 

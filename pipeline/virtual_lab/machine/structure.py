@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, skew
 from pipeline.virtual_lab.machine.belts import BeltMotion
 from pipeline.virtual_lab.machine.platform import (
@@ -29,53 +30,23 @@ from pipeline.virtual_lab.machine.platform import (
     weight_of,
 )
 
+STRUCTURE: Final = read_numbers("pipeline.virtual_lab.machine", "parameters.toml", "structure")
+
 SHAPES: Final = ("vertical bending", "twist", "sideways bending")
 FRAME: Final = 6 + len(SHAPES)
 """Coordinates of the frame."""
 ASSEMBLIES: Final = (slice(FRAME, FRAME + 6), slice(FRAME + 6, FRAME + 12))
 COORDINATES: Final = FRAME + 12
 """Coordinates of the left and the right belt assembly, and number of all of the structure."""
-FRAME_M: Final = 1.1
-"""Half the frame's length; the deflection there is a shape's coordinate."""
-FRAME_KG: Final = 300.0
-"""Mass of the frame: as much as the thesis' two belt assemblies of 150 kg; assumed."""
 FRAME_NODES_M: Final = np.array(
     [
         (x, y, z)
-        for x in np.linspace(-FRAME_M, FRAME_M, 7)
+        for x in np.linspace(-STRUCTURE.half_length, STRUCTURE.half_length, 7)
         for y in (-0.5, 0.5)
         for z in (-0.4, -0.2)
     ]
 )
 """Where the frame's mass is, in equal parts; assumed, a flat box below the belts."""
-BASE_M: Final = np.array([0.0, 0.0, -0.3])
-"""Point about which the base yields in its six directions independently; assumed, the middle of the
-frame."""
-CELLS_M: Final = tuple(
-    np.array([(x, y + side * 0.25, -0.2) for x in (-0.8, 0.8) for y in (-0.2, 0.2)])
-    for side in (1, -1)
-)
-"""Load cells of the left and the right assembly: below the corners of the plate; assumed."""
-
-
-BASE_HZ: Final = (30.0, 13.0, 40.0, 35.0, 16.0, 30.0)
-BASE_DAMPING: Final = (0.05, 0.3, 0.05, 0.05, 0.3, 0.05)
-"""Natural frequencies and damping ratios of the whole, rigid structure on its base (forward, left,
-up, roll, pitch, yaw): lowest where actuators hold it, sideways and in pitch, with more damping than
-bolted steel. People then shake the plates about as much as those of a real treadmill: in the middle
-of swing, below 10 Hz, while somebody walks on the other plate, the sideways force varies by two
-times and the vertical by half of what a recording of python-gaitalytics shows (a treadmill that
-does not move; the recording is filtered and says nothing of higher frequencies), and feet leave the
-plates 2 ms later than on a rigid machine. On actuators of 7 Hz with 5 % damping steps let the
-plates swing by 56 N (SD), which no recording shows."""
-SHAPE_HZ: Final = (45.0, 40.0, 50.0)
-"""Of `SHAPES` with the frame's middle held and the assemblies on it; assumed."""
-CELL_HZ: Final = (68.0, 67.0, 138.0)
-"""Of an assembly that moves forward, sideways or up on its load cells, the frame being held: a belt
-assembly of 90 kg on a force plate reached 88, 87 and 178 Hz (Kram et al. 1998, J Appl Physiol
-85:764); one of 150 kg on cells as stiff reaches these."""
-STEEL_DAMPING: Final = 0.02
-"""Of both; assumed."""
 
 
 def springs(stretch: Array, inertia: Array, hz: Array, ratio: float | Array) -> tuple[Array, Array]:
@@ -110,8 +81,8 @@ class Structure:
 
 def make_structure(
     flexibility: float = 1.0,
-    base_hz: Sequence[float] = BASE_HZ,
-    base_damping: Sequence[float] = BASE_DAMPING,
+    base_hz: Sequence[float] = STRUCTURE.base_frequency,
+    base_damping: Sequence[float] = STRUCTURE.base_damping,
 ) -> Structure:
     """Assemble the structure from its parts.
 
@@ -129,25 +100,34 @@ def make_structure(
         Its matrices are symmetric, and positive definite but for the damping of the assemblies.
     """
     softness, mass, cells = np.sqrt(flexibility), _mass_matrix(), []
-    for part, assembly, places in zip(ASSEMBLIES, BELT_ASSEMBLIES, CELLS_M, strict=True):
+    for part, assembly, middle in zip(ASSEMBLIES, BELT_ASSEMBLIES, (0.25, -0.25), strict=True):
+        # load cells below the corners of the plate; assumed
+        places = np.array([(x, middle + y, -0.2) for x in (-0.8, 0.8) for y in (-0.2, 0.2)])
+        # a cell is stretched by how far the assembly moves there from the frame
         stretch = np.zeros((len(places), 3, COORDINATES))
         stretch[:, :, part] = [rigid_shape(place)[:3] for place in places]
         stretch[:, :, :FRAME] = [-frame_shape(place)[:3] for place in places]
         inertia = np.full(3 * len(places), assembly.mass / len(places))
-        hz = np.array(CELL_HZ * len(places)) / softness
-        cells.append(springs(stretch.reshape(-1, COORDINATES), inertia, hz, STEEL_DAMPING))
+        hz = np.tile(STRUCTURE.cell_frequency, len(places)) / softness
+        cells.append(
+            springs(stretch.reshape(-1, COORDINATES), inertia, hz, STRUCTURE.steel_damping)
+        )
     carried = mass[:FRAME, :FRAME].copy()  # of the frame with the assemblies fixed to it
     for part, (stiffness, _) in zip(ASSEMBLIES, cells, strict=True):
+        # how the assembly follows the frame on its cells: K_aa q_a = -K_af q_f
         follow = -np.linalg.solve(stiffness[part, part], stiffness[part, :FRAME])
         carried += follow.T @ mass[part, part] @ follow
+    # the base holds the rigid frame in six directions; its springs by the inertia of all about it
     at_base = np.zeros((6, COORDINATES))
-    at_base[:, :6] = rigid_shape(BASE_M)
-    from_base = np.linalg.inv(rigid_shape(BASE_M))
+    at_base[:, :6] = rigid_shape(STRUCTURE.base)
+    from_base = np.linalg.inv(rigid_shape(STRUCTURE.base))
     about_base = np.diag(from_base.T @ carried[:6, :6] @ from_base)
     base = springs(at_base, about_base, np.array(base_hz) / softness, np.array(base_damping))
-    bending, hz = np.eye(COORDINATES)[6:FRAME], np.array(SHAPE_HZ) / softness
-    shapes = springs(bending, np.diag(carried)[6:], hz, STEEL_DAMPING)
+    # the shapes by their modal masses, with the middle held
+    bending, hz = np.eye(COORDINATES)[6:FRAME], np.array(STRUCTURE.shape_frequency) / softness
+    shapes = springs(bending, np.diag(carried)[6:], hz, STRUCTURE.steel_damping)
     stiffness, damping = np.sum([base, shapes, *cells], axis=0)
+    # the cells' wrench on an assembly is opposite to what deforms them
     wrenches = [
         (-by_displacement[part], -by_velocity[part])
         for part, (by_displacement, by_velocity) in zip(ASSEMBLIES, cells, strict=True)
@@ -189,8 +169,8 @@ def frame_shape(place: Array) -> Array:
     it; the middle, where the base holds the frame, stays. Plane sections remain plane, and the
     rotation is half the curl of the displacement.
     """
-    x, y, z = place / FRAME_M
-    slope = 1 / FRAME_M
+    x, y, z = place / STRUCTURE.half_length
+    slope = 1 / STRUCTURE.half_length
     bending = np.column_stack(
         [
             (-2 * z * x, 0, x**2, 0, -2 * x * slope, 0),
@@ -203,10 +183,11 @@ def frame_shape(place: Array) -> Array:
 
 def _mass_matrix() -> Array:
     """Give the mass matrix of frame and assemblies, (21, 21)."""
+    # kinetic energy ½ q̇ᵀ M q̇: point masses of the frame, and rigid assemblies by their centres
     mass = np.zeros((COORDINATES, COORDINATES))
     for node in FRAME_NODES_M:
         shape = frame_shape(node)[:3]
-        mass[:FRAME, :FRAME] += FRAME_KG / len(FRAME_NODES_M) * shape.T @ shape
+        mass[:FRAME, :FRAME] += STRUCTURE.frame_mass / len(FRAME_NODES_M) * shape.T @ shape
     for part, assembly in zip(ASSEMBLIES, BELT_ASSEMBLIES, strict=True):
         center = np.zeros((6, 6))
         center[:3, :3] = assembly.mass * np.eye(3)
@@ -250,8 +231,9 @@ class Modes:
         accelerating = np.zeros((2 * COORDINATES, load_of_inputs.shape[1]))
         accelerating[COORDINATES:] = np.linalg.solve(structure.mass, load_of_inputs)
         excited = np.linalg.solve(vectors, accelerating.astype(complex))
-        one = values.imag > 0
+        one = values.imag > 0  # of each conjugate pair
         value = values[one].astype(complex)
+        # ∫ e^(λ(h-t)) u(t) dt for an input that is linear within a step h, by its two ends
         x = np.asarray(value / rate_hz, complex)
         grown: Complex = np.exp(x)
         now: Complex = (grown - 1 - x) / x**2 / rate_hz
@@ -261,6 +243,7 @@ class Modes:
 
     def readout(self, output: Array) -> Array:
         """Give the matrix from real and imaginary parts of the modes to outputs of the state."""
+        # a pair adds z φ and its conjugate: 2 Re(z φ)
         by_mode = 2 * output @ self.shapes
         return np.hstack([by_mode.real, -by_mode.imag])
 
@@ -278,10 +261,6 @@ class Modes:
             moved, after[one] = lfilter(weights, decay, exciting, zi=state[one])
             parts[k], parts[modes + k] = moved.real, moved.imag
         return parts, after
-
-
-CHUNK_SAMPLES: Final = 8_000
-"""Computed at a time, so that all modes stay in the processor's cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,8 +295,8 @@ class Response:
         """What the cells carry of the treadmill itself: all but the load of people."""
         if self.people is None:
             return self.plates
-        left, right = (all_ - own for all_, own in zip(self.plates, self.people, strict=True))
-        return left, right
+        (left, right), (on_left, on_right) = self.plates, self.people
+        return left - on_left, right - on_right
 
 
 def respond(
@@ -385,7 +364,7 @@ def respond(
     of_frame = modes.readout(np.eye(FRAME, 2 * COORDINATES))
     weights = [weight_of(assembly) for assembly in BELT_ASSEMBLIES]
     plates, frame = np.empty((2, len(terms), 6)), np.empty((count, FRAME))
-    chunk = CHUNK_SAMPLES // step * step
+    chunk = 8_000 // step * step  # samples at a time, so that all modes stay in the cache
     state: Complex | None = None
     for start in range(0, len(terms), chunk):
         now = slice(start, start + chunk)
@@ -398,17 +377,19 @@ def respond(
         for k, weight in enumerate(weights):
             plates[k, now] = _in_moved_axes(blocks[2 * k], weight, blocks[2 * k + 1]).T
         for sensor, block in zip(sensors, blocks[4:], strict=True):
-            felt = sensor[now].T
-            sensor[now] = (felt + block[:3] - np.cross(block[3:], felt, axis=0)).T
+            # the vibration's acceleration is added, and the rigid platform's is seen in turned axes
+            rigid = sensor[now].T
+            sensor[now] = (rigid + block[:3] - np.cross(block[3:], rigid, axis=0)).T
     return Response((plates[0], plates[1]), sensors, frame, people)
 
 
 def _load_of_inputs(by_terms: list[Array], pivot: Array) -> Array:
     """Give the load on the structure by motion terms, what both plates carry, and on the frame."""
+    # in axes that move with the platform every mass is pushed by minus its specific force
     load = np.zeros((COORDINATES, TERMS + 18))
     for node in FRAME_NODES_M:
-        felt = FRAME_KG / len(FRAME_NODES_M) * felt_by_terms(node, pivot)
-        load[:FRAME, :TERMS] -= frame_shape(node)[:3].T @ felt
+        inertial = STRUCTURE.frame_mass / len(FRAME_NODES_M) * felt_by_terms(node, pivot)
+        load[:FRAME, :TERMS] -= frame_shape(node)[:3].T @ inertial
     for k, (part, wrench) in enumerate(zip(ASSEMBLIES, by_terms, strict=True)):
         load[part, :TERMS] = -wrench
         load[part, TERMS + 6 * k : TERMS + 6 * k + 6] = -np.eye(6)
@@ -443,7 +424,8 @@ def _in_moved_axes(wrench: Array, weight: Array, moved: Array) -> Array:
     """Give a tared wrench, (6, n), in axes that are displaced and turned a little, about them."""
     total = wrench + weight[:, None]
     force, shift, turn = total[:3], moved[:3], moved[3:]
-    seen = wrench.copy()
-    seen[:3] -= np.cross(turn, force, axis=0)
-    seen[3:] -= np.cross(turn, total[3:], axis=0) + np.cross(shift, force, axis=0)
-    return seen
+    # to first order in the displacement: F - φ × F, and M - φ × M - s × F
+    in_cells = wrench.copy()
+    in_cells[:3] -= np.cross(turn, force, axis=0)
+    in_cells[3:] -= np.cross(turn, total[3:], axis=0) + np.cross(shift, force, axis=0)
+    return in_cells

@@ -17,9 +17,13 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.segments import Sex
 from hbm.spatial import Array, axes_from, perpendicular, rotation_about, unit
 from pipeline.virtual_lab.person.body import LINKS, PARENT
+
+SIZES: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "anatomy")
+FOOT: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "foot")
 
 SIDES: Final = {"right": 1.0, "left": -1.0}
 """Side -> sign of its medial direction, where left is positive."""
@@ -66,6 +70,7 @@ _JOINT: Final = {
 
 def about(axis: Array, zero: Array, direction: Array) -> float:
     """Give the angle about an axis from one direction to another [rad]."""
+    # in the plane across the axis: sine and cosine of the angle by cross and dot product
     first, second = perpendicular(zero, axis), perpendicular(direction, axis)
     return float(np.arctan2(axis @ np.cross(first, second), first @ second))
 
@@ -87,8 +92,10 @@ def angles(
     tuple of float
         The second within ± 90°.
     """
+    # R = A_i(±a) A_j(±b) A_k(±c): its entries in row i and column k hold one angle each
     i, j, k = (int(np.flatnonzero(axis)[0]) for axis in order)
     sign = [sum(axis) for axis in order]
+    # cyclic orders (x y z, y z x, z x y) and the others differ in the sign of the sines
     parity = 1.0 if (j - i) % 3 == 1 else -1.0
     first = np.arctan2(-parity * rotation[j, k], rotation[k, k])
     second = np.arcsin(np.clip(parity * rotation[i, k], -1, 1))
@@ -109,14 +116,6 @@ def axes_of(anatomy: Anatomy) -> Array:
     return np.array(
         [anatomy.axes[link.name] if link.axis is None else link.axis for link in LINKS], float
     )
-
-
-HEIGHTS_M: Final = (0.0, 0.076, 0.520, 0.948, 1.477, 1.782)
-"""Floor, ankle, knee, hip, neck and crown of the reference person (``t_pose.csv``)."""
-REACHES_M: Final = (0.0, 0.190, 0.478, 0.752, 0.840)
-"""Middle, shoulder, elbow, wrist and end of the hand of the reference person, sideways."""
-BREADTHS: Final[dict[Sex, tuple[float, float]]] = {"male": (1.0, 1.0), "female": (1.04, 0.92)}
-"""Breadth of pelvis and shoulders by that of the reference man of the same stature; assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,11 +160,12 @@ def t_pose(names: Sequence[str], height_m: float, sex: Sex, proportions: Proport
         Marker positions, (M, 3) [m]: x forward, y left, z up, floor at z = 0.
 
     """
-    size, (hips, shoulders) = proportions, BREADTHS[sex]
+    size, (hips, shoulders) = proportions, SIZES.breadths[sex]
     hips, shoulders = hips * size.pelvis, shoulders * size.shoulders
-    heights = _scaled(HEIGHTS_M, (size.ankle, size.shank, size.thigh, size.trunk, size.head))
-    heights *= HEIGHTS_M[-1] / heights[-1]
-    reaches = _scaled(REACHES_M, (shoulders, size.upper_arm, size.forearm, size.hand))
+    heights = _scaled(SIZES.heights, (size.ankle, size.shank, size.thigh, size.trunk, size.head))
+    # individual proportions must not change the stature
+    heights *= SIZES.heights[-1] / heights[-1]
+    reaches = _scaled(SIZES.reaches, (shoulders, size.upper_arm, size.forearm, size.hand))
     scale = {
         "pelvis": (size.depth, hips),
         "trunk": (size.depth, shoulders),
@@ -177,14 +177,15 @@ def t_pose(names: Sequence[str], height_m: float, sex: Sex, proportions: Proport
     position = np.empty((len(names), 3))
     for k, name in enumerate(names):
         part, (x, y, z) = _reference()[name]
+        # arms are held out: their segments are scaled sideways, and they follow the neck's height
         if part == "arm":
-            y = np.sign(y) * np.interp(abs(y), REACHES_M, reaches)
-            z += heights[4] - HEIGHTS_M[4]
+            y = np.sign(y) * np.interp(abs(y), SIZES.reaches, reaches)
+            z += heights[4] - SIZES.heights[4]
         else:
             x, y = x * scale[part][0], y * scale[part][1]
-            z = np.interp(z, HEIGHTS_M, heights)
+            z = np.interp(z, SIZES.heights, heights)
         position[k] = x, y, z
-    return position * height_m / HEIGHTS_M[-1]
+    return np.asarray(position * height_m / SIZES.heights[-1])
 
 
 def _scaled(marks: Sequence[float], factors: Sequence[float]) -> Array:
@@ -201,44 +202,12 @@ def _reference() -> dict[str, tuple[str, tuple[float, float, float]]]:
         x, y, z = (float(row[axis]) / 1000 for axis in "xyz")
         point, part = row["point"], row["part"]
         points[point] = part, (x, y, z)
+        # the left side mirrors the right
         points.setdefault(re.sub("^(F?)R", r"\1L", point), (part, (x, -y, z)))
     points["STRN"], points["XYPH"] = points["JN"], points["XIPH"]
     return points
 
 
-SKIN_M: Final = 0.009
-"""Distance of a marker's centre from the skin."""
-LUMBAR: Final = {"male": (-0.264, 0.126), "female": (-0.289, 0.172)}
-"""L5/S1 from mid-ASIS, forward and up, by the ASIS' distance (Reed et al. 1999, SAE 1999-01-0959;
-Dumas et al. 2007)."""
-NECK: Final = {"male": (0.55, 8.0), "female": (0.53, 14.0)}
-"""C7/T1 from C7: share of the distance to the jugular notch, and elevation [deg] (the same)."""
-SHOULDER_DROP: Final = 0.17
-"""Shoulder below the acromion by the acromions' distance (Rab et al. 2002, J Orthop Res 20:71)."""
-KNEE_WIDTH: Final = 0.118
-ANKLE_WIDTH: Final = 0.085
-"""Half a joint's width by the distance of lateral epicondyle and malleolus, where the marker set
-shows no medial side (Reed et al. 1999)."""
-TOE_TIP: Final = 1.25
-"""Length of the foot by the distance of heel and second metatarsal head; typical."""
-SUBTALAR_DEG: Final = 42.0, 16.0
-"""Inclination and medial deviation of the subtalar axis (Manter 1941, Anat Rec 80:397)."""
-MIDDLES: Final = {
-    "mid_asis": ("RASIS", "LASIS"),
-    "mid_psis": ("RPSIS", "LPSIS"),
-    "trunk_bottom": ("T10", "XIPH"),
-    "trunk_top": ("C7", "JN"),
-    "mid_head": ("RHEAD", "LHEAD"),
-}
-JOINTS: Final = {
-    "knee": ("LEK", "MEK", 1.0),
-    "ankle": ("LM", "MM", 1.0),
-    "elbow": ("LEE", "MEE", 1.0),
-    "wrist": ("LW", "MW", -1.0),
-    "toes": ("MT2", "MT5", -1.0),
-}
-"""Points midway between two markers, and joints with the sign of the way from one to the other in
-medial direction: Dumas et al. 2007 (J Biomech 40:543)."""
 Landmarks = Mapping[str, Array]
 
 
@@ -255,7 +224,7 @@ def locate(at: Landmarks, shown: frozenset[str], sex: Sex, navel: float) -> Anat
     sex
         Of the person.
     navel
-        Way from xiphoid to navel, as a share of that to mid-hip.
+        Way from xiphoid to navel, as a fraction of that to mid-hip.
 
     Returns
     -------
@@ -264,12 +233,23 @@ def locate(at: Landmarks, shown: frozenset[str], sex: Sex, navel: float) -> Anat
 
     Notes
     -----
-    Hips: Harrington et al. 2007 (J Biomech 40:595), Table 3, less `SKIN_M`.
+    Joints midway between markers: Dumas et al. 2007 (J Biomech 40:543). Hips: Harrington et al.
+    2007 (J Biomech 40:595), Table 3, less the height of a marker above the skin.
     """
-    anatomy = Anatomy({name: (at[a] + at[b]) / 2 for name, (a, b) in MIDDLES.items()})
+    middles = {
+        **{"mid_asis": ("RASIS", "LASIS"), "mid_psis": ("RPSIS", "LPSIS")},
+        **{"trunk_bottom": ("T10", "XIPH"), "trunk_top": ("C7", "JN")},
+        **{"mid_head": ("RHEAD", "LHEAD")},
+    }
+    # the sign is that of the way from the first to the second marker in medial direction
+    joints = {
+        **{"knee": ("LEK", "MEK", 1.0), "ankle": ("LM", "MM", 1.0), "toes": ("MT2", "MT5", -1.0)},
+        **{"elbow": ("LEE", "MEE", 1.0), "wrist": ("LW", "MW", -1.0)},
+    }
+    anatomy = Anatomy({name: (at[a] + at[b]) / 2 for name, (a, b) in middles.items()})
     axes = dict[str, Array]()  # of the joints, to the left
     for side, medial in SIDES.items():
-        for joint, (first, second, inward) in JOINTS.items():
+        for joint, (first, second, inward) in joints.items():
             one, other = (at[side[0].upper() + marker] for marker in (first, second))
             anatomy.points[f"{side}_{joint}"] = (one + other) / 2
             axes[f"{side}_{joint}"] = medial * inward * (other - one)
@@ -288,6 +268,7 @@ def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) ->
     across = at["LASIS"] - at["RASIS"]
     R = axes_from(across, np.cross(front - back, across), exact="left")
     width, depth = float(np.linalg.norm(across)), dist(front, back)
+    # hip centres from mid-ASIS by the pelvis' width and depth and the leg's length (Harrington)
     for side, medial in SIDES.items():
         s = side[0].upper()
         knee, ankle = (
@@ -296,15 +277,17 @@ def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) ->
         )
         leg = dist(at[s + "ASIS"], knee) + dist(knee, ankle)
         hip = [
-            -0.24 * depth - 0.0099 - SKIN_M,
+            -0.24 * depth - 0.0099 - SIZES.marker_from_skin,
             -medial * (0.28 * depth + 0.16 * width + 0.0079),
             -0.16 * width - 0.04 * leg - 0.0071,
         ]
         points[f"{side}_hip"] = front + R @ np.array(hip)
     points["pelvis"] = (points["right_hip"] + points["left_hip"]) / 2
-    ahead, above = LUMBAR[sex]
+    # L5/S1; T12/L1 coincides with it in the Human Body Model, which has one joint in the trunk
+    ahead, above = SIZES.lumbar[sex]
     points["lumbar"] = points["mid_trunk"] = front + R @ (width * np.array([ahead, 0.0, above]))
     anatomy.rotations["pelvis"] = R
+    # the pelvis' six coordinates: its place at mid-hip, and its angles in the lab
     yaw, pitch, roll = angles(R, ((0, 0, 1), (0, 1, 0), (1, 0, 0)))
     x, y, z = (float(value) for value in points["pelvis"])
     anatomy.q |= {"PelvisX": x, "PelvisY": y, "PelvisZ": z}
@@ -313,21 +296,25 @@ def _pelvis(anatomy: Anatomy, at: Landmarks, shown: frozenset[str], sex: Sex) ->
 
 def _trunk_and_head(anatomy: Anatomy, at: Landmarks, sex: Sex, navel: float) -> None:
     points, rotations = anatomy.points, anatomy.rotations
+    # the trunk's frame: up from the middle of T10 and xiphoid to that of C7 and jugular notch
     ahead = at["JN"] - at["C7"]
     along = points["trunk_top"] - points["trunk_bottom"]
     R = axes_from(np.cross(along, ahead), along, exact="up")
     up = R[:, 2]
-    share, elevation = NECK[sex]
+    # C7/T1: some way from C7 towards the jugular notch, raised from that line
+    fraction, elevation = SIZES.neck[sex]
     neck = rotation_about(-R[:, 1], np.radians(elevation)) @ ahead
-    points["neck"] = at["C7"] + share * neck
+    points["neck"] = at["C7"] + fraction * neck
     hips = points["pelvis"]
-    foot = points["trunk_top"] + ((hips - points["trunk_top"]) @ up) * up
+    # ends of the trunk's segments: on its axis at the heights of C7 and xiphoid
+    base = points["trunk_top"] + ((hips - points["trunk_top"]) @ up) * up
     for name, marker in (("cervicale", "C7"), ("xiphoid", "XIPH")):
-        points[name] = foot + ((at[marker] - hips) @ up) * up
+        points[name] = base + ((at[marker] - hips) @ up) * up
     points["navel"] = points["xiphoid"] + navel * (hips - points["xiphoid"])
     points["vertex"] = at["THEAD"]
     head = axes_from(at["LHEAD"] - at["RHEAD"], at["THEAD"] - points["mid_head"], exact="left")
     rotations |= {"mid_trunk": R, "thorax": R, "head": head}
+    # flexion, bend to the right and twist to the left, of trunk on pelvis and head on trunk
     pelvis = rotations["pelvis"]
     order = ((0, 1, 0), (1, 0, 0), (0, 0, 1))
     names = ("Flexion", "RightBend", "LeftTwist")
@@ -347,19 +334,24 @@ def _arm(anatomy: Anatomy, at: Landmarks, side: str, axes: Mapping[str, Array]) 
     points, s, medial = anatomy.points, side[0].upper(), SIDES[side]
     thorax = anatomy.rotations["thorax"]
     width = dist(at["LSHO"], at["RSHO"])
-    shoulder = points[f"{side}_shoulder"] = at[s + "SHO"] - SHOULDER_DROP * width * thorax[:, 2]
+    shoulder = points[f"{side}_shoulder"] = (
+        at[s + "SHO"] - SIZES.shoulder_drop * width * thorax[:, 2]
+    )
     elbow, wrist, knuckle = points[f"{side}_elbow"], points[f"{side}_wrist"], at[s + "FIN"]
     points[f"{side}_knuckle"] = knuckle
     elbow_axis, wrist_axis = unit(axes[f"{side}_elbow"]), unit(axes[f"{side}_wrist"])
 
+    # the straight arm hangs along the upper arm's axis: the elbow flexes from there to the wrist
     upper = axes_from(elbow_axis, shoulder - elbow, exact="up")
     bend = -upper.T @ elbow_axis
     flexion = about(bend, np.array([0.0, 0, -1]), upper.T @ (wrist - elbow))
     flexed = upper @ rotation_about(bend, flexion)
+    # pronation: from the elbow's to the wrist's axis, about the line between them
     along = flexed.T @ unit(elbow - wrist)
     turn = about(along, flexed.T @ elbow_axis, flexed.T @ wrist_axis)
     forearm = flexed @ rotation_about(along, turn)
 
+    # the hand's two angles from the direction of its knuckle in axes of the wrist
     left = perpendicular(forearm.T @ wrist_axis, along)
     ahead = np.cross(left, along)
     x, y, z = np.stack([ahead, left, along]) @ forearm.T @ unit(knuckle - wrist)
@@ -395,25 +387,28 @@ def _leg(
     points, s, medial = anatomy.points, side[0].upper(), SIDES[side]
     pelvis, hip = anatomy.rotations["pelvis"], points[f"{side}_hip"]
     axis = {joint: unit(axes[f"{side}_{joint}"]) for joint in ("knee", "ankle", "toes")}
+    # without medial markers, knee and ankle lie inwards of the lateral ones by half a joint's width
     half = dist(at[s + "LEK"], at[s + "LM"])
     if s + "MEK" not in shown:
         inward = hip - at[s + "GTRO"]
-        points[f"{side}_knee"] = inside(at[s + "LEK"], hip, inward, KNEE_WIDTH * half)
+        points[f"{side}_knee"] = inside(at[s + "LEK"], hip, inward, SIZES.half_knee * half)
         axis["knee"] = medial * unit(points[f"{side}_knee"] - at[s + "LEK"])
     knee = points[f"{side}_knee"]
     if s + "MM" not in shown:
         inward = medial * axis["knee"]
-        points[f"{side}_ankle"] = inside(at[s + "LM"], knee, inward, ANKLE_WIDTH * half)
+        points[f"{side}_ankle"] = inside(at[s + "LM"], knee, inward, SIZES.half_ankle * half)
         axis["ankle"] = medial * unit(points[f"{side}_ankle"] - at[s + "LM"])
     ankle = points[f"{side}_subtalar"] = points[f"{side}_ankle"]
+    # the foot's long axis and its tip, from the heel through the second metatarsal head or the toe
     heel = at[s + "HEE"]
     if s + "MT2" in shown:
-        along, tip = unit(at[s + "MT2"] - heel), heel + TOE_TIP * (at[s + "MT2"] - heel)
+        along, tip = unit(at[s + "MT2"] - heel), heel + FOOT.toe_tip * (at[s + "MT2"] - heel)
     else:
         along, tip = unit(at[s + "TOE"] - heel), at[s + "TOE"]
         points[f"{side}_toes"] = heel + ((at[s + "MT5"] - heel) @ along) * along
         axis["toes"] = perpendicular(axis["ankle"], along)
 
+    # the knee's angle is zero in a straight leg, the ankle's where the foot is along the shank's x
     thigh = axes_from(axis["knee"], hip - knee, exact="up")
     bend = thigh.T @ axis["knee"]
     flexion = about(bend, np.array([0.0, 0, -1]), thigh.T @ (ankle - knee))
@@ -442,7 +437,8 @@ def _leg(
 
 
 def _subtalar(along: Array, medial: float) -> Array:
-    inclination, deviation = np.radians(SUBTALAR_DEG)
+    inclination, deviation = np.radians(SIZES.subtalar)
+    # forward, turned medially in the plane of the sole, then raised out of it
     left = perpendicular(np.array([0.0, 1.0, 0.0]), along)
     level = np.cos(deviation) * along + medial * np.sin(deviation) * left
     return np.asarray(np.cos(inclination) * level + np.sin(inclination) * np.cross(along, left))
@@ -453,8 +449,9 @@ def inside(marker: Array, proximal: Array, inward: Array, offset: float) -> Arra
 
     Kadaba et al. 1990 (J Orthop Res 8:383).
     """
+    # marker, joint and proximal end are a right triangle: cosine of its angle at the marker
     up = unit(proximal - marker)
-    share = offset / dist(proximal, marker)
+    cosine = offset / dist(proximal, marker)
     return np.asarray(
-        marker + offset * (share * up + np.sqrt(1 - share**2) * perpendicular(inward, up))
+        marker + offset * (cosine * up + np.sqrt(1 - cosine**2) * perpendicular(inward, up))
     )

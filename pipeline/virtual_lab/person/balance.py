@@ -26,14 +26,6 @@ JOINT_WEIGHTS: Final = {
 """Weights of the legs' coordinates towards their reference [m²/rad² per unit weight of a sole's
 points]; chosen, small against the soles'. The knee's is larger, for a leg that is nearly straight
 would otherwise bend by jerks."""
-BALL_HALF_WIDTH_M: Final = 0.04
-ANKLE_POINT_M: Final = 0.08
-"""Sideways place of the two points of the ball, and height of a point near the ankle, by which a
-sole is held."""
-DAMPING: Final = 1e-6
-MAX_STEP: Final = 0.2
-TOLERANCE: Final = 1e-4
-"""Of the Gauss-Newton iteration: damping, largest step and step at which it ends [rad and m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,31 +36,30 @@ class SoleTarget:
     ----------
     on_foot
         Their places in the foot's frame, (4, 3) [m].
-    wanted
+    places
         Where they should be in the lab, (3, 4, T) [m].
     weight
         (4, T).
     """
 
     on_foot: Array
-    wanted: Array
+    places: Array
     weight: Array
 
     @classmethod
     def of(cls, sole: gait.Sole, rotation: Array, position: Array, weight: Array) -> "SoleTarget":
         """Give the target of a sole's pose, (T, 3, 3) and (T, 3) [m], and weights, (T, 4)."""
         on_foot, origin = sole.foot_pose(rotation, position)
-        ball, aside = sole.ball, BALL_HALF_WIDTH_M
-        on_sole = np.array(
-            [[sole.heel, 0, 0], [ball, aside, 0], [ball, -aside, 0], [0, 0, ANKLE_POINT_M]]
-        )
-        places = (on_sole - sole.origin) @ sole.rotation
-        wanted = np.einsum("tij,kj->ikt", on_foot, places) + origin.T[:, None]
-        return cls(places, wanted, np.ascontiguousarray(weight.T))
+        # four points that are not in a plane hold the sole in all directions [m]
+        ball, aside = sole.ball, 0.04
+        on_sole = np.array([[sole.heel, 0, 0], [ball, aside, 0], [ball, -aside, 0], [0, 0, 0.08]])
+        held = (on_sole - sole.origin) @ sole.rotation
+        places = np.einsum("tij,kj->ikt", on_foot, held) + origin.T[:, None]
+        return cls(held, places, np.ascontiguousarray(weight.T))
 
     def frames(self, part: slice) -> "SoleTarget":
         """Give the target in some frames."""
-        return SoleTarget(self.on_foot, self.wanted[..., part], self.weight[:, part])
+        return SoleTarget(self.on_foot, self.places[..., part], self.weight[:, part])
 
 
 def solve_legs(
@@ -85,7 +76,7 @@ def solve_legs(
     subject
         Whose legs.
     reference
-        Wanted coordinates, (46, T); pelvis, trunk, head and arms are kept, the legs' are
+        Coordinates to approach, (46, T); pelvis, trunk, head and arms are kept, the legs' are
         approached where the soles leave a choice or cannot be reached.
     targets
         Side -> target of its sole.
@@ -120,6 +111,9 @@ def _solve(
     height_weight: float,
     iterations: int,
 ) -> Array:
+    # damping, largest step and step at which the iteration ends [rad and m]
+    damping, largest_step, tolerance = 1e-6, 0.2, 1e-4
+    # the pelvis only rises: its frame is computed once, at height 0
     q, height = reference.copy(), INDEX["PelvisZ"]
     q[height] = 0.0
     pelvis = body.frames(subject.skeleton, (q,), ["pelvis"])["pelvis"]
@@ -127,32 +121,36 @@ def _solve(
     q[solved] = start[solved]
     prior = np.array(list(JOINT_WEIGHTS.values()))[:, None]
     for _ in range(iterations):
-        total = np.full(q.shape[1], height_weight + DAMPING)
+        # of the pelvis' height alone, to which each leg adds what its angles leave: S r = right
+        total = np.full(q.shape[1], height_weight + damping)
         right = height_weight * (reference[height] - q[height])
         legs = []
         for side, target in targets.items():
             letter = side[0].upper()
             rows = [INDEX[letter + name] for name in JOINT_WEIGHTS]
             jacobian, error = _jacobian(subject, pelvis, q, letter, target)
+            # normal equations of the leg's angles: Jᵀ W J and Jᵀ W e, with the prior towards q
             weighted = jacobian * target.weight
             square = np.einsum("aikt,bikt->abt", weighted, jacobian)
-            square[range(6), range(6)] += prior + DAMPING
-            wanted = np.einsum("aikt,ikt->at", weighted, error)
-            wanted += prior * (reference[rows] - q[rows])
+            square[range(6), range(6)] += prior + damping
+            gradient = np.einsum("aikt,ikt->at", weighted, error)
+            gradient += prior * (reference[rows] - q[rows])
+            # a rise of the pelvis lifts all points of the sole; the leg's angles are eliminated
             coupling = weighted[:, 2].sum(axis=1)
-            solution = _solve_symmetric(square, np.stack([wanted, coupling], axis=1))
+            solution = _solve_symmetric(square, np.stack([gradient, coupling], axis=1))
             total += target.weight.sum(axis=0) - (coupling * solution[:, 1]).sum(axis=0)
             upward = (target.weight * error[2]).sum(axis=0)
             right += upward - (coupling * solution[:, 0]).sum(axis=0)
             legs.append((rows, solution))
-        rise = np.clip(right / total, -MAX_STEP, MAX_STEP)
+        # the rise first, then the angles that go with it
+        rise = np.clip(right / total, -largest_step, largest_step)
         q[height] += rise
-        largest = float(np.abs(rise).max())
+        change = float(np.abs(rise).max())
         for rows, solution in legs:
-            step = np.clip(solution[:, 0] - solution[:, 1] * rise, -MAX_STEP, MAX_STEP)
+            step = np.clip(solution[:, 0] - solution[:, 1] * rise, -largest_step, largest_step)
             q[rows] += step
-            largest = max(largest, float(np.abs(step).max()))
-        if largest < TOLERANCE:
+            change = max(change, float(np.abs(step).max()))
+        if change < tolerance:
             break
     return q
 
@@ -166,6 +164,7 @@ def _jacobian(
     frame = body.Frame(pelvis.rotation, origin, pelvis.acceleration)
     knee = subject.extra_joints.of_knee(letter, q[INDEX[letter + "KneeFlexion"]])
     axes, places, segment = [], [], "pelvis"
+    # axes and places of the leg's angles from hip to foot; the knee's other motion follows these
     for k, link in _LEGS[letter]:
         if link.segment != segment:
             segment = link.segment
@@ -179,16 +178,18 @@ def _jacobian(
             value = knee[body.KNEE.index(name)]
         frame = body.moved(frame, link, skeleton.axes[k], (value,))
     position = np.stack([frame.point(point) for point in target.on_foot], axis=1)
+    # a point moves by axis × (point - joint) per angle
     jacobian = np.empty((len(axes), *position.shape))
     for row, axis, place in zip(jacobian, axes, places, strict=True):
         row[:] = np.cross(axis[:, None], position - place[:, None], axis=0)
-    return jacobian, target.wanted - position
+    return jacobian, target.places - position
 
 
 def _solve_symmetric(matrix: Array, right: Array) -> Array:
     """Solve positive definite systems (N, N, T) for right sides (N, M, T) by Cholesky's method."""
     count = len(matrix)
     lower, solution = np.zeros_like(matrix), right.copy()
+    # A = L Lᵀ column by column, with L y = b on the way; then Lᵀ x = y backwards
     for j in range(count):
         below = matrix[j:, j] - (lower[j:, :j] * lower[j, :j]).sum(axis=1)
         lower[j:, j] = below / np.sqrt(below[0])
@@ -213,25 +214,6 @@ _LEGS: Final = {
 
 RATE_HZ: Final = 100.0
 """Sampling rate at which walks are computed: the cameras'."""
-
-SMOOTHING_HZ: Final = 6.0
-"""Cut-off frequency to which joint motion is smoothed: that of walking is below it."""
-CORRECTIONS: Final = 4
-"""Corrections of the pelvis' place; chosen, enough for the pressure to stay under the feet."""
-COARSE: Final = 2
-"""Corrections are found for every second sample: the motion of a centre of mass is slow."""
-FIRST: Final = 0.1, 10
-LATER: Final = 1.0, 2
-"""Weight of the pelvis' height in the legs' inverse kinematics, and its iterations at most: in the
-first correction, which starts from the gait pattern and in which the legs show how high the pelvis
-can be, and in the others, where each starts from the solution before."""
-GAIN: Final = 1.2
-"""Of the correction: a little more than the error, as the body answers less than the point mass by
-which it is corrected; chosen."""
-MAX_ERROR_M: Final = 0.2
-"""Larger errors of the centre of pressure are corrected as if they were that large."""
-FREE_END_S: Final = 1 / 6
-"""At the end of a walk balance is not corrected: what follows is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,9 +266,10 @@ class Plan:
     def moved(self, q: Array, rate_hz: float) -> Array:
         """Give all coordinates (55, T) of a person who moves by (46, T), smoothed.
 
-        The smoothing Gaussian's amplitude response is 1/√2 at `SMOOTHING_HZ`.
+        The smoothing Gaussian's amplitude response is 1/√2 at 6 Hz: joint motion of walking is
+        below it.
         """
-        sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * SMOOTHING_HZ) * rate_hz
+        sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * 6.0) * rate_hz
         smooth = gaussian_filter1d(q, sigma, axis=1, mode="nearest")
         return self.subject.extra_joints.extend(smooth, self.phase, self.walking)
 
@@ -308,14 +291,20 @@ def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
     Array
         All coordinates, (55, T).
     """
-    subject, coarse, rate_hz = plan.subject, plan.every(COARSE), RATE_HZ / COARSE
+    # corrections are found for every second sample: the motion of a centre of mass is slow
+    every = 2
+    subject, coarse, rate_hz = plan.subject, plan.every(every), RATE_HZ / every
+    # weight of the pelvis' height, and iterations: first, from the gait pattern, the legs show how
+    # high the pelvis can be; later each correction starts from the solution before
+    first, later = (0.1, 10), (1.0, 2)
     # by how much the pelvis has to move, [m], and coordinates near the solution
-    q = np.ascontiguousarray(reference[:, ::COARSE])
+    q = np.ascontiguousarray(reference[:, ::every])
     shifted, shift = q.copy(), np.zeros((3, q.shape[1]))
     fade = coarse.corrected.copy()
-    fade[-int(rate_hz * FREE_END_S) :] = 0.0
-    for correction in range(CORRECTIONS):
-        effort = LATER if correction else FIRST
+    fade[-int(rate_hz * (1 / 6)) :] = 0.0  # what follows is unknown
+    # four corrections; chosen, enough for the pressure to stay under the feet
+    for correction in range(4):
+        effort = later if correction else first
         q = solve_legs(subject, shifted, coarse.targets, q, effort)
         if correction == 0:
             shift[2] = coarse.walking * (q - shifted)[2, coarse.steady].mean()
@@ -323,20 +312,22 @@ def keep_balance(plan: Plan, reference: Array, time: Array) -> Array:
         oscillators = [body.Oscillator(mass, rate_hz) for mass in subject.wobbling]
         wrench = body.ground_wrench(subject.skeleton, motion, oscillators)
         pressure = in_lab(pressure_on_platform(wrench, coarse.pose), coarse.pose)[:, :2]
-        error = np.clip(np.nan_to_num(coarse.pressure - pressure), -MAX_ERROR_M, MAX_ERROR_M)
-        shift[:2] += GAIN * balanced(fade[:, None] * error, coarse.height, rate_hz).T
-        shifted[:3] = reference[:3, ::COARSE] + shift
+        error = np.clip(np.nan_to_num(coarse.pressure - pressure), -0.2, 0.2)
+        # a little more than the error, as the body answers less than a point mass; chosen
+        shift[:2] += 1.2 * balanced(fade[:, None] * error, coarse.height, rate_hz).T
+        shifted[:3] = reference[:3, ::every] + shift
 
     # the same for every sample
     reference = reference.copy()
-    reference[:3] += CubicSpline(time[::COARSE], shift, axis=1)(time)
-    q = CubicSpline(time[::COARSE], q, axis=1)(time)
-    q = solve_legs(subject, reference, plan.targets, q, LATER)
+    reference[:3] += CubicSpline(time[::every], shift, axis=1)(time)
+    q = CubicSpline(time[::every], q, axis=1)(time)
+    q = solve_legs(subject, reference, plan.targets, q, later)
     return plan.moved(q, RATE_HZ)
 
 
 def _differentiated(values: Array, rate_hz: float) -> tuple[Array, Array, Array]:
     """Give values (C, T) with their first and second derivatives, to fourth order."""
+    # central differences of five points
     padded = np.pad(values, ((0, 0), (2, 2)), mode="edge")
     near = padded[:, 3:-1], padded[:, 1:-3]
     far = padded[:, 4:], padded[:, :-4]
@@ -367,6 +358,7 @@ def balanced(pressure: Array, height: float, rate_hz: float = RATE_HZ) -> Array:
     Solves ``c - (h/g) c̈ = p``, the linear inverted pendulum, as a boundary value problem (Kajita
     et al. 2003, IEEE ICRA 1620).
     """
+    # second differences of c make a tridiagonal system; at both ends the mass has no speed
     stiffness = height / GRAVITY_MPS2 * rate_hz**2
     bands = np.empty((3, len(pressure)))
     bands[0], bands[1], bands[2] = -stiffness, 1 + 2 * stiffness, -stiffness
@@ -379,6 +371,7 @@ def pressure_on_platform(wrench: Array, pose: PlatformPose) -> Array:
 
     The wrench is in lab axes about the lab origin, (T, 6) [N, N·m].
     """
+    # to the platform's axes about its origin, where the surface is z = 0: x = -My/Fz, y = Mx/Fz
     to_platform = np.swapaxes(pose.rotation, 1, 2)
     force = (to_platform @ wrench[:, :3, None])[..., 0]
     moment = wrench[:, 3:] - np.cross(pose.position, wrench[:, :3])
@@ -388,6 +381,7 @@ def pressure_on_platform(wrench: Array, pose: PlatformPose) -> Array:
 
 def surface_height(pose: PlatformPose, place: Array) -> Array:
     """Give the height of the platform's surface at a place (2,) [m] in the lab, (T,) [m]."""
+    # height of the plane through the platform's origin: n · (p - o) = 0
     normal, away = pose.rotation[:, :, 2], place - pose.position[:, :2]
     sideways = np.sum(normal[:, :2] * away, axis=1)
     return np.asarray(pose.position[:, 2] - sideways / normal[:, 2])
@@ -398,10 +392,6 @@ def in_lab(points: Array, pose: PlatformPose) -> Array:
     if points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
     return pose.to_lab(points)
-
-
-STANDING_LOAD: Final = 0.5
-"""Share of the weight on a foot in standing, where the shoe's height is the sole's."""
 
 
 def sole_targets(
@@ -441,12 +431,14 @@ def sole_targets(
         pitch = pitch * extent
         heading = placement.heading(side, time)
         rotation = pose.rotation @ gait.orientation(pitch, heading)
+        # in swing the foot's place is that of the gait pattern, in stance that of a rolling foot
         away = ankle - (rotation @ sole.origin) - pose.position
         swinging = (np.swapaxes(pose.rotation, 1, 2) @ away[..., None])[..., 0]
         rolling = gait.rolled(sole, pitch, heading)
         path = _path(placement, side, swinging, rolling, time)
         load = left if side == "left" else 1 - left
-        path[:, 2] -= subject.sole_yield_m * (load - STANDING_LOAD)
+        # the shoe yields; the sole's height is that of standing, with half of the weight on a foot
+        path[:, 2] -= subject.sole_yield_m * (load - 0.5)
         position = in_lab(path, pose)
         walking = np.minimum(extent, 1.0)[:, None]
         weight = 1 - walking * (1 - gait.sole_weights(pitch, phase))
@@ -471,8 +463,8 @@ def _path(
         contact = 0.0 if number == first_number else steps.contact[number]
         if number >= 0:
             release = placement.release(number)
-        else:
-            released = (gait.LEAVING[0] - 0.5) * steps.overlap / (gait.STANCE - 0.5)
+        else:  # the right foot, which has stood, is released when walking begins
+            released = (gait.GAIT.leaving[0] - 0.5) * steps.overlap / (gait.GAIT.stance - 0.5)
             release = float(steps.contact[0]) + released * placement.step_s
         first, last = int(np.ceil(contact * RATE_HZ)), int(np.floor(release * RATE_HZ))
         stance = slice(min(first, end), min(last, end) + 1)
@@ -480,6 +472,7 @@ def _path(
             placement.anchor(side, np.full(len(time[stance]), number), time[stance]),
             ((0, 0), (0, 1)),
         )
+        # smoothly from where the last stance left the pattern to where the next begins: 3u² - 2u³
         if departure is not None:
             swing = np.arange(left_at, min(first, end + 1))
             u = ((swing - left_at) / (first - left_at))[:, None]

@@ -61,6 +61,7 @@ class Link:
 def _links() -> tuple[Link, ...]:
     links: list[Link] = []
     for row in TREE:
+        # the Human Body Model's tree, with the trunk split in two and the ankle in two joints
         segment, side = row.segment, row.segment.partition("_")[0]
         if segment == "thorax":
             segment = "mid_trunk"
@@ -76,6 +77,7 @@ def _links() -> tuple[Link, ...]:
                 Link(name, "thorax", "mid_trunk", False, link.axis)
                 for name, link in zip(SPINE, links[-3:], strict=True)
             ]
+        # forward as it is, abduction and rotation inwards on both sides
         if row.name.endswith("KneeFlexion"):
             letter, inward = row.name[0], 1.0 if row.name[0] == "R" else -1.0
             axes = ((1.0, 0.0, 0.0), (inward, 0.0, 0.0), (0.0, 0.0, inward))
@@ -124,11 +126,6 @@ class Skeleton:
         return float(sum(part.mass for part in self.inertias.values()))
 
 
-CHUNK_FRAMES: Final = 2048
-"""Frames that are computed at a time: a segment's rotation with its derivatives then takes 440 kB,
-which stays in the second-level cache; fewer frames cost more calls."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """A segment's frame over time.
@@ -158,7 +155,7 @@ class Frame:
 
 
 def frames(
-    skeleton: Skeleton, motion: tuple[Array, ...], wanted: Iterable[str] = SEGMENTS
+    skeleton: Skeleton, motion: tuple[Array, ...], names: Iterable[str] = SEGMENTS
 ) -> dict[str, Frame]:
     """Compute the frames of segments.
 
@@ -169,7 +166,7 @@ def frames(
     motion
         Coordinates, (55, T) [rad and m]; if accelerations are wanted, followed by their first and
         second derivatives.
-    wanted
+    names
         Segments; what carries them is computed too, and given as well.
 
     Returns
@@ -184,25 +181,26 @@ def frames(
     the acceleration ``ö + R̈ x``.
     """
     orders, count = len(motion), motion[0].shape[1]
-    needed = _with_carriers(tuple(wanted))
+    needed = _with_carriers(tuple(names))
     identity = np.zeros((3, 3, count))
     identity[[0, 1, 2], [0, 1, 2]] = 1.0
     still = np.zeros((3, count))
-    found: dict[str, Frame] = {
+    made: dict[str, Frame] = {
         "ground": Frame((identity, *(np.zeros((3, 3, count)),) * (orders - 1)), still, still)
     }
     for k, link in enumerate(LINKS):
         if link.segment not in needed:
             continue
-        if link.segment not in found:
-            carrier = found[link.parent]
+        # a segment begins at its joint in the frame that carries it; each coordinate then moves it
+        if link.segment not in made:
+            carrier = made[link.parent]
             offset = skeleton.offsets.get(link.segment, np.zeros(3))
-            found[link.segment] = placed(carrier, offset) if np.any(offset) else carrier
+            made[link.segment] = placed(carrier, offset) if np.any(offset) else carrier
         q = tuple(values[COLUMN[link.name]] for values in motion)
         if any(np.any(values) for values in q):
-            found[link.segment] = moved(found[link.segment], link, skeleton.axes[k], q)
-    del found["ground"]
-    return found
+            made[link.segment] = moved(made[link.segment], link, skeleton.axes[k], q)
+    del made["ground"]
+    return made
 
 
 def moved(frame: Frame, link: Link, axis: Array, q: tuple[Array, ...]) -> Frame:
@@ -219,17 +217,22 @@ def placed(frame: Frame, offset: Array) -> Frame:
 
 
 def chunks(count: int) -> Iterator[slice]:
-    """Divide frames into parts that stay in the cache."""
-    return (slice(k, k + CHUNK_FRAMES) for k in range(0, count, CHUNK_FRAMES))
+    """Divide frames into parts that stay in the cache.
+
+    A segment's rotation with its derivatives then takes 440 kB, which the second-level cache holds;
+    fewer frames cost more calls.
+    """
+    size = 2048
+    return (slice(k, k + size) for k in range(0, count, size))
 
 
 def marker_positions(skeleton: Skeleton, q: Array) -> Array:
     """Give the markers' positions at coordinates (55, T), (T, M, 3) [m]."""
     position = np.empty((q.shape[1], len(skeleton.markers), 3))
     for part in chunks(q.shape[1]):
-        found = frames(skeleton, (q[:, part],), dict.fromkeys(skeleton.marker_segment))
+        made = frames(skeleton, (q[:, part],), dict.fromkeys(skeleton.marker_segment))
         for k, segment in enumerate(skeleton.marker_segment):
-            position[part, k] = found[segment].point(skeleton.marker_position[k]).T
+            position[part, k] = made[segment].point(skeleton.marker_position[k]).T
     return position
 
 
@@ -238,17 +241,17 @@ def segment_poses(skeleton: Skeleton, q: Array, names: list[str]) -> list[tuple[
     rotations = [np.empty((q.shape[1], 3, 3)) for _ in names]
     origins = [np.empty((q.shape[1], 3)) for _ in names]
     for part in chunks(q.shape[1]):
-        found = frames(skeleton, (q[:, part],), names)
+        made = frames(skeleton, (q[:, part],), names)
         for name, rotation, origin in zip(names, rotations, origins, strict=True):
-            rotation[part] = np.moveaxis(found[name].rotation[0], 2, 0)
-            origin[part] = found[name].origin.T
+            rotation[part] = np.moveaxis(made[name].rotation[0], 2, 0)
+            origin[part] = made[name].origin.T
     return list(zip(rotations, origins, strict=True))
 
 
 @cache
-def _with_carriers(wanted: tuple[str, ...]) -> frozenset[str]:
+def _with_carriers(names: tuple[str, ...]) -> frozenset[str]:
     needed = set()
-    for name in wanted:
+    for name in names:
         segment: str | None = name
         while segment is not None and segment != "ground":
             needed.add(segment)
@@ -263,6 +266,7 @@ def _times(rotation: Array, place: Array) -> Array:
 
 def _translated(frame: Frame, axis: Array, q: tuple[Array, ...]) -> Frame:
     along = [_times(rotation, axis) for rotation in frame.rotation]
+    # o' = o + R a q, differentiated twice
     origin, acceleration = frame.origin + along[0] * q[0], frame.acceleration
     if len(q) == 3:
         acceleration = acceleration + along[2] * q[0] + 2 * along[1] * q[1] + along[0] * q[2]
@@ -275,6 +279,7 @@ def _rotated(frame: Frame, axis: Array, q: tuple[Array, ...]) -> Frame:
         sign = float(axis[along[0]])
         rotation = _about(frame.rotation, int(along[0]), tuple(sign * value for value in q))
         return Frame(rotation, frame.origin, frame.acceleration)
+    # an oblique axis: into a frame whose z axis it is, turned about that, and back
     to_axis = _basis(*axis)
     turned = tuple(np.asarray(to_axis.T @ rotation) for rotation in frame.rotation)
     back = (np.asarray(to_axis @ rotation) for rotation in _about(turned, 2, q))
@@ -284,6 +289,8 @@ def _rotated(frame: Frame, axis: Array, q: tuple[Array, ...]) -> Frame:
 def _about(rotation: tuple[Array, ...], k: int, q: tuple[Array, ...]) -> tuple[Array, ...]:
     """Turn frames about their own axis ``k``; with derivatives where ``q`` has them."""
     i, j = (k + 1) % 3, (k + 2) % 3
+    # both columns beside the axis turn into each other; by the product rule the angle's rate and
+    # acceleration enter before the columns are turned
     cosine, sine = np.cos(q[0]), np.sin(q[0])
     pairs = [(rotation[0][:, i], rotation[0][:, j])]
     if len(q) == 3:
@@ -364,6 +371,7 @@ class Oscillator:
         """Add to a ground wrench (6, T) what the mass changes by not moving with the bone."""
         rotation, first, second = frame.rotation
         place = self.mass.place
+        # -Rᵀ (a - g) of its place, less that at the start, drives the mass relative to the bone
         rest, at_rest = frame.point(place), frame.point_acceleration(place)
         at_rest[2] += GRAVITY_MPS2
         drive = -np.einsum("ijt,it->jt", rotation, at_rest)
@@ -371,9 +379,11 @@ class Oscillator:
             self._start = drive[:, :1].copy()
         drive -= self._start
         shift, speed = (self._step(k, drive) for k in range(2))
+        # d̈, and from it the acceleration of R d in the lab, with that of the turning frame
         pull = drive - 2 * self.mass.damping * self._omega * speed - self._omega**2 * shift
         away = _turned(rotation, shift)
         more = _turned(second, shift) + 2 * _turned(first, speed) + _turned(rotation, pull)
+        # the extra force acts in the place of rest, and the whole force away from it by R d
         force, extra = self.mass.mass_kg * (at_rest + more), self.mass.mass_kg * more
         add_force(wrench, extra, rest)
         wrench[3:] += np.cross(away, force, axis=0)
@@ -419,12 +429,12 @@ def ground_wrench(
     wrench = np.zeros((6, count))
     parts = [(name, part, second_moment(part)) for name, part in skeleton.inertias.items()]
     for chunk in chunks(count):
-        found = frames(skeleton, tuple(values[:, chunk] for values in motion))
-        own = wrench[:, chunk]
+        made = frames(skeleton, tuple(values[:, chunk] for values in motion))
+        in_chunk = wrench[:, chunk]  # a view, to which all segments add
         for name, part, moment in parts:
-            add_segment(own, found[name], part, moment)
+            add_segment(in_chunk, made[name], part, moment)
         for oscillator in oscillators:
-            oscillator.add_reaction(own, found[oscillator.mass.segment])
+            oscillator.add_reaction(in_chunk, made[oscillator.mass.segment])
     return wrench.T
 
 
@@ -432,14 +442,15 @@ def center_of_mass(skeleton: Skeleton, q: Array) -> Array:
     """Give the centre of mass at coordinates (55, T), (T, 3) [m]."""
     center = np.zeros((3, q.shape[1]))
     for chunk in chunks(q.shape[1]):
-        found = frames(skeleton, (q[:, chunk],))
+        made = frames(skeleton, (q[:, chunk],))
         for name, part in skeleton.inertias.items():
-            center[:, chunk] += part.mass * found[name].point(part.center)
+            center[:, chunk] += part.mass * made[name].point(part.center)
     return center.T / skeleton.mass
 
 
 def second_moment(part: Inertia) -> Array:
     """Give ``∫ x xᵀ dm`` of a segment about its frame's origin, (3, 3) [kg·m²]."""
+    # the tensor is ∫ (|x|² 1 - x xᵀ) dm, its trace 2 ∫ |x|² dm; then about the frame's origin
     about_center = np.trace(part.tensor) / 2 * np.eye(3) - part.tensor
     return np.asarray(about_center + part.mass * np.outer(part.center, part.center))
 
@@ -452,12 +463,14 @@ def add_force(wrench: Array, force: Array, place: Array) -> None:
 
 def add_segment(wrench: Array, frame: Frame, part: Inertia, moment: Array) -> None:
     """Add what a segment with a `second_moment` needs to a wrench (6, T) about the lab origin."""
+    # ∫ (ö - g + R̈ x) dm acts with the moment o × that, and ∫ R x × (ö - g) dm is beside it
     rotation, _, second = frame.rotation
     first = part.mass * part.center
     arm, inertial = first @ rotation, first @ second
     upward = frame.acceleration.copy()
     upward[2] += GRAVITY_MPS2
     add_force(wrench, part.mass * upward + inertial, frame.origin)
+    # ∫ R x × R̈ x dm: the antisymmetric part of R J R̈ᵀ
     turned = np.asarray(moment @ rotation)
     spin = [
         (turned[j] * second[k]).sum(axis=0) - (turned[k] * second[j]).sum(axis=0)
@@ -486,20 +499,21 @@ def moments_of(
     oscillators: Sequence[Oscillator],
 ) -> Array:
     """Give the moments of `LEG_COORDINATES`, (12, T), in a state (55, T) with feet under (T, 6)."""
-    found = frames(skeleton, state, [f"{side}_{part}" for side in feet for part in LEG_JOINTS])
+    made = frames(skeleton, state, [f"{side}_{part}" for side in feet for part in LEG_JOINTS])
     moments = dict[str, Array]()
     for side, wrench in feet.items():
+        # what a joint has to give: all that the segments beyond it need, less what the ground gives
         need = -wrench.T
         for part in LEG_JOINTS:
             segment = f"{side}_{part}"
             if segment in skeleton.inertias:
                 inertia = skeleton.inertias[segment]
-                add_segment(need, found[segment], inertia, second_moment(inertia))
+                add_segment(need, made[segment], inertia, second_moment(inertia))
             for oscillator in oscillators:
                 if oscillator.mass.segment == segment:
-                    oscillator.add_reaction(need, found[segment])
+                    oscillator.add_reaction(need, made[segment])
             # about the axes of the joint's coordinates, each where those before it have turned it
-            carrier = found[PARENT[segment]]
+            carrier = made[PARENT[segment]]
             frame = Frame(carrier.rotation[:1], carrier.origin, carrier.acceleration)
             frame = placed(frame, skeleton.offsets.get(segment, np.zeros(3)))
             for link, axis in zip(LINKS, skeleton.axes, strict=True):

@@ -17,38 +17,17 @@ import pandas as pd
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from hbm.coordinates import INDEX, TREE
+from hbm.numbers import read_numbers
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.machine.platform import BeltRamp, smooth_step
 
-STANCE: Final = 0.605
-"""Stance phase as a share of the gait cycle, from initial contact to foot off, at 1.3 m/s."""
-LEAVING: Final = 0.565, 0.615
-"""Phases of the gait cycle between which the floor gradually releases a foot, about foot off;
-assumed."""
-ROLL_OVER: Final = (
-    (0.0, 0.08, 0.20, 0.50, 0.80, 0.92, 1.0),
-    (0.22, 0.30, 0.44, 0.63, 0.81, 0.90, 0.95),
-)
-"""Centre of pressure: share of the stance phase, and place between heel (0) and toe tip (1). It
-passes quickly from the heel, slowly under the mid-foot, and stays under the metatarsal heads before
-push-off (Han et al. 1999, Gait Posture 10:248)."""
-
-RELEASING_DEG: Final = 2.0, 12.0
-"""Pitch of a foot at which the end that leaves the floor begins to be free, and at which it is;
-assumed."""
-MIN_END_WEIGHT: Final = 0.05
-"""Weight in the leg's inverse kinematics of an end of the sole that is free; small but positive,
-so that the foot's pose stays determined."""
-SWING_WEIGHT: Final = 0.3
-"""Weight of a swinging foot's sole; chosen, so that a leg that is too short does not jerk the
-body."""
-ARRIVING: Final = 0.90, 1.0
-"""Phases of the gait cycle between which a swinging foot regains its full weight; assumed."""
+FOOT: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "foot")
+GAIT: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "gait")
 
 
 def roll_over(phase: Array) -> Array:
     """Give the place of the centre of pressure between heel (0) and toe tip (1), (T,)."""
-    return np.interp(np.clip((phase % 1) / STANCE, 0, 1), *ROLL_OVER)
+    return np.asarray(np.interp(np.clip((phase % 1) / GAIT.stance, 0, 1), *GAIT.roll_over))
 
 
 def sole_weights(pitch: Array, phase: Array) -> Array:
@@ -68,24 +47,24 @@ def sole_weights(pitch: Array, phase: Array) -> Array:
         ball is on the floor, and the ball where only the heel is; a swinging foot has little weight
         altogether.
     """
-    low, high = np.radians(RELEASING_DEG)
+    # the heel rises as the foot points down, the ball as it points up, and is then free
+    low, high = np.radians(GAIT.releasing)
     heel, ball = (
-        1 - (1 - MIN_END_WEIGHT) * smooth_step((angle - low) / (high - low))
+        1 - (1 - GAIT.free_end_weight) * smooth_step((angle - low) / (high - low))
         for angle in (pitch, -pitch)
     )
+    # in swing, between release and arrival, the whole sole follows its path only a little
     cycle = phase % 1
-    released, arrived = (smooth_step((cycle - a) / (b - a)) for a, b in (LEAVING, ARRIVING))
-    whole = 1 - (1 - SWING_WEIGHT) * (released - arrived)
+    released, arrived = (
+        smooth_step((cycle - a) / (b - a)) for a, b in (GAIT.leaving, GAIT.arriving)
+    )
+    whole = 1 - (1 - GAIT.swing_weight) * (released - arrived)
     ends = np.stack([heel, ball, ball, np.minimum(heel, ball)], axis=1)
     return np.asarray(whole[:, None] * ends)
 
 
-SPEED_MPS: Final = 1.3
-STRIDE_S: Final = 1.08
-STEP_M: Final = SPEED_MPS * STRIDE_S / 2
-HIP_HEIGHT_M: Final = 0.949
-"""Walking speed, stride time, step length, and height of the mid-hip point in standing, for which
-the coefficients were fitted (``tests/virtual_gait``)."""
+STEP_M: Final = GAIT.speed * GAIT.stride / 2
+"""Step length of the mean gait pattern (``tests/virtual_gait``)."""
 _FEET: Final = ("foot pitch", "foot progression", "foothold")
 """What the table has beside coordinates."""
 
@@ -110,6 +89,7 @@ def posture(phase: Array, extent: Array, slope: Array, standing: Array) -> Array
         Coordinates, (T, 46) [rad and m]. The pelvis moves about its place in standing.
     """
     change = np.zeros((len(phase), len(standing)))
+    # the left side does what the right side does half a gait cycle before
     polynomials = _polynomials(slope)
     bases = {side: _basis(phase + (0.5 if side == "L" else 0.0)) for side in " RL"}
     for name, (about_standing, _) in _table()[1].items():
@@ -122,6 +102,7 @@ def posture(phase: Array, extent: Array, slope: Array, standing: Array) -> Array
                 value = np.radians(value)
             from_standing = about_standing or name in ("PelvisX", "PelvisY")
             change[:, i] = value - (0.0 if from_standing else standing[i])
+    # displacements of the pelvis are scaled to the person by leg length
     size = size_of(standing)
     change[:, :2] *= size
     change[:, 2] *= size * extent  # the height of a pendulum changes with the square of its angle
@@ -130,7 +111,7 @@ def posture(phase: Array, extent: Array, slope: Array, standing: Array) -> Array
 
 def size_of(standing: Array) -> float:
     """Give leg length relative to that of the person the coefficients were fitted for."""
-    return float(standing[INDEX["PelvisZ"]]) / HIP_HEIGHT_M
+    return float(standing[INDEX["PelvisZ"]] / GAIT.hip_height)
 
 
 def foot_angles(phase: Array) -> tuple[Array, Array]:
@@ -155,6 +136,7 @@ def _basis(phase: Array) -> tuple[Array, Array]:
 def _evaluate(name: str, basis: tuple[Array, Array], polynomials: Array) -> Array:
     """Evaluate a coordinate at phases and slopes, given what is common to all coordinates, (T,)."""
     (cosines, sines), (cosine, sine) = np.moveaxis(_table()[1][name][1], 2, 0), basis
+    # Fourier series at every slope of the table, then the polynomial through these
     by_slope = cosine @ cosines.T + sine @ sines.T
     return np.asarray(np.sum(by_slope * polynomials, axis=1))
 
@@ -182,33 +164,17 @@ def _table() -> tuple[Array, dict[str, tuple[bool, Array]]]:
     slopes, at = np.unique(rows["slope_deg"].to_numpy(float), return_inverse=True)
     rows = rows.assign(at=at)
     count = int(rows["harmonic"].max()) + 1
-    found: dict[str, tuple[bool, Array]] = {}
-    for name, own in rows.groupby("coordinate", sort=False):
+    coefficients: dict[str, tuple[bool, Array]] = {}
+    for name, terms in rows.groupby("coordinate", sort=False):
         values = np.zeros((len(slopes), count, 2))
-        values[own["at"].to_numpy(), own["harmonic"].to_numpy()] = own[
-            ["cosine", "sine"]
-        ].to_numpy()
-        found[str(name)] = bool((own["about"] == "standing").all()), values
-    return slopes, found
+        places = terms["at"].to_numpy(), terms["harmonic"].to_numpy()
+        values[places] = terms[["cosine", "sine"]].to_numpy()
+        coefficients[str(name)] = bool((terms["about"] == "standing").all()), values
+    return slopes, coefficients
 
 
-STEERING: Final = 0.04
-"""Share of the sideways distance from the middle of the treadmill that each step takes back; chosen
-so that people stay on the treadmill without walking visibly towards its middle."""
-NORMAL_OVERLAP: Final = 2 * (STANCE - 0.5)
+NORMAL_OVERLAP: Final = 2 * (GAIT.stance - 0.5)
 """Double support as a share of step time at 1.3 m/s."""
-OVERLAP_PER_MPS: Final = 0.22
-MIN_OVERLAP: Final = 0.12
-MAX_OVERLAP: Final = 0.36
-"""Change of that share with speed, and its range: 21 % at 1.3 m/s, and 32 % at 0.8 m/s in a
-treadmill recording (Moore, Hnat and van den Bogert 2015, PeerJ 3:e918)."""
-INTERVALS_PER_STEP: Final = 60
-"""Samples of the platform's sway per step for its integral: one every 10 ms or so."""
-MAX_DEVIATION_SD: Final = 3
-"""Random deviations of steps are limited to three standard deviations."""
-SPARE_STEPS: Final = 6
-SPARE_SHARE: Final = 0.1
-"""Steps that are scheduled in excess of those expected, so that none is missing at the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +227,7 @@ def step_time(parameters: StepParameters, speed_mps: float) -> float:
     Step length grows with the square root of speed, as cadence does: their ratio, the walk ratio,
     is constant (Sekiya and Nagasaki 1998, Gait Posture 7:225).
     """
-    return parameters.step_m * float(np.sqrt(speed_mps / SPEED_MPS)) / speed_mps
+    return parameters.step_m * float(np.sqrt(speed_mps / GAIT.speed)) / speed_mps
 
 
 def schedule(
@@ -290,13 +256,15 @@ def schedule(
         Times of contact and foot off.
     """
     mean = step_time(parameters, speed_mps)
-    count = int(np.ceil((stop - start) / mean * (1 + SPARE_SHARE))) + SPARE_STEPS
-    deviation = np.clip(rng.normal(size=count), -MAX_DEVIATION_SD, MAX_DEVIATION_SD)
+    # a tenth and six steps more than expected, so that none is missing at the end
+    count = int(np.ceil((stop - start) / mean * (1 + 0.1))) + 6
+    deviation = np.clip(rng.normal(size=count), -GAIT.largest_deviation, GAIT.largest_deviation)
     duration = mean * (1 + parameters.time_sd * deviation)
     contact = start + np.append(0.0, np.cumsum(duration))
     # double support as a share of step time: the slower, the more
-    overlap = NORMAL_OVERLAP + OVERLAP_PER_MPS * (SPEED_MPS - speed_mps)
-    overlap = float(np.clip(overlap, MIN_OVERLAP, MAX_OVERLAP))
+    overlap = NORMAL_OVERLAP + GAIT.overlap_by_speed * (GAIT.speed - speed_mps)
+    overlap = float(np.clip(overlap, GAIT.least_overlap, GAIT.largest_overlap))
+    # a foot leaves the floor when double support after the other's contact is over
     off = np.append(contact[1:], contact[-1] + mean) + overlap * np.append(duration, mean)
     return Steps(contact, off, overlap)
 
@@ -308,13 +276,15 @@ def phase_of(steps: Steps, time: Array) -> Array:
     scaled so that double support has the same phases at all speeds.
     """
     numbers = CubicSpline(steps.contact, np.arange(len(steps.contact)) - 1.0)(time)
-    ends = np.array([-1.0, 0.0, 1.0])
-    own, normal = (
-        np.sort(np.append(ends, ends[:2] + share)) for share in (steps.overlap, NORMAL_OVERLAP)
+    # contacts and the ends of double support, in steps: those of these steps on those of 1.3 m/s,
+    # over three contacts, so that slopes are the same at both ends of a step
+    contacts = np.array([-1.0, 0.0, 1.0])
+    knots, normal = (
+        np.append(np.sort(np.append(contacts, contacts[:2] + overlap)), 1 + overlap)
+        for overlap in (steps.overlap, NORMAL_OVERLAP)
     )
-    own, normal = np.append(own, 1 + steps.overlap), np.append(normal, 1 + NORMAL_OVERLAP)
     whole = np.floor(numbers)
-    return np.asarray((whole + PchipInterpolator(own, normal)(numbers - whole)) / 2)
+    return np.asarray((whole + PchipInterpolator(knots, normal)(numbers - whole)) / 2)
 
 
 def place_sideways(
@@ -350,22 +320,28 @@ def place_sideways(
     obeys ``ξ̇ = ω (ξ - p)`` about the centre of pressure ``p``, which moves with the platform and
     changes feet in the middle of double support.
     """
+    # ω of the pendulum, and instants at which the pressure changes feet
     rate = np.sqrt(GRAVITY_MPS2 / height_m)
     duration = np.diff(steps.contact, append=2 * steps.contact[-1] - steps.contact[-2])
     change = steps.contact + steps.overlap / 2 * duration
+    # with this distance outside of ξ, regular steps have the person's step width (Hof 2008)
     margin = parameters.width_m / (1 + np.mean(np.exp(rate * np.diff(change))))
     place = np.empty(len(change))
     place[0] = parameters.width_m / 2
     xi = place[0] - margin
     for k in range(1, len(place)):
-        time = np.linspace(change[k - 1], change[k], INTERVALS_PER_STEP)
+        # ξ at the next change: e^(ωT) ξ - ω ∫ e^(ω(T-t)) p dt, sampled every 10 ms or so
+        time = np.linspace(change[k - 1], change[k], 60)
         remaining = np.exp(rate * (change[k] - time))
         pressure = place[k - 1] + sway(time)
         xi = remaining[0] * xi - rate * np.trapezoid(remaining * pressure, time)
+        # on the platform, outside of ξ, and further out where the person has drifted to that side
         here = xi - float(sway(change[k : k + 1])[0])
         outward = -1.0 if k % 2 else 1.0
         middle = (place[k - 1] + here) / 2
-        place[k] = here + outward * margin + STEERING * middle + parameters.side_sd * rng.normal()
+        place[k] = (
+            here + outward * margin + GAIT.steering * middle + parameters.side_sd * rng.normal()
+        )
     return place
 
 
@@ -373,25 +349,6 @@ SIDES: Final = ("left", "right")
 OUTWARD: Final = {"left": 1.0, "right": -1.0}
 UP: Final = np.array([0.0, 0.0, 1.0])
 LEFT: Final = np.array([0.0, 1.0, 0.0])
-
-TOE_TIP: Final = 1.25
-"""Place of the toe tip from the heel, by the distance from heel to second metatarsal head; typical
-of the foot."""
-SOLE_MARGIN_M: Final = 0.012
-"""How far the sole reaches beyond the centres of the markers: about a marker's radius and the
-shoe's edge."""
-HALF_WIDTH: Final = 0.35
-"""Half the width of heel and toes, by the sideways distance between the second and the fifth
-metatarsal head; assumed."""
-FLAT_DEG: Final = 1.0, 3.0
-"""Pitch at which a rolling foot passes from heel to ball, and the width of that passage; chosen, so
-that the sole does not sink into the belt by more than a shoe deforms."""
-TOES_DEG: Final = 50.0, 12.0
-"""The same for the passage from ball to toes; chosen."""
-TOE_ROLL: Final = 0.5
-"""Share of the toes' length over which the foot rolls before it leaves the floor; chosen."""
-_PITCH: Final = np.radians(np.linspace(-90.0, 110.0, 2001))
-"""Pitch angles at which the rolling motion is tabulated: every 0.1° of what a foot can reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,8 +389,8 @@ class Sole:
 
     def from_foot(self, rotation: Array, position: Array) -> tuple[Array, Array]:
         """Give the sole's pose from the foot segment's, both (T, 3, 3) and (T, 3) [m]."""
-        own = rotation @ self.rotation.T
-        return own, position - own @ self.origin
+        of_sole = rotation @ self.rotation.T
+        return of_sole, position - of_sole @ self.origin
 
 
 def sole_of(landmarks: Mapping[str, Array], rotation: Array, ankle: Array, side: str) -> Sole:
@@ -458,14 +415,17 @@ def sole_of(landmarks: Mapping[str, Array], rotation: Array, ankle: Array, side:
     has_metatarsal = letter + "MT2" in landmarks
     inner = landmarks[letter + "MT2" if has_metatarsal else letter + "TOE"]
     along = inner - heel
+    # the sole's frame: under the ankle on the floor, along the line from heel to metatarsal or toe
     toe_out = float(np.arctan2(along[1], along[0]))
     rotation = rotation_about(UP, toe_out)
     under = np.array([ankle[0], ankle[1], 0.0])
     h, i, o = ((p - under) @ rotation for p in (heel, inner, outer))
-    toe = h[0] + (TOE_TIP if has_metatarsal else 1.0) * (i[0] - h[0])
-    ball = (h[0] + (toe - h[0]) / TOE_TIP + o[0]) / 2
-    m, medial = SOLE_MARGIN_M, -OUTWARD[side]
-    half_width = HALF_WIDTH * abs(i[1] - o[1])
+    toe = h[0] + (FOOT.toe_tip if has_metatarsal else 1.0) * (i[0] - h[0])
+    # between the heads of second and fifth metatarsal; the second's place by that of the tip
+    ball = (h[0] + (toe - h[0]) / FOOT.toe_tip + o[0]) / 2
+    # heel left and right, toe tip, head of the fifth metatarsal, and the inside of the ball
+    m, medial = FOOT.sole_margin, -OUTWARD[side]
+    half_width = FOOT.half_width * abs(i[1] - o[1])
     outline = np.array(
         [
             [h[0] - m, h[1] + half_width + m],
@@ -521,18 +481,23 @@ def rolled(sole: Sole, pitch: Array, heading: Array) -> Array:
     and where the toes bend: rolling by the angle θ moves the contact by ``∫ρ dθ`` over the floor
     and to ``∫ρ (cos θ, sin θ) dθ`` on the sole.
     """
-    center, width = np.radians(FLAT_DEG)
-    radius = (sole.ball - sole.heel) * _bell((_PITCH - center) / width) / width
-    center, width = np.radians(TOES_DEG)
-    radius += TOE_ROLL * (sole.toe - sole.ball) * _bell((_PITCH - center) / width) / width
-    step = _PITCH[1] - _PITCH[0]
-    path = np.cumsum(radius[:, None] * np.stack([np.ones_like(_PITCH), np.cos(_PITCH)], 1), 0)
-    rise = np.cumsum(radius * np.sin(_PITCH))
+    # radius of curvature by pitch [m], every 0.1°: bells whose areas are the lengths rolled over
+    angles = np.radians(np.linspace(-90.0, 110.0, 2001))
+    center, width = np.radians(FOOT.flat)
+    radius = (sole.ball - sole.heel) * _bell((angles - center) / width) / width
+    center, width = np.radians(FOOT.toes)
+    radius += FOOT.toe_roll * (sole.toe - sole.ball) * _bell((angles - center) / width) / width
+    # arc on the floor, and contact on the sole forward and up, as integrals over the pitch
+    step = angles[1] - angles[0]
+    path = np.cumsum(radius[:, None] * np.stack([np.ones_like(angles), np.cos(angles)], 1), 0)
+    rise = np.cumsum(radius * np.sin(angles))
     path = sole.heel + step * np.column_stack([path, rise])
-    flat = [np.interp(0.0, _PITCH, column) for column in path.T]
+    # counted from the flat foot, whose contact is as far along the floor as along the sole
+    flat = [np.interp(0.0, angles, column) for column in path.T]
     offset = flat[1] - flat[0]
-    on_floor, x, z = (np.interp(pitch, _PITCH, column) for column in path.T)
+    on_floor, x, z = (np.interp(pitch, angles, column) for column in path.T)
     on_sole = np.stack([x - offset, 0 * x, z - flat[2]], -1)
+    # the frame is where the contact on the floor is, less where that is on the turned sole
     ahead = on_floor[:, None] * np.array([1.0, 0.0, 0.0])
     contact = (rotation_about(UP, heading) @ ahead[..., None])[..., 0]
     return np.asarray(contact - (orientation(pitch, heading) @ on_sole[..., None])[..., 0])
@@ -595,12 +560,13 @@ class FootPlacement:
     def step(self, side: str, time: Array) -> Array:
         """Give the number of a side's last step; -1 before its first, (T,)."""
         last = np.searchsorted(self.steps.contact, time, side="right") - 1
-        own = 0 if side == "left" else 1
-        number = last - (last - own) % 2
-        return np.where(number < own, -1, number)
+        first = 0 if side == "left" else 1  # left steps are even
+        number = last - (last - first) % 2
+        return np.where(number < first, -1, number)
 
     def anchor(self, side: str, number: Array, time: Array) -> Array:
         """Give the place of a step's flat foot at times before, during or after it, (T, 2) [m]."""
+        # until its first step a foot is where it stood; then the belt carries it back
         first = np.array(self.soles[side].standing[:2])
         standing = number < 2 if side == "left" else number < 0
         k = np.maximum(number, 0)
@@ -615,19 +581,22 @@ class FootPlacement:
 
     def release(self, number: int) -> float:
         """Give when the floor begins to release the foot of a step [s]."""
-        early = (STANCE - LEAVING[0]) * self.steps.overlap / (STANCE - 0.5)
-        return float(self.steps.off[number]) - early * self.step_s
+        # before foot off, by phases of 1.3 m/s that are scaled as double support is
+        early = (GAIT.stance - GAIT.leaving[0]) * self.steps.overlap / (GAIT.stance - 0.5)
+        return float(self.steps.off[number] - early * self.step_s)
 
     def left_share(self, time: Array) -> Array:
         """Give the share of the weight on the left foot, (T,).
 
         All on one foot in single support, half on each before walking.
         """
+        # from the contact of a foot to foot off of the other the weight moves onto it
         contact, off = self.steps.contact, self.steps.off
         last = np.searchsorted(contact, time, side="right") - 1
         k = np.clip(last, 1, len(contact) - 1)
         taken = smooth_step((time - contact[k]) / (off[k - 1] - contact[k]))
         walking = np.where(k % 2 == 0, taken, 1 - taken)
+        # walking begins on the left foot
         overlap = self.steps.overlap * self.step_s
         starting = 0.5 + 0.5 * smooth_step((time - contact[0]) / overlap)
         return np.where(last < 1, starting, walking)
@@ -635,8 +604,9 @@ class FootPlacement:
     def pressure(self, side: str, time: Array) -> Array:
         """Give the intended centre of pressure under a foot that carries weight, (T, 2) [m]."""
         sole, walking = self.soles[side], np.minimum(self.extent(time), 1.0)
-        share = roll_over(self.phase(side, time))
-        rolled = sole.heel + (sole.toe - sole.heel) * share + self.pressure_shift
+        # along the foot, from its place in standing to that of the roll-over
+        place = roll_over(self.phase(side, time))
+        rolled = sole.heel + (sole.toe - sole.heel) * place + self.pressure_shift
         along = self.standing_pressure_m + walking * (rolled - self.standing_pressure_m)
         heading = self.heading(side, time)
         ahead = along[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
@@ -644,6 +614,6 @@ class FootPlacement:
 
     def total_pressure(self, time: Array) -> Array:
         """Give the intended centre of pressure of both feet together, (T, 2) [m]."""
-        share = self.left_share(time)[:, None]
+        on_left = self.left_share(time)[:, None]
         left, right = (self.pressure(side, time) for side in SIDES)
-        return share * left + (1 - share) * right
+        return on_left * left + (1 - on_left) * right

@@ -7,8 +7,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from hbm.coordinates import INDEX
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import CameraFaults
+
+SKIN: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "skin")
 
 ARTEFACTS: Final[dict[str, tuple[float, tuple[str, ...]]]] = {
     "pelvis": (0.004, ("RHipFlexion", "LHipFlexion")),
@@ -29,16 +32,6 @@ Thigh the most, then shank (Leardini et al. 2005, Gait Posture 21:212; Peters et
 Posture 31:1); head, hands and feet, for which no review has a value, are assumed small. The
 artefact is a linear function of the coordinates of the joints at both ends of the segment (Bonci et
 al. 2014, J Biomech 47:2354); on the limbs they stand without the side."""
-MIN_WEIGHT: Final = 1e-12
-"""Of what is not zero; a coordinate that does not move drives nothing."""
-DRIVEN_SHARE: Final = 0.8
-"""Share of the displacement's variance that follows them; assumed, as most of the artefact is
-reproducible within a subject (Leardini et al. 2005)."""
-COMMON_SHARE: Final = 0.5
-"""Share of that variance which all markers of a segment have in common; assumed."""
-CORRELATION_S: Final = 0.15
-"""Time constant of the part that does not follow; assumed: soft tissue oscillates within a tenth of
-a stride or two."""
 
 
 def displace_markers(
@@ -82,16 +75,18 @@ def displace_markers(
         part = carrier.removeprefix("left_").removeprefix("right_")
         letter = "" if part == carrier else carrier[0].upper()
         rms_m, coordinates = ARTEFACTS[part]
+        # a random linear function of the joints' coordinates, partly the same for all its markers
         drivers = _unit_variance(q[[INDEX[letter + name] for name in coordinates]], walking)
         size = faults.skin_scale * rms_m / np.sqrt(3)
         common = rng.normal(size=(3, len(drivers)))
         turn = np.moveaxis(rotation[carrier], 0, 2)
         for k in (k for k, s in enumerate(segment) if s == carrier):
             alone = rng.normal(size=(3, len(drivers)))
-            mixed = np.sqrt(COMMON_SHARE) * common + np.sqrt(1 - COMMON_SHARE) * alone
+            mixed = np.sqrt(SKIN.common) * common + np.sqrt(1 - SKIN.common) * alone
             driven = _unit_variance(mixed @ drivers, walking)
             irregular = _irregular(len(position), rng, rate_hz)
-            shift = np.sqrt(DRIVEN_SHARE) * driven + np.sqrt(1 - DRIVEN_SHARE) * irregular
+            shift = np.sqrt(SKIN.driven) * driven + np.sqrt(1 - SKIN.driven) * irregular
+            # along the segment's axes, from rest in the calibration pose
             shift *= size * walking
             displaced[:, k] += (turn * shift).sum(axis=1).T
     return displaced
@@ -99,16 +94,18 @@ def displace_markers(
 
 def _unit_variance(values: Array, walking: Array) -> Array:
     """Shift and scale signals (S, T) to mean 0 and variance 1 in walking."""
-    weight = walking / max(float(walking.sum()), MIN_WEIGHT)
+    least = 1e-12  # of what is not zero: a coordinate that does not move drives nothing
+    weight = walking / max(float(walking.sum()), least)
     away = values - (values @ weight)[:, None]
     sd = np.sqrt(away**2 @ weight)[:, None]
-    return np.asarray(away / np.maximum(sd, MIN_WEIGHT))
+    return np.asarray(away / np.maximum(sd, least))
 
 
 def _irregular(frames: int, rng: np.random.Generator, rate_hz: float) -> Array:
     """Draw low-passed white noise of unit variance per axis, (3, T)."""
-    keep = np.exp(-1 / (CORRELATION_S * rate_hz))
+    keep = np.exp(-1 / (SKIN.correlation * rate_hz))
     noise = rng.normal(size=(3, frames))
     filtered = lfilter([(1 - keep) ** 2], [1, -2 * keep, keep**2], noise, axis=1)
+    # variance of the output of two low-passes of first order in a row
     variance = (1 - keep) ** 4 * (1 + keep**2) / (1 - keep**2) ** 3
     return np.asarray(filtered / np.sqrt(variance))

@@ -19,6 +19,7 @@ import pandas as pd
 
 from hbm.coordinates import COORDINATES, INDEX, N_Q
 from hbm.markers import marker_sets
+from hbm.numbers import read_numbers
 from hbm.segments import Inertia, Sex
 from hbm.spatial import Array, axes_from, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults, Faults
@@ -34,26 +35,23 @@ from pipeline.virtual_lab.person.anatomy import (
 )
 from pipeline.virtual_lab.person.gait import STEP_M, Sole, StepParameters, size_of, sole_of
 
+BODIES: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "bodies")
+SHOE: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "shoe")
+JOINTS: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "joints")
+TISSUE: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "tissue")
+STYLE: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "style")
+
 Source = Literal["de_leva", "dumas"]
-STATURE_M: Final = {
-    **{("de_leva", "male"): 1.741, ("de_leva", "female"): 1.735},
-    **{("dumas", "male"): 1.77, ("dumas", "female"): 1.61},
-}
-"""Mean statures of the samples."""
 PAIRED: Final = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
-TOES_KG: Final = 1e-6
-TOES_GYRATION_M: Final = 0.01
-"""Mass and size of the toes as the Human Body Model's implementation has them: the tables' feet
-include them."""
 
 
 class Row(NamedTuple):
-    """A segment of a table: shares of body mass and of the segment's length.
+    """A segment of a table: fractions of body mass and of the segment's length.
 
     Attributes
     ----------
     mass
-        Share of body mass; those of a whole body add up to one.
+        Fraction of body mass; those of a whole body add up to one.
     center
         Centre of mass: forward, along the segment, to the right, (3,).
     tensor
@@ -87,13 +85,14 @@ def table(source: Source, sex: Sex) -> dict[str, Row]:
     path = Path(__file__).with_name("segment_inertias.csv")
     rows = pd.read_csv(path, comment="#", dtype=str)  # numbers are then read exactly
     rows = rows[(rows["source"] == source) & (rows["sex"] == sex)].set_index("segment")
+    # the masses of a published table do not quite add up to the whole body
     total = sum(float(row["mass"]) * (2 if name in PAIRED else 1) for name, row in rows.iterrows())
     return {
         str(name): Row(
             float(row["mass"]) / total,
             row[["center_x", "center_y", "center_z"]].to_numpy(float) / 100,
             _tensor(*(row[["xx", "yy", "zz", "xy", "xz", "yz"]].to_numpy(float) / 100)),
-            float(row["length_mm"]) / 1000 / STATURE_M[source, sex],
+            float(row["length_mm"]) / 1000 / BODIES.mean_stature[source][sex],
         )
         for name, row in rows.iterrows()
     }
@@ -134,11 +133,12 @@ def inertias_of(
                 placed = _dumas(anatomy, segment, rows["pelvis"].length * height_m)
             part = _scaled(rows[name], mass_kg, *placed)
             inertias[segment] = part.in_frame(rotation, anatomy.origin(segment))
+    # the tables' feet include the toes, which take their little mass from them
     for side in SIDES:
         foot = inertias[f"{side}_foot"]
-        inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - TOES_KG)
-        tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
-        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), tensor)
+        inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - BODIES.toes_mass)
+        tensor = BODIES.toes_mass * BODIES.toes_gyration**2 * np.eye(3)
+        inertias[f"{side}_toes"] = Inertia(BODIES.toes_mass, np.zeros(3), tensor)
     return inertias
 
 
@@ -158,6 +158,7 @@ def _dumas(anatomy: Anatomy, segment: str, pelvis_m: float) -> Placed:
     points, side = anatomy.points, segment.partition("_")[0]
     if segment == "pelvis":
         return points["lumbar"], anatomy.rotations["pelvis"], pelvis_m, "right"
+    # the foot's frame: along from heel to tip, left as near to the ankle's axis as that allows
     if segment.endswith("foot"):
         heel, tip, lateral = anatomy.ends[segment]
         origin, ahead = points[f"{side}_ankle"], tip - heel
@@ -183,6 +184,7 @@ def _scaled(
     row: Row, mass_kg: float, origin: Array, frame: Array, length: float, side: str
 ) -> Inertia:
     """Scale a row to a segment; ``frame`` has the columns forward, left, up of the segment."""
+    # the tables' axes: forward, along the segment, outward
     ahead, left, up = frame.T
     outward = left if side == "left" else -left
     axes = np.column_stack([ahead, up, outward])
@@ -193,44 +195,15 @@ def _scaled(
 
 
 def _tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
+    # radii of gyration, whose sign is that of the product of inertia
     radii = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return np.asarray(np.sign(radii) * radii**2)
 
 
-MIN_MASS_KG: Final = 0.01
-"""Segments below this mass are only there to split a joint; their inertia is not varied."""
-JOINT_CENTER_SD_M: Final = {
-    **{"lumbar": 0.008, "neck": 0.006, "shoulder": 0.008, "elbow": 0.004, "wrist": 0.003},
-    **{"hip": 0.008, "knee": 0.004, "ankle": 0.003},
-}
-"""Standard deviation of joint centres in every direction: the hip's as cited above, the others
-assumed."""
-AXIS_DEG: Final = 3.0
-MASS_SHARE: Final = 0.06
-CENTER_M: Final = 0.008
-GYRATION_SHARE: Final = 0.05
-"""Standard deviations of joint axes, and of segments' masses, centres and radii of gyration: of the
-sizes cited above."""
-MAX_DEVIATION_SD: Final = 2
-"""Nothing varies by more than two standard deviations, so that no body is impossible."""
-MID_TRUNK_SHARE: Final = 0.69
-"""Place of T12/L1 on the way from C7/T1 to L5/S1: the share with which thorax and abdomen of Dumas
-and Wojtusch (2018) together have the torso's centre of mass of Dumas et al. (2007), both sexes."""
-ANKLE_SD_DEG: Final = {"AnklePlantarFlexion": (3.7, 7.0), "FootPronation": (9.0, 11.0)}
-"""Standard deviations between people of the talocrural axis, in the frontal and the transverse
-plane, and of the subtalar axis' inclination and medial deviation (Inman 1976, The joints of the
-ankle)."""
-SUBTALAR_BELOW_M: Final = 0.012
-"""Distance of the subtalar axis below the talocrural one; assumed, half the talus' height."""
-SHOE_SIZE_M: Final = 0.28, 0.10, 0.06
-"""Length, width and height of the box that has a shoe's radii of gyration; assumed."""
-SHOE_HEIGHT_M: Final = 0.015
-"""Height of its centre above the sole; assumed: most of a shoe's mass is in the sole."""
-
-
 def drawn(rng: np.random.Generator, count: int = 1) -> Array:
-    """Draw from the standard normal distribution within `MAX_DEVIATION_SD`, (count,)."""
-    return np.asarray(np.clip(rng.normal(size=count), -MAX_DEVIATION_SD, MAX_DEVIATION_SD))
+    """Draw from the standard normal distribution, extremes at two standard deviations, (count,)."""
+    most = BODIES.largest_deviation
+    return np.asarray(np.clip(rng.normal(size=count), -most, most))
 
 
 def vary(anatomy: Anatomy, faults: BodyFaults, rng: np.random.Generator) -> Anatomy:
@@ -252,23 +225,26 @@ def vary(anatomy: Anatomy, faults: BodyFaults, rng: np.random.Generator) -> Anat
     """
     axes, points = dict(anatomy.axes), dict(anatomy.points)
     ankle = 0.0 if faults.same_body else faults.ankle_scale
+    # axes are tilted in every direction, in a fixed order, so that equal seeds give equal people
+    axis_sd = np.radians(faults.joint_scale * BODIES.axes)
     for name in sorted(axes):
-        axes[name] = _tilted(axes[name], np.radians(faults.joint_scale * AXIS_DEG) * drawn(rng, 3))
-        if name[1:] in ANKLE_SD_DEG:
-            first, second = np.radians(ANKLE_SD_DEG[name[1:]]) * ankle * drawn(rng, 2)
+        axes[name] = _tilted(axes[name], axis_sd * drawn(rng, 3))
+        if name[1:] in BODIES.ankle_axes:
+            first, second = np.radians(BODIES.ankle_axes[name[1:]]) * ankle * drawn(rng, 2)
             axes[name] = _tilted(axes[name], np.array([first, 0.0, second]))
     for name in sorted(points):
         joint = name.removeprefix("right_").removeprefix("left_")
-        if joint in JOINT_CENTER_SD_M:
-            shift = faults.joint_scale * JOINT_CENTER_SD_M[joint] * drawn(rng, 3)
+        if joint in BODIES.joint_centers:
+            shift = faults.joint_scale * BODIES.joint_centers[joint] * drawn(rng, 3)
             points[name] = points[name] + shift
+    # true feet turn about two axes at different heights, true trunks bend in two joints
     for side in SIDES:
-        lower = np.array([0.0, 0.0, ankle * SUBTALAR_BELOW_M])
+        lower = np.array([0.0, 0.0, ankle * BODIES.subtalar_drop])
         points[f"{side}_subtalar"] = points[f"{side}_ankle"] - lower
     points["mid_trunk"] = points["lumbar"]
     if not faults.same_body:
         away = points["lumbar"] - points["neck"]
-        points["mid_trunk"] = points["neck"] + MID_TRUNK_SHARE * away
+        points["mid_trunk"] = points["neck"] + BODIES.mid_trunk * away
     # the orientations follow from joint angles and axes
     changed = replace(anatomy, axes=axes, points=points, ends=_ends(anatomy.ends, points))
     q = np.zeros((len(body.LINKS), 1))
@@ -299,21 +275,25 @@ def vary_inertias(
     dict of str to Inertia
         By segment.
     """
-    names = [s for s, part in inertias.items() if part.mass > MIN_MASS_KG]
+    # toes are only there to split a joint: their inertia is not varied
+    names = [s for s, part in inertias.items() if part.mass > 0.01]
     draws = {s: (drawn(rng), drawn(rng, 3), drawn(rng)) for s in names}
+    # in the Human Body Model both are one rigid segment
     if faults.same_body:
         draws["mid_trunk"] = draws["thorax"]
-    heavier = {s: 1 + faults.segment_scale * MASS_SHARE * float(draws[s][0][0]) for s in names}
+    # heavier and lighter segments, scaled so that the body's mass stays
+    heavier = {s: 1 + faults.segment_scale * BODIES.mass * float(draws[s][0][0]) for s in names}
     total = sum(inertias[s].mass for s in names)
     scale = total / sum(inertias[s].mass * heavier[s] for s in names)
     varied = dict(inertias)
     for s in names:
         part, (_, away, wider) = inertias[s], draws[s]
+        # tensor by m k²
         factor = scale * heavier[s]
-        gyration = 1 + faults.segment_scale * GYRATION_SHARE * float(wider[0])
+        gyration = 1 + faults.segment_scale * BODIES.gyration * float(wider[0])
         varied[s] = Inertia(
             part.mass * factor,
-            part.center + faults.segment_scale * CENTER_M * away,
+            part.center + faults.segment_scale * BODIES.center * away,
             part.tensor * factor * gyration**2,
         )
     return varied
@@ -323,14 +303,15 @@ def with_shoes(
     inertias: Mapping[str, Inertia], anatomy: Anatomy, shoe_kg: float
 ) -> dict[str, Inertia]:
     """Add a shoe to each foot: a box over the length of the foot; mass in kg."""
-    length, width, height = SHOE_SIZE_M
+    length, width, height = SHOE.size
+    # tensor of a box: m/12 (b² + c²) about each axis
     square = np.array([width**2 + height**2, length**2 + height**2, length**2 + width**2])
     shod = dict(inertias)
     for side in SIDES:
         foot = f"{side}_foot"
         heel, tip, _ = anatomy.ends[foot]
         middle = (heel + tip) / 2
-        middle[2] = SHOE_HEIGHT_M
+        middle[2] = SHOE.center_height
         shoe = Inertia(shoe_kg, middle, np.diag(shoe_kg / 12 * square))
         shod[foot] = shod[foot] + shoe.in_frame(anatomy.rotations[foot], anatomy.origin(foot))
     return shod
@@ -357,29 +338,6 @@ def _ends(ends: Mapping[str, Array], points: Mapping[str, Array]) -> dict[str, A
     return moved
 
 
-TRUNK: Final = tuple(INDEX[n] for n in ("TrunkFlexion", "TrunkRightBend", "TrunkLeftTwist"))
-SPINE_SHARE: Final = 0.42, 0.44, 0.47
-"""Share of the mid trunk's joint in the trunk's flexion, bending and twist: its range in walking by
-that of it and the lumbar spine, 2.5 of 6.0, 7 of 16 and 4 of 8.5 degrees (Crosbie, Vachalathiti and
-Smith 1997, Gait Posture 5:6, recalled)."""
-SPINE_SHARE_SD: Final = 0.15
-"""Its standard deviation between people; assumed."""
-SPINE_WAVE_DEG: Final = 0.8, 1.5, 1.0
-"""Amplitude of motion in the mid trunk's joint that the lumbar joint takes back, so that the thorax
-is shifted but not turned; assumed, about a quarter of the published ranges."""
-SPINE_HARMONIC: Final = 2, 1, 1
-"""Its cycles per gait cycle: as the spine's flexion, bending and twist in walking."""
-KNEE_AMPLITUDE: Final = (0.0075, np.radians(-2.7), np.radians(8.0))
-"""Anterior translation, adduction and internal rotation of a flexed shank [m, rad], with which the
-ranges over a stance phase of 5 to 22° are 3.3 mm, 1.2° and 3.5° (published: 3.4 ± 1.6 mm,
-2.3 ± 0.6° and 3.6 ± 1.1°; Kefala et al. 2017, Med Sci Sports Exerc 49:2260)."""
-KNEE_SCATTER: Final = 0.35
-"""Standard deviation between people by those amplitudes: about that of the published ranges."""
-KNEE_FLEXION_RAD: Final = np.radians(25.0)
-"""Flexion after which the coupled motion has reached 63 % of its amplitude; assumed: most of it is
-in the first 30 to 40 degrees (Walker et al. 1988, J Biomech 21:965)."""
-
-
 @dataclass(frozen=True, slots=True)
 class ExtraJoints:
     """How a person moves in the joints that the Human Body Model does not have.
@@ -387,7 +345,7 @@ class ExtraJoints:
     Attributes
     ----------
     spine_share
-        Share of the mid trunk's joint in the trunk's three angles, (3,).
+        Fraction of the trunk's three angles that is in the mid trunk's joint, (3,).
     spine_wave, spine_phase
         Amplitude [rad] and phase [rad] of its own motion, (3,) each.
     knee
@@ -404,8 +362,10 @@ class ExtraJoints:
 
     def of_knee(self, letter: str, flexion: Array) -> Array:
         """Give a knee's translation and rotations at flexion angles (T,) [rad], (3, T)."""
+        # 1 - e^(-φ/φ₀), from the T-pose on: most of it is in the first degrees of flexion
         straight = self.t_pose[INDEX[letter + "KneeFlexion"]]
-        bent = np.exp(-straight / KNEE_FLEXION_RAD) - np.exp(-flexion / KNEE_FLEXION_RAD)
+        constant = np.radians(JOINTS.knee_flexion)
+        bent = np.exp(-straight / constant) - np.exp(-flexion / constant)
         return np.outer(self.knee[letter], bent)
 
     def extend(self, q: Array, phase: Array, walking: Array) -> Array:
@@ -428,7 +388,10 @@ class ExtraJoints:
         """
         full = np.zeros((len(COORDINATES) + len(body.EXTRA), q.shape[1]))
         full[:N_Q] = q
-        for k, (i, harmonic) in enumerate(zip(TRUNK, SPINE_HARMONIC, strict=True)):
+        # what bends in the mid trunk's joint does not in the lumbar one: the thorax keeps its angle
+        trunk = ("TrunkFlexion", "TrunkRightBend", "TrunkLeftTwist")
+        for k, (name, harmonic) in enumerate(zip(trunk, JOINTS.spine_harmonic, strict=True)):
+            i = INDEX[name]
             angle = 2 * np.pi * harmonic * phase + self.spine_phase[k]
             bend = self.spine_share[k] * (q[i] - self.t_pose[i])
             bend += self.spine_wave[k] * walking * np.cos(angle)
@@ -444,31 +407,14 @@ class ExtraJoints:
 def draw_extra_joints(faults: BodyFaults, t_pose: Array, rng: np.random.Generator) -> ExtraJoints:
     """Draw a person's motion in the extra joints; none with ``same_body``."""
     spine, knee = (0.0, 0.0) if faults.same_body else (faults.spine_scale, faults.knee_scale)
-    share = np.array(SPINE_SHARE) * (1 + SPINE_SHARE_SD * drawn(rng, 3))
-    wave = np.radians(SPINE_WAVE_DEG) * (1 + SPINE_SHARE_SD * drawn(rng, 3))
+    fraction = JOINTS.spine_fraction * (1 + JOINTS.spine_scatter * drawn(rng, 3))
+    wave = np.radians(JOINTS.spine_wave) * (1 + JOINTS.spine_scatter * drawn(rng, 3))
     phase = rng.uniform(0, 2 * np.pi, 3)
+    amplitude = np.append(JOINTS.knee[:1], np.radians(JOINTS.knee[1:]))
     knees = {
-        letter: knee * np.array(KNEE_AMPLITUDE) * (1 + KNEE_SCATTER * drawn(rng, 3))
-        for letter in "RL"
+        letter: knee * amplitude * (1 + JOINTS.knee_scatter * drawn(rng, 3)) for letter in "RL"
     }
-    return ExtraJoints(spine * share, spine * wave, phase, knees, t_pose)
-
-
-TISSUE: Final = {
-    "thigh": (0.70, 10.0, 0.30),
-    "shank": (0.55, 14.0, 0.30),
-    "thorax": (0.40, 5.0, 0.40),
-    "mid_trunk": (0.60, 5.0, 0.40),
-}
-"""Share of the segment's mass, natural frequency [Hz] and damping ratio. Shares: soft tissue beside
-bone of thigh, shank and trunk, after the wobbling mass models of Gruber et al. (1998, J Biomech
-31:439) and Pain and Challis (2006, J Biomech 39:119), rounded; the thorax' less, for its wall is
-stiff. Frequencies: soft tissue of the legs in walking and running 10 to 50 Hz, strongly damped by
-active muscle (Wakeling and Nigg 2001, J Appl Physiol 90:412); trunk and viscera of standing people
-about 5 Hz (Matsumoto and Griffin 1998, J Sound Vib 212:85). Values within these ranges and the
-damping ratios are assumed."""
-SCATTER: Final = 0.15
-"""Standard deviation between people of all three, by their values; assumed."""
+    return ExtraJoints(spine * fraction, spine * wave, phase, knees, t_pose)
 
 
 def draw_wobbling_masses(
@@ -479,52 +425,15 @@ def draw_wobbling_masses(
     carriers = {"thorax": "thorax", "mid_trunk": "mid_trunk"}
     carriers |= {f"{side}_{part}": part for side in SIDES for part in ("thigh", "shank")}
     for name, tissue in carriers.items():
-        scatter = 1 + SCATTER * drawn(rng, 3)
-        share, frequency_hz, damping = np.array(TISSUE[tissue]) * scatter
-        part, share = inertias[name], min(faults.wobble_scale * share, 1.0)
-        if share > 0 and not faults.same_body:
+        scatter = 1 + TISSUE.scatter * drawn(rng, 3)
+        fraction, frequency_hz, damping = np.array(TISSUE.wobbling[tissue]) * scatter
+        # no more wobbles than the whole segment
+        part, fraction = inertias[name], min(faults.wobble_scale * fraction, 1.0)
+        if fraction > 0 and not faults.same_body:
             masses.append(
-                body.WobblingMass(name, share * part.mass, part.center, frequency_hz, damping)
+                body.WobblingMass(name, fraction * part.mass, part.center, frequency_hz, damping)
             )
     return tuple(masses)
-
-
-SHOE_KG: Final = 0.3
-SOLE_M: Final = 0.025
-SOLE_YIELD_M: Final = 0.004
-"""Mass and sole of a shoe, and how far it yields under body weight; assumed."""
-HANGING_ARM_DEG: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
-"""Posture of the arms in standing; typical values."""
-PROPORTION_SD: Final = 0.03
-"""Standard deviation of proportions between people of one stature; assumed."""
-TREADMILL_SHORTENING: Final = 0.03
-"""By how much steps on a treadmill are shorter than overground; typical of comparisons of both."""
-STEP_LENGTH_SD: Final = 0.02
-STEP_WIDTH_SD: Final = 0.12
-"""Standard deviations of step length and width between people of one leg length; assumed."""
-OFFSET_SD_DEG: Final = {
-    **{"PelvisForwardPitch": 3.0, "TrunkFlexion": 3.0, "HeadFlexion": 4.0},
-    **{"HipFlexion": 2.0, "HipAbduction": 1.0, "HipInternalRotation": 5.0, "KneeFlexion": 1.5},
-    **{"ShoulderAbduction": 3.0, "ShoulderFlexion": 4.0, "ShoulderInternalRotation": 6.0},
-    **{"ElbowFlexion": 6.0, "ForeArmPronation": 8.0, "WristFlexion": 5.0, "HandAbduction": 3.0},
-}
-"""Standard deviations of mean joint angles between people: assumed, about half of the published
-spread (Pinzone et al. 2014, Gait Posture 40:286), part of which is error of measurement."""
-BILATERAL_SHARE: Final = 0.9
-UNILATERAL_SHARE: Final = 0.4
-"""Of an offset that both sides have in common, and of each side's own: the squares add up to about
-1; assumed."""
-RANGE_SD: Final = 0.05
-PELVIS_RANGE_SD: Final = 0.20
-ARM_RANGE_SD: Final = 0.25
-"""Standard deviations of the range of motion between people, by the mean range: legs, trunk and
-head; rotation and obliquity of the pelvis; arms. Assumed."""
-WANDER_DEG: Final = 0.5
-ARM_WANDER_DEG: Final = 1.5
-"""Standard deviations of joint angles from stride to stride; assumed."""
-ANATOMICAL: Final = ("LGTRO", "RGTRO", "LTOE", "RTOE")
-"""Points of the body, beside the markers of the Human Body Model 2, that locate joints."""
-ARM: Final = ("Shoulder", "Elbow", "ForeArm", "Wrist", "Hand")
 
 
 @dataclass(frozen=True, slots=True)
@@ -611,23 +520,25 @@ def make_subject(
     """
     faults = faults or Faults.none().body
     shape_rng, body_rng, gait_rng = (rng or np.random.default_rng(0)).spawn(3)
-    deviation = PROPORTION_SD * individuality * drawn(shape_rng, len(fields(Proportions)))
+    deviation = STYLE.proportions * individuality * drawn(shape_rng, len(fields(Proportions)))
     worn, proportions = marker_sets()[marker_set], Proportions(*(1 + deviation).tolist())
     source, shoe_scale = faults.inertias, faults.shoe_scale
     if faults.same_body:
         source, shoe_scale = "de_leva", 0.0
 
     # markers in the T-pose, the joints that they suggest, and the true ones
-    points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *worn.segment, *ANATOMICAL)))
+    # trochanters and toes locate joints, too, and are no markers of the Human Body Model 2
+    anatomical = ("LGTRO", "RGTRO", "LTOE", "RTOE")
+    points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *worn.segment, *anatomical)))
     position = t_pose(points, person.height_m, person.sex, proportions)
-    position[:, 2] += shoe_scale * SOLE_M
+    position[:, 2] += shoe_scale * SHOE.sole
     at = dict(zip(points, position, strict=True))
     suggested = locate(at, frozenset(worn.landmark), person.sex, navel_share(person.sex))
     joint_rng, mass_rng, tissue_rng, motion_rng = body_rng.spawn(4)
     anatomy = vary(suggested, faults, joint_rng)
 
     # masses, those of the shoes last
-    shoe_kg = shoe_scale * SHOE_KG
+    shoe_kg = shoe_scale * SHOE.mass
     bare_kg = person.mass_kg - 2 * shoe_kg
     inertias = inertias_of(anatomy, source, bare_kg, person.sex, person.height_m)
     inertias = vary_inertias(inertias, faults, mass_rng)
@@ -657,15 +568,16 @@ def make_subject(
     q = np.array([anatomy.q.get(name, 0.0) for name in COORDINATES])
     standing = q.copy()
     for side in "RL":
-        for name, angle in HANGING_ARM_DEG.items():
+        for name, angle in STYLE.hanging_arm.items():
             standing[INDEX[side + name]] = np.radians(angle)
     size, typical = size_of(standing), StepParameters()
     longer, wider = drawn(gait_rng, 2).tolist()
-    longer = STEP_LENGTH_SD * longer - TREADMILL_SHORTENING
+    # step length and width of the population are scaled by leg length
+    longer = STYLE.step_length * longer - STYLE.treadmill_shortening
     step_parameters = replace(
         typical,
         step_m=STEP_M * size * (1 + individuality * longer),
-        width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * wider),
+        width_m=typical.width_m * size * (1 + individuality * STYLE.step_width * wider),
     )
     return VirtualSubject(
         person,
@@ -674,7 +586,7 @@ def make_subject(
         draw_extra_joints(faults, q, motion_rng),
         wobbling,
         soles,
-        shoe_scale * SOLE_YIELD_M,
+        shoe_scale * SHOE.sole_yield,
         q,
         standing,
         step_parameters,
@@ -689,18 +601,21 @@ def _gait_style(individuality: float, rng: np.random.Generator) -> tuple[Array, 
     of_joint: dict[str, Array] = {}
     for i, name in enumerate(COORDINATES):
         joint = name[1:] if name[0] in "RL" else name
-        arm = joint.startswith(ARM)
+        arm = joint.startswith(("Shoulder", "Elbow", "ForeArm", "Wrist", "Hand"))
+        # both sides of a person resemble each other: they have a draw of the joint in common
         if joint not in of_joint:
             of_joint[joint] = drawn(rng, 2)
         bilateral, wider = of_joint[joint]
-        sd = np.radians(OFFSET_SD_DEG.get(joint, 0.0))
-        deviation = BILATERAL_SHARE * bilateral + UNILATERAL_SHARE * drawn(rng)[0]
+        sd = np.radians(STYLE.offsets.get(joint, 0.0))
+        deviation = STYLE.bilateral * bilateral + STYLE.unilateral * drawn(rng)[0]
         offset[i] = individuality * sd * deviation
+        # the pelvis' rotation and obliquity vary in range, its place and tilt do not
         if joint in ("PelvisYaw", "PelvisRightRoll"):
-            gain[i] += individuality * PELVIS_RANGE_SD * wider
+            gain[i] += individuality * STYLE.pelvis_range * wider
         elif not joint.startswith("Pelvis"):
-            gain[i] += individuality * (ARM_RANGE_SD if arm else RANGE_SD) * wider
+            gain[i] += individuality * (STYLE.arm_range if arm else STYLE.range) * wider
+        # only joint angles wander: the pelvis goes where feet and balance need it
         if joint.startswith(("Pelvis", "ShoulderUp", "ShoulderForward", "ShoulderInward")):
             continue
-        wander[i] = np.radians(ARM_WANDER_DEG if arm else WANDER_DEG)
+        wander[i] = np.radians(STYLE.arm_wander if arm else STYLE.wander)
     return offset, gain, wander

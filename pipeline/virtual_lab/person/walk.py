@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from compensation.platform import PlatformPose
 from hbm.coordinates import INDEX
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Event
 from pipeline.virtual_lab.machine.platform import (
@@ -26,24 +27,11 @@ from pipeline.virtual_lab.machine.platform import (
 from pipeline.virtual_lab.person import balance, body, gait
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
-ARMS_DOWN: Final = 0.48, 0.35
-"""When lowering the arms begins, and how long it takes, as shares of the time before walking."""
+STYLE: Final = read_numbers("pipeline.virtual_lab.person", "parameters.toml", "style")
+
 FORCES_PER_FRAME: Final = 2
 """Ground forces per sample of the motion: at 200 Hz, between which they are interpolated. The
 motion has nothing above 30 Hz."""
-BLOCK_SAMPLES: Final = 8192
-"""Samples of the motion whose forces are computed at a time, to bound memory."""
-SETTLE_S: Final = 0.5
-"""Time from the first step on in which the correction of balance begins."""
-BEYOND_S: Final = 1.0
-"""How much longer than the trial a walk is computed, as its last tenths of a second depend on what
-follows."""
-WANDER_S: Final = 0.3
-"""Time constant of slow variations of the joint angles; assumed."""
-MIN_KNEE_RAD: Final = 0.08
-"""Smallest flexion of a knee in walking: a straight leg cannot give way."""
-STEADY_SHARE: Final = 0.99
-"""Walking is steady when steps have this share of their final length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +92,15 @@ def simulate_walk(
     Walk
         Motion, ground forces and foot placement; a second longer than the trial.
     """
-    time = np.arange(round((duration + BEYOND_S) * balance.RATE_HZ) + 1) / balance.RATE_HZ
+    # a second longer than the trial, as the last tenths of a second depend on what follows
+    time = np.arange(round((duration + 1.0) * balance.RATE_HZ) + 1) / balance.RATE_HZ
     height = float(_center(subject, subject.standing)[2])
     placement = _place(subject, steps, belt, platform, height, rng)
     pose = platform.pose(time)
     reference = _pattern(subject, placement, platform.slope(time), time, rng)
     extent = placement.extent(time)
-    walking, steady = np.minimum(extent, 1.0), extent > STEADY_SHARE * extent[-1]
+    # steady where steps have nearly their final length
+    walking, steady = np.minimum(extent, 1.0), extent > 0.99 * extent[-1]
     phase = placement.phase("right", time)
 
     def extended(q: Array) -> Array:
@@ -126,6 +116,7 @@ def simulate_walk(
     reference[:, :2] = balance.balanced(intended, height) - ahead
     reference[:, 2] += balance.surface_height(pose, subject.standing[:2])
 
+    # the correction of balance begins within half a second after the first step
     targets = balance.sole_targets(subject, placement, extended(reference.T), pose, time)
     plan = balance.Plan(
         subject,
@@ -136,11 +127,12 @@ def simulate_walk(
         phase,
         walking,
         steady,
-        smooth_step((time - steps.contact[0]) / SETTLE_S),
+        smooth_step((time - steps.contact[0]) / 0.5),
     )
     q = balance.keep_balance(plan, np.ascontiguousarray(reference.T), time)
     motion, rate_hz = fit_trajectory(q.T, balance.RATE_HZ), FORCES_PER_FRAME * balance.RATE_HZ
     oscillators = [body.Oscillator(mass, rate_hz) for mass in subject.wobbling]
+    # the wrench of the ground follows from the motion; both feet share it
     total = np.concatenate(
         [body.ground_wrench(subject.skeleton, state, oscillators) for _, state in _blocks(motion)]
     )
@@ -154,8 +146,9 @@ def simulate_walk(
 def _blocks(motion: Trajectory) -> Iterator[tuple[Array, tuple[Array, Array, Array]]]:
     """Give times at the rate of the forces, (N,) [s], and the motion with two derivatives there."""
     count = round(motion.duration * balance.RATE_HZ) * FORCES_PER_FRAME + 1
-    for first in range(0, count, BLOCK_SAMPLES):
-        samples = np.arange(first, min(first + BLOCK_SAMPLES, count))
+    size = 8192  # samples at a time, to bound memory
+    for first in range(0, count, size):
+        samples = np.arange(first, min(first + size, count))
         value, rate, second = (
             np.ascontiguousarray(motion.at_knots(samples / FORCES_PER_FRAME, order).T)
             for order in range(3)
@@ -183,15 +176,18 @@ def _place(
     sideways = gait.place_sideways(steps, parameters, height, platform.sway, rng)
     step_s = gait.step_time(parameters, belt.speed_mps)
     contact = steps.contact
+    # mid-stance: half-way between foot off and contact of the other foot
     middle = (
         np.append(contact[0], steps.off[:-1]) + np.append(contact[1:], contact[-1] + step_s)
     ) / 2
+    # under the standing person at mid-stance, by the pattern's place of the foot at contact and by
+    # how far the belt carries it until then
     slope, pose = platform.slope(contact), platform.pose(contact)
     forward = (subject.standing[0] - pose.position[:, 0]) / np.cos(slope)
-    forward -= size * (gait.STANCE * gait.STEP_M - gait.foothold(slope))
+    forward -= size * (gait.GAIT.stance * gait.STEP_M - gait.foothold(slope))
     forward += belt.travelled(middle) - belt.travelled(contact)
     deviation = np.clip(
-        rng.normal(size=len(contact)), -gait.MAX_DEVIATION_SD, gait.MAX_DEVIATION_SD
+        rng.normal(size=len(contact)), -gait.GAIT.largest_deviation, gait.GAIT.largest_deviation
     )
     forward += parameters.forward_sd * deviation
     place = np.column_stack([forward, sideways])
@@ -207,19 +203,25 @@ def _pattern(
     rng: np.random.Generator,
 ) -> Array:
     """Give the person's gait pattern without regard to feet and balance, (T, 46)."""
-    begin, duration = (share * placement.steps.contact[0] for share in ARMS_DOWN)
+    # the arms are lowered in the second half of the time before walking
+    begin, duration = (fraction * placement.steps.contact[0] for fraction in (0.48, 0.35))
     lowered = smooth_step((time - begin) / duration)[:, None]
     extent = placement.extent(time)
     walking = np.minimum(extent, 1.0)[:, None]
+    # the mean pattern, with the person's own range and mean angles
     q = subject.t_pose + lowered * (subject.standing - subject.t_pose)
     mean = gait.posture(placement.phase("right", time), extent, slope, subject.standing)
     q += (mean - subject.standing) * subject.gain + walking * subject.offset
-    wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * balance.RATE_HZ, axis=0)
-    wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * balance.RATE_HZ)
+    # slow variations: white noise through a Gaussian, scaled to a standard deviation of 1
+    wander = gaussian_filter1d(
+        rng.normal(size=q.shape), STYLE.wander_time * balance.RATE_HZ, axis=0
+    )
+    wander *= np.sqrt(2 * np.sqrt(np.pi) * STYLE.wander_time * balance.RATE_HZ)
     q += walking * subject.wander * wander
+    # a knee below the least flexion is bent to it, by a smooth maximum: (x + √(x² + a²)) / 2
     for knee in (INDEX["RKneeFlexion"], INDEX["LKneeFlexion"]):
-        excess = q[:, knee] - MIN_KNEE_RAD
-        more = (np.hypot(excess, MIN_KNEE_RAD / 2) - excess) / 2
+        excess = q[:, knee] - STYLE.least_knee_flexion
+        more = (np.hypot(excess, STYLE.least_knee_flexion / 2) - excess) / 2
         q[:, knee] += walking[:, 0] * more
     return q
 
@@ -255,24 +257,25 @@ def left_wrench(
     pressure, so that the leading foot brakes and the trailing foot pushes; the free moment is
     shared in proportion to the weight.
     """
-    on_platform, share = _on_platform(total, pose), placement.left_share(time)
+    on_platform, fraction = _on_platform(total, pose), placement.left_share(time)
     shear, vertical = on_platform[:, :2], on_platform[:, 2:3]
     pressure = balance.pressure_on_platform(total, pose)
     error = pressure - placement.total_pressure(time)
     # each foot's shear, inclined from its own pressure towards the centre of mass; its moment
     shears, places, moments = [], [], []
-    for side, part in (("left", share), ("right", 1 - share)):
+    for side, part in (("left", fraction), ("right", 1 - fraction)):
         place = placement.pressure(side, time) + error
         inclined = vertical * (pressure - place) / height
         force = part[:, None] * (shear + inclined)
         moments.append(place[:, 0] * force[:, 1] - place[:, 1] * force[:, 0])
         shears.append(force)
         places.append(place)
+    # what the total's vertical moment has beyond both forces at their pressures is shared by weight
     free_moment = on_platform[:, 5] - moments[0] - moments[1]
-    weight, (x, y) = share * on_platform[:, 2], places[0].T
-    moment = moments[0] + share * free_moment
+    weight, (x, y) = fraction * on_platform[:, 2], places[0].T
+    moment = moments[0] + fraction * free_moment
     left = np.column_stack([shears[0], weight, y * weight, -x * weight, moment])
-    left[share == 0] = 0.0
+    left[fraction == 0] = 0.0
     return np.asarray(transform_wrench(left, pose.rotation, pose.position))
 
 
@@ -281,14 +284,6 @@ def _on_platform(wrench: Array, pose: PlatformPose) -> Array:
     to_platform = np.swapaxes(pose.rotation, 1, 2)
     origin = (to_platform @ pose.position[..., None])[..., 0]
     return np.asarray(transform_wrench(wrench, to_platform, -origin))
-
-
-CONTACT_N: Final = 20.0
-"""Vertical force at which a foot strikes, and at which it leaves the ground: the definition."""
-COARSE_HZ: Final = 100.0
-FINE_STEPS: Final = 10
-"""How often the force is evaluated to find the intervals in which it passes that value, and into
-how many steps these are divided: a foot is loaded and unloaded in a tenth of a second."""
 
 
 def foot_wrenches(walk: Walk, time: Array) -> dict[str, Array]:
@@ -308,9 +303,10 @@ def foot_wrenches(walk: Walk, time: Array) -> dict[str, Array]:
         N·m]. Their sum is what the equations of motion require, to rounding.
     """
     total, left = walk.ground.at(time), walk.left.at(time)
-    share = walk.placement.left_share(time)
-    left[share == 0] = 0.0
-    left[share == 1] = total[share == 1]
+    # exactly nothing on a foot in the air, where interpolation would leave a little
+    fraction = walk.placement.left_share(time)
+    left[fraction == 0] = 0.0
+    left[fraction == 1] = total[fraction == 1]
     return {"left": left, "right": total - left}
 
 
@@ -327,18 +323,22 @@ def foot_events(walk: Walk, duration_s: float) -> tuple[Event, ...]:
     Returns
     -------
     tuple of Event
-        In order of time: where the vertical force on a foot passes `CONTACT_N`, to 0.1 ms.
+        In order of time: where the vertical force on a foot passes 20 N, to 0.1 ms.
     """
-    events = []
-    coarse = np.linspace(0.0, duration_s, round(duration_s * COARSE_HZ) + 1)
-    within = np.linspace(0.0, coarse[1] - coarse[0], FINE_STEPS + 1)
+    events, contact_n = [], 20.0  # the definition
+    # intervals of 10 ms in which the force passes that value, divided into ten steps: a foot is
+    # loaded and unloaded in a tenth of a second
+    coarse = np.linspace(0.0, duration_s, round(duration_s * 100.0) + 1)
+    within = np.linspace(0.0, coarse[1] - coarse[0], 10 + 1)
     for side, wrench in foot_wrenches(walk, coarse).items():
-        passing = np.flatnonzero(np.diff(wrench[:, 2] > CONTACT_N))
+        passing = np.flatnonzero(np.diff(wrench[:, 2] > contact_n))
         time = coarse[passing, None] + within
         force = foot_wrenches(walk, time.ravel())[side][:, 2].reshape(time.shape)
-        for own, above in zip(time, force - CONTACT_N, strict=True):
+        # the force is a straight line within a step
+        for instants, above in zip(time, force - contact_n, strict=True):
             for k in np.flatnonzero((above[:-1] > 0) != (above[1:] > 0)):
-                at = own[k] + (own[k + 1] - own[k]) * above[k] / (above[k] - above[k + 1])
+                step = instants[k + 1] - instants[k]
+                at = instants[k] + step * above[k] / (above[k] - above[k + 1])
                 events.append(Event(float(at), "foot_off" if above[k] > 0 else "foot_strike", side))
     return tuple(sorted(events, key=lambda event: event.time))
 

@@ -21,6 +21,7 @@ from compensation.protocol import (
     validation_signals,
 )
 from compensation.signals import Signal, resample_signal
+from hbm.numbers import read_numbers
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.faults import Faults
@@ -29,6 +30,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
     ANALOG_HZ,
     BELT_CHANNELS,
     FRAME_HZ,
+    PLATE_CENTERS_M,
     SAMPLES_PER_FRAME,
     InstrumentedTreadmill,
     make_treadmill,
@@ -38,46 +40,10 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 from pipeline.virtual_lab.machine.platform import Pair, move_treadmill
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Setting
 
+PERSON: Final = read_numbers("pipeline.virtual_lab.protocol", "parameters.toml", "beside")
+
 LoadPattern = Callable[[Array, np.random.Generator], Array]
 """Gives the load of a person at times (N,) [s], (N, 6) [N, N·m]."""
-MASS_KG: Final = 75.0
-"""Of the person; the mean of the thesis' subjects, rounded."""
-RIGHT_BELT_M: Final = -0.25
-"""Middle of the right belt, sideways."""
-BOARDS_M: Final = 0.6
-"""How far the boards beside the belts are from the middle; assumed."""
-
-WALKING_STEPS_PER_S: Final = 1.85
-WALKING_CONTACT_STEPS: Final = 1.25
-RUNNING_STEPS_PER_S: Final = 2.7
-RUNNING_CONTACT_STEPS: Final = 0.75
-"""Cadence, and contact time per step time, of walking at 1.3 m/s and running at 2.5 m/s: with
-double support and with flight; typical values."""
-STEP_TIME_SD_S: Final = 0.01
-PEAK_SD: Final = 0.05
-"""Standard deviations of the start of a step and, as a share, of its force; assumed."""
-BRAKING_SHARE: Final = 0.18
-LATERAL_SHARE: Final = 0.05
-"""Largest fore-aft force by the vertical force's amplitude, and lateral by vertical force;
-typical of walking."""
-FOOTHOLD_AHEAD_M: Final = 0.3
-STANCE_TRAVEL_M: Final = 0.6
-STEP_WIDTH_M: Final = 0.16
-"""Where the centre of pressure starts ahead of the middle of the plate, how far it travels back
-during a contact, and how far left and right feet are apart; assumed."""
-MARGIN_S: Final = 1.0
-"""There are no steps in the first and the last second of a recording."""
-
-BOARD_BAND_HZ: Final = (0.3, 6.0)
-"""Band of the forces of a person who moves about; assumed."""
-BOARD_FORCE_SHARE: Final = (0.1, 0.1, 0.3)
-"""Standard deviation of the forces (forward, left, up) by body weight; assumed."""
-BOARD_CHANGE_S: Final = 15.0
-"""Period of walking from one side's board to the other's and back; assumed."""
-BOARD_REACH_M: Final = 0.5
-BOARD_ASIDE_SD_M: Final = 0.02
-"""How far along a board the person goes from its middle (three standard deviations), and standard
-deviation of the place across it; assumed."""
 
 
 def walking(time: Array, rng: np.random.Generator) -> Array:
@@ -85,24 +51,26 @@ def walking(time: Array, rng: np.random.Generator) -> Array:
 
     Action on the platform in neutral, about the lab origin.
     """
-    return _steps(time, rng, WALKING_STEPS_PER_S, WALKING_CONTACT_STEPS)
+    return _steps(time, rng, *PERSON.walking)
 
 
 def running(time: Array, rng: np.random.Generator) -> Array:
     """Give the load of a person who runs on the right belt, as `walking`."""
-    return _steps(time, rng, RUNNING_STEPS_PER_S, RUNNING_CONTACT_STEPS)
+    return _steps(time, rng, *PERSON.running)
 
 
 def stepping_on_boards(time: Array, rng: np.random.Generator) -> Array:
     """Give the load of a person who moves about on the boards beside the belts, as `walking`."""
     rate_hz = 1 / (time[1] - time[0])
-    band = butter(2, BOARD_BAND_HZ, "band", fs=rate_hz, output="sos")
+    # forces and places are noise in the band of human motion, each scaled to its own size
+    band = butter(2, PERSON.board_band, "band", fs=rate_hz, output="sos")
     drawn = sosfiltfilt(band, rng.normal(size=(len(time), 5)), axis=0)
     drawn /= drawn.std(axis=0)
-    weight = MASS_KG * GRAVITY_MPS2
-    force = drawn[:, :3] * weight * BOARD_FORCE_SHARE - [0, 0, weight]
-    side = BOARDS_M * np.tanh(3 * np.sin(2 * np.pi * time / BOARD_CHANGE_S))
-    along, aside = BOARD_REACH_M * drawn[:, 3] / 3, BOARD_ASIDE_SD_M * drawn[:, 4]
+    weight = PERSON.mass * GRAVITY_MPS2
+    force = drawn[:, :3] * weight * PERSON.board_force - [0, 0, weight]
+    # from one side's board to the other's and back, quickly
+    side = PERSON.boards * np.tanh(3 * np.sin(2 * np.pi * time / PERSON.board_change))
+    along, aside = PERSON.board_reach * drawn[:, 3] / 3, PERSON.board_aside * drawn[:, 4]
     point = np.column_stack([along, side + aside, 0 * time])
     return np.hstack([force, np.cross(point, force)])
 
@@ -114,31 +82,28 @@ def _steps(
 
     ``contact_steps`` is contact time by step time.
     """
-    weight = MASS_KG * GRAVITY_MPS2
+    weight = PERSON.mass * GRAVITY_MPS2
     wrench = np.zeros((len(time), 6))
-    starts = np.arange(MARGIN_S, time[-1] - MARGIN_S, 1 / steps_per_s)
-    for n, start in enumerate(starts + rng.normal(0, STEP_TIME_SD_S, len(starts))):
+    margin_s = 1.0  # without steps, at both ends of a recording
+    starts = np.arange(margin_s, time[-1] - margin_s, 1 / steps_per_s)
+    for n, start in enumerate(starts + rng.normal(0, PERSON.step_time, len(starts))):
         contact_s, side = contact_steps / steps_per_s, (-1) ** n
         rows = slice(*np.searchsorted(time, [start, start + contact_s]))
         phase = (time[rows] - start) / contact_s
-        amplitude = weight * np.pi / 2 / contact_steps * (1 + PEAK_SD * rng.normal())
+        # a half sine of this amplitude carries the weight on average; braking, then propulsion
+        amplitude = weight * np.pi / 2 / contact_steps * (1 + PERSON.peak * rng.normal())
         vertical = amplitude * np.sin(np.pi * phase)
-        forward = -BRAKING_SHARE * vertical * np.cos(np.pi * phase)
-        lateral = LATERAL_SHARE * side * vertical
+        forward = -PERSON.braking * vertical * np.cos(np.pi * phase)
+        lateral = PERSON.lateral * side * vertical
         force = -np.column_stack([forward, lateral, vertical])
         place = [
-            FOOTHOLD_AHEAD_M - STANCE_TRAVEL_M * phase,
-            RIGHT_BELT_M + STEP_WIDTH_M / 2 * side + 0 * phase,
+            PERSON.foothold - PERSON.travel * phase,
+            PLATE_CENTERS_M[1, 1] + PERSON.step_width / 2 * side + 0 * phase,
             0 * phase,
         ]
         point = np.column_stack(place)
         wrench[rows] += np.hstack([force, np.cross(point, force)])
     return wrench
-
-
-BELT_CHANNEL: Final = "BeltSpeed"
-LABORATORY: Final = 0
-"""Seed of the instruments where none are given: every such trial has the same."""
 
 
 def record_signal_trial(
@@ -177,7 +142,7 @@ def record_signal_trial(
     Recording
         No markers; plate 1, left; the accelerometers in g; belt speed in m/s.
     """
-    treadmill = treadmill or make_treadmill(faults or Faults(), LABORATORY)
+    treadmill = treadmill or make_treadmill(faults or Faults(), seed=0)  # always the same
     of_motion, of_plates, of_sensors, of_belts = np.random.default_rng(seed).spawn(4)
     command, count = resample_signal(signal, rate_hz), len(sample_times(signal, rate_hz))
     sway, pitch, belt_speed = (x[:count] for x in (command.sway, command.pitch, command.belt_speed))
@@ -186,7 +151,7 @@ def record_signal_trial(
     response = undergo(treadmill, motion, of_motion, people, load if on_frame else None)
     streams = of_plates, of_sensors, of_belts
     name = f"{signal.name}.c3d"
-    recording = recorded(name, treadmill, motion, response, (BELT_CHANNEL,), streams)
+    recording = recorded(name, treadmill, motion, response, ("BeltSpeed",), streams)
     return replace(recording, plates=recording.plates[:1])
 
 
@@ -216,8 +181,6 @@ BESIDE: Final = {
     "boards.c3d": Beside(stepping_on_boards, "boards", 0.0),
 }
 """Recording -> what is recorded."""
-MIRRORED: Final = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-"""A load on the right belt by the same one on the left."""
 
 
 def beside_names(setting: Setting) -> tuple[str, ...]:
@@ -252,7 +215,9 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
     motion = move_treadmill(treadmill.machine, level, level, level + speed, ANALOG_HZ)
     load = planned.load(time, of_load)
     nobody = np.zeros_like(load)
-    sides: dict[str, Pair] = {"right": (nobody, -load), "left": (-load * MIRRORED, nobody)}
+    # on the left belt the load is the mirror image of that on the right
+    mirrored = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    sides: dict[str, Pair] = {"right": (nobody, -load), "left": (-load * mirrored, nobody)}
     people = sides.get(planned.place)
     on_frame = load if people is None else None
     response = undergo(treadmill, motion, of_motion, people, on_frame)
@@ -263,8 +228,6 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
 TRIALS: Final = 58
 """28 calibration trials of the platform, 24 of the belts, and 6 validation trials, one of which is
 belt pulses with a person on the other belt."""
-TRIAL_STREAM: Final = 7
-"""Number of the random numbers of people and noise, which are not those of the signals."""
 
 BYSTANDERS: Final[dict[str, LoadPattern]] = {
     "sway": walking,
@@ -302,7 +265,7 @@ def recordings(seed: int, *, rate_hz: float = ANALOG_HZ) -> Iterator[tuple[str, 
     ``seed`` is that of signals, people, instruments and noise, ``rate_hz`` the sampling rate of the
     analog channels.
     """
-    rng = np.random.default_rng((seed, TRIAL_STREAM))
+    rng = np.random.default_rng((seed, 7))  # not the random numbers of the signals
     treadmill = make_treadmill(Faults(), seed)
     for folder, signal, person in planned_trials(seed):
         load = None if person is None else person(sample_times(signal, rate_hz), rng)

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from compensation.protocol import ADVISED_PLATFORM_SIGNAL, DURATIONS_S, PLATFORM_KINDS
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
 from hbm.spelling import did_you_mean, listed, parse_toml, shown
@@ -22,6 +23,8 @@ from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.platform import smooth_step
 from pipeline.virtual_lab.person.gait import Steps
 from pipeline.virtual_lab.person.subject import Person
+
+MOTION: Final = read_numbers("pipeline.virtual_lab.protocol", "parameters.toml", "motion")
 
 ConditionName = Literal["baseline", "sway", "pitch"]
 CONDITIONS: Final[tuple[ConditionName, ...]] = ("baseline", "sway", "pitch")
@@ -41,39 +44,13 @@ PERSONS: Final = (
 """Six men and three women with the mean and standard deviation of age (26 ± 3.8 years), stature
 (1.78 ± 0.13 m) and mass (74.6 ± 11.45 kg) of the thesis' subjects; individual values are invented.
 """
-WAITS_S: Final = (
-    *(17.0, 58.0, 37.0, 17.0, 23.0, 52.0, 22.0, 51.0, 22.0, 57.0),
-    *(27.0, 20.0, 22.0, 41.0, 34.0, 27.0, 52.0, 39.0, 38.0, 56.0),
-)
-"""Waits before the 20 perturbations, from full belt speed on: the thesis'."""
-SWAY_M: Final = 0.05
-SWAY_MPS: Final = 0.30
-RETURN_AFTER_S: Final = 7.0
-"""Size and speed of a sway perturbation, and when the platform starts to return: the thesis'."""
-RETURN_S: Final = 3.0
-"""How long the return takes; the thesis states only that it is slow."""
-ONSET_PHASE: Final = 0.10
-"""When a perturbation starts, in gait cycles after initial contact: the thesis'."""
-MIN_WAIT_S: Final = 12.0
-"""The platform has to be back in neutral before it sways again (`RETURN_AFTER_S`, `RETURN_S`)."""
-PITCH_DEG: Final = 10.0
-PITCH_PERIOD_S: Final = 30.0
-"""Amplitude and period of the pitch sine: the thesis'."""
-FADE_S: Final = 2.0
-"""Time in which the pitch sine reaches its amplitude; assumed."""
-AFTER_S: Final = 12.0
-"""Walking after the last perturbation begins, until the platform is back; assumed."""
-
-MIN_SPEED_MPS: Final = 0.5
-MAX_SPEED_MPS: Final = 1.8
-"""Walking speeds to which the gait pattern of 1.3 m/s may be scaled; assumed."""
-MIN_BESIDE_S: Final = 12.0
-"""Of a recording of people beside an empty plate: 10 s are needed, and its ends are lost."""
-
 Seconds = Annotated[float, Field(gt=0)]
 Window = Annotated[float, Field(gt=0, le=1.0)]
 """Seconds from the onset of a perturbation, at most about a gait cycle."""
-Wait = Annotated[float, Field(ge=MIN_WAIT_S)]
+Wait = Annotated[float, Field(ge=12.0)]
+"""The platform has to be back in neutral before it sways again, 10 s after an onset."""
+Speed = Annotated[float, Field(ge=0.5, le=1.8)]
+"""To which the gait pattern of 1.3 m/s may be scaled [m/s]; assumed."""
 SIGNALS: Final = [
     f"{kind}_{duration_s}s_{speed_mps}mps"
     for kind, duration_s, speed_mps in product(PLATFORM_KINDS, DURATIONS_S, (0, 3))
@@ -107,12 +84,16 @@ class Protocol(InputModel):
 
     conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = CONDITIONS
     subjects: Annotated[int, Field(ge=1, le=len(PERSONS))] = len(PERSONS)
-    speed_mps: Annotated[float, Field(ge=MIN_SPEED_MPS, le=MAX_SPEED_MPS)] = 1.3
+    speed_mps: Speed = 1.3
     standing_s: Seconds = 4.0
     starting_s: Seconds = 4.0
     baseline_s: Seconds = 120.0
     pitch_s: Seconds = 120.0
-    waits_s: Annotated[tuple[Wait, ...], Field(strict=False)] = WAITS_S
+    # before the 20 perturbations, from full belt speed on: the thesis'
+    waits_s: Annotated[tuple[Wait, ...], Field(strict=False)] = (
+        *(17.0, 58.0, 37.0, 17.0, 23.0, 52.0, 22.0, 51.0, 22.0, 57.0),
+        *(27.0, 20.0, 22.0, 41.0, 34.0, 27.0, 52.0, 39.0, 38.0, 56.0),
+    )
     marker_set: Literal["hbm2", "hbm1"] = "hbm2"
     pose: Literal["markers", "channels", "none"] = "markers"
     filter: Method = "zero_phase"
@@ -127,9 +108,10 @@ class Protocol(InputModel):
                 'pose = "none" leaves the motion of the platform unknown; set sway_window = '
                 '"cycle" or seconds'
             )
-        if 0 < self.beside_s < MIN_BESIDE_S:
+        # 10 s of a recording are needed, and its ends are lost
+        if 0 < self.beside_s < 12.0:
             raise ValueError(
-                f"beside_s is {self.beside_s:g}; expected {MIN_BESIDE_S:g} or more, or 0 for no "
+                f"beside_s is {self.beside_s:g}; expected 12 or more, or 0 for no "
                 "recordings of people beside an empty plate"
             )
         return self
@@ -141,9 +123,9 @@ class Protocol(InputModel):
 
     def duration(self, condition: ConditionName) -> float:
         """Give the duration of a trial [s]."""
-        walking = {
+        walking: dict[str, float] = {
             "baseline": self.baseline_s,
-            "sway": sum(self.waits_s) + AFTER_S,
+            "sway": sum(self.waits_s) + MOTION.after,
             "pitch": self.pitch_s,
         }
         return self.steady_s + walking[condition]
@@ -195,13 +177,14 @@ def perturbations(protocol: Protocol, steps: Steps, seed: int) -> tuple[Array, A
     count = len(protocol.waits_s)
     directions = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
     np.random.default_rng((seed, count)).shuffle(directions)
+    # the first contact after a wait of the foot opposite to the side to which the platform sways
     planned = protocol.steady_s + np.cumsum(protocol.waits_s)
     right = np.arange(len(steps.contact)) % 2 == 1
     onsets = []
     for time, direction in zip(planned, directions, strict=True):
         contact = steps.contact[right == (direction > 0)]
         k = int(np.searchsorted(contact, time))
-        onsets.append(contact[k] + ONSET_PHASE * (contact[k + 1] - contact[k]))
+        onsets.append(contact[k] + MOTION.onset * (contact[k + 1] - contact[k]))
     return np.array(onsets), directions
 
 
@@ -210,16 +193,20 @@ def sway_command(onsets: Array, directions: Array, time: Array) -> Array:
     sway = np.zeros(len(time))
     for onset, direction in zip(onsets, directions, strict=True):
         since = time - onset
-        out = np.clip(since * SWAY_MPS / SWAY_M, 0, 1)
-        sway += direction * SWAY_M * (out - smooth_step((since - RETURN_AFTER_S) / RETURN_S))
+        out = np.clip(since * MOTION.sway_speed / MOTION.sway, 0, 1)
+        sway += (
+            direction
+            * MOTION.sway
+            * (out - smooth_step((since - MOTION.return_after) / MOTION.return_duration))
+        )
     return sway
 
 
 def pitch_command(protocol: Protocol, time: Array) -> Array:
     """Give the commanded pitch: a sine that grows within two seconds, (N,) [rad]."""
     since = time - protocol.steady_s
-    sine = np.sin(2 * np.pi * since / PITCH_PERIOD_S)
-    return np.asarray(-np.radians(PITCH_DEG) * smooth_step(since / FADE_S) * sine)
+    sine = np.sin(2 * np.pi * since / MOTION.pitch_period)
+    return np.asarray(-np.radians(MOTION.pitch) * smooth_step(since / MOTION.pitch_fade) * sine)
 
 
 SHIPPED: Final = ("thesis",)

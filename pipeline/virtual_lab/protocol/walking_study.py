@@ -46,13 +46,8 @@ from pipeline.virtual_lab.protocol.walking_trial import (
 CALIBRATION: Final = "calibration.c3d"
 ANOTHER_DAY: Final = "empty_day2.c3d"
 """The empty treadmill with the same signal, which `hbm calibration check` compares."""
-CYCLES: Final = 50
 CUTOFF_HZ: Final = 6.0
-"""Gait cycles per condition, and cut-off frequency: the thesis'."""
-LONGEST_CYCLE_S: Final = 1.5
-"""Shorter trials have fewer gait cycles, all of which are used."""
-SETTLE_S: Final = 2.0
-"""After the belts have reached their speed, before the gait cycles are counted; assumed."""
+"""Cut-off frequency of the study's filter: the thesis'."""
 
 
 def study_texts(setting: Setting) -> dict[str, str]:
@@ -109,12 +104,14 @@ perturbed = true  # only the gait cycles with a perturbation
 pulse_channel = "{PULSE_CHANNEL}"  # rises at its onset
 window = {part}  # of them: the platform's motion, whole cycles, or seconds from the onset
 """
-    walking_s = protocol.duration(name) - protocol.steady_s - SETTLE_S
-    is_long = walking_s > CYCLES * LONGEST_CYCLE_S
-    cycles = f"cycles = {CYCLES}  # gait cycles that are used, after\n" if is_long else ""
+    # gait cycles count from 2 s after the belts have reached their speed (assumed): 50 as in the
+    # thesis, or all of a trial that is too short for 50 of 1.5 s
+    first_s = protocol.steady_s + 2.0
+    is_long = protocol.duration(name) - protocol.steady_s - 2.0 > 50 * 1.5
+    cycles = "cycles = 50  # gait cycles that are used, after\n" if is_long else ""
     return f"""\
 [conditions.{name}]
-{cycles}skip_s = {protocol.steady_s + SETTLE_S:g}  # the T-pose and the start of the belts
+{cycles}skip_s = {first_s:g}  # the T-pose and the start of the belts
 """
 
 
@@ -164,8 +161,8 @@ age_years = {person.age:g}
 
 def empty_names(setting: Setting) -> tuple[str, ...]:
     """Name the recordings of empty plates: of the calibration, of another day, with people."""
-    beside = beside_names(setting)
-    return (CALIBRATION, *((ANOTHER_DAY, *beside) if beside else ()))
+    names = beside_names(setting)
+    return (CALIBRATION, *((ANOTHER_DAY, *names) if names else ()))
 
 
 def study_files(setting: Setting) -> tuple[str, ...]:
@@ -228,9 +225,9 @@ def folder_setting(folder: Path) -> Setting | None:
         raise ValueError(f"{folder / SIMULATED}: {error}") from error
 
 
-def require_setting(folder: Path, there: Setting, wanted: Setting) -> None:
+def require_setting(folder: Path, there: Setting, setting: Setting) -> None:
     """Refuse another setting than that of the recordings which may be in a folder already."""
-    lines = zip(setting_toml(there).splitlines(), setting_toml(wanted).splitlines(), strict=True)
+    lines = zip(setting_toml(there).splitlines(), setting_toml(setting).splitlines(), strict=True)
     different = [f"{old} (not {new})" for old, new in lines if old != new]
     if different:
         raise ValueError(
@@ -283,21 +280,21 @@ def simulate_study(
     """
     folder, setting = Path(out), setting or Setting()
     protocol = setting.protocol
-    wanted = frozenset(missing_files(folder, setting) if keep else study_files(setting))
+    to_write = frozenset(missing_files(folder, setting) if keep else study_files(setting))
     for name, text in study_texts(setting).items():
-        if name in wanted:
+        if name in to_write:
             write_text(text, folder / name)
 
     tasks = [
         delayed(_write_calibration)(folder, setting, name)
         for name in empty_names(setting)
-        if name in wanted
+        if name in to_write
     ]
     tasks += [
-        delayed(_write_trial)(folder, setting, number, condition, wanted)
+        delayed(_write_trial)(folder, setting, number, condition, to_write)
         for number in range(protocol.subjects)
         for condition in sorted(protocol.conditions, key=protocol.duration, reverse=True)
-        if not wanted.isdisjoint(trial_names(PERSONS[number], condition))
+        if not to_write.isdisjoint(trial_names(PERSONS[number], condition))
     ]
     written = folder, (folder / SIMULATED).parent
     for done, name in enumerate(in_processes(tasks, jobs, written), start=1):
@@ -391,17 +388,17 @@ def _write_calibration(folder: Path, setting: Setting, name: str) -> str:
 
 
 def _write_trial(
-    folder: Path, setting: Setting, number: int, condition: ConditionName, wanted: frozenset[str]
+    folder: Path, setting: Setting, number: int, condition: ConditionName, to_write: frozenset[str]
 ) -> str:
-    """Simulate one trial; write those of its files that are wanted."""
+    """Simulate one trial; write those of its files that are to be written."""
     treadmill = make_treadmill(setting.faults, setting.seed)
     trial = run_trial(setting, treadmill, study_subject(setting, number), number, condition)
     recording, truth, events = trial_names(PERSONS[number], condition)
-    if recording in wanted:
+    if recording in to_write:
         write_recording(folder / recording, trial.recording)
-    if truth in wanted:
+    if truth in to_write:
         with whole_file(folder / truth) as temporary:
             truth_table(trial).to_parquet(temporary, index=False)
-    if events in wanted:
+    if events in to_write:
         write_csv(event_table(trial), folder / events)
     return recording

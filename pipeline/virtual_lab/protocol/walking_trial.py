@@ -5,7 +5,6 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -58,15 +57,12 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
     sway_command,
 )
 
-CHUNK_SAMPLES: Final = 60_000
-"""Samples of a minute are computed at a time, to bound memory in long trials."""
-
 
 def person_loads(walk: Walk, time: Array) -> Pair:
     """Give the ground reaction of the left and the right plate on a person, (N, 6) each."""
-    loads = np.empty((2, len(time), 6))
-    for start in range(0, len(time), CHUNK_SAMPLES):
-        part = slice(start, start + CHUNK_SAMPLES)
+    loads, chunk = np.empty((2, len(time), 6)), 60_000  # a minute at a time, to bound memory
+    for start in range(0, len(time), chunk):
+        part = slice(start, start + chunk)
         loads[:, part] = plate_wrenches(walk, time[part])
     return loads[0], loads[1]
 
@@ -111,8 +107,8 @@ def record(
     markers, person = measure_platform(treadmill, motion, response, of_rim), None
     if walk is not None:
         body, person = walk.subject.skeleton, stated(walk.subject)
-        seen = measure_person(walk, markers.time, treadmill.faults.cameras, of_person)
-        position = np.concatenate([seen, markers.position], axis=1)
+        of_body = measure_person(walk, markers.time, treadmill.faults.cameras, of_person)
+        position = np.concatenate([of_body, markers.position], axis=1)
         markers = Markers(markers.time, (*body.markers, *markers.names), position)
     more = measure_pose(treadmill, motion, of_platform), measure_pulses(motion, of_pulse)
     streams = of_plates, of_sensors, of_belts
@@ -278,15 +274,6 @@ def run_calibration(
     return run_signal(treadmill, chosen, np.random.default_rng(of_noise))
 
 
-STANDING_S: Final = 2.5
-"""Standing before the belts start: the T-pose, then lowering the arms."""
-STARTING_S: Final = 3.5
-"""Time that the belts take to their speed."""
-MOMENT_NOISE_M: Final = 0.3
-"""Noise of a plate's moments per noise of its forces [N·m per N]: about the distance of the load
-cells from its centre."""
-
-
 def simulate_trial(
     path: str | Path,
     *,
@@ -322,8 +309,10 @@ def simulate_trial(
     """
     rng = np.random.default_rng(seed)
     subject = make_subject(person or Person())
-    steps = schedule(subject.step_parameters, speed_mps, STANDING_S, duration_s, rng)
-    belt = BeltRamp(speed_mps, STANDING_S, STARTING_S)
+    # the T-pose and lowering the arms, then the belts' way to their speed
+    standing_s, starting_s = 2.5, 3.5
+    steps = schedule(subject.step_parameters, speed_mps, standing_s, duration_s, rng)
+    belt = BeltRamp(speed_mps, standing_s, starting_s)
     walk = simulate_walk(subject, steps, belt, stationary_platform(), duration_s, rng)
 
     frames = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
@@ -331,11 +320,12 @@ def simulate_trial(
     position = marker_positions(subject.skeleton, walk.motion.at(frames).T)
     markers = measure_markers(position, cameras, rng, FRAME_HZ)
     time = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
-    plate = ForcePlate(noise=plate_noise_n * np.repeat([1.0, MOMENT_NOISE_M], 3))
+    # moments have the noise of forces by about the distance of load cells from the centre, 0.3 m
+    plate = ForcePlate(noise=plate_noise_n * np.repeat([1.0, 0.3], 3))
     plates = []
     for k, wrench in enumerate(plate_wrenches(walk, time)):
         measured = plate.measure(wrench, ANALOG_HZ, rng)
         plates.append(recorded_plate(k + 1, time, shift_wrench(measured, PLATE_CENTERS_M[k])))
-    seen = Markers(frames, subject.skeleton.markers, markers)
-    write_c3d(path, seen, plates, metadata=stated(subject))
+    recorded_markers = Markers(frames, subject.skeleton.markers, markers)
+    write_c3d(path, recorded_markers, plates, metadata=stated(subject))
     return walk

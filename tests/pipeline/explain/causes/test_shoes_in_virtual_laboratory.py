@@ -9,7 +9,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.person.subject import SHOE_KG, SOLE_M
+from pipeline.virtual_lab.person.subject import SHOE
 from tests.campaign.explain.virtual_trial import recorded, walk_on
 
 STILL = Laboratory(Treadmill())
@@ -36,7 +36,8 @@ def processed(recording, subject):
 def test_stated_shoes_take_their_residual_away(shod):
     recording, person = shod
     _, without = processed(recording, Subject(**person))
-    _, stated = processed(recording, Subject(**person, shoe_mass_kg=SHOE_KG, sole_height_m=SOLE_M))
+    shod = Subject(**person, shoe_mass_kg=SHOE.mass, sole_height_m=SHOE.sole)
+    _, stated = processed(recording, shod)
     assert (stated < without).all()
     for axis in (FX, MY):
         assert stated[axis] < 0.5 * without[axis]
@@ -48,6 +49,6 @@ def test_shoes_that_are_not_stated_are_estimated_with_what_they_make_of_the_resi
     budget = explain_trial(recording, STILL, result)
     (shoes,) = (cause for cause in budget.causes if cause.group == "shoes")
     half = 1.96 * shoes.deviation
-    assert abs(shoes.size - SHOE_KG) < half < 1.96 * shoes.usual
+    assert abs(shoes.size - SHOE.mass) < half < 1.96 * shoes.usual
     for axis in (FX, MY):
         assert shoes.left[axis] < 0.5 * budget.rms[axis]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.virtual_lab.machine.platform import Machine, move_platform
-from pipeline.virtual_lab.protocol.walking_protocol import SWAY_MPS, sway_command
+from pipeline.virtual_lab.protocol.walking_protocol import MOTION, sway_command
 
 RATE_HZ = 1000.0
 
@@ -33,6 +33,6 @@ def test_actuators_follow_constant_speed_late_by_twice_their_time_constant(direc
 def test_sway_reaches_its_speed_and_stays_within_the_assumed_acceleration():
     time = np.arange(3000) / RATE_HZ
     motion = move_platform(Machine(), sway_command([1.0], [1.0], time), 0 * time, RATE_HZ)
-    assert motion.sway[1].max() == pytest.approx(SWAY_MPS, rel=0.02)
+    assert motion.sway[1].max() == pytest.approx(MOTION.sway_speed, rel=0.02)
     assert motion.sway[2].max() == pytest.approx(5.0, rel=0.1)
     assert motion.sway[0][-1] == pytest.approx(0.05, abs=1e-6)

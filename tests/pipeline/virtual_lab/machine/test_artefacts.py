@@ -11,7 +11,7 @@ from pipeline.virtual_lab.machine.platform import (
     move_platform,
     specific_force,
 )
-from pipeline.virtual_lab.protocol.walking_protocol import PITCH_DEG
+from pipeline.virtual_lab.protocol.walking_protocol import MOTION
 
 RATE_HZ = 1000.0
 
@@ -43,7 +43,7 @@ def test_an_assemblys_wrench_is_the_sum_over_its_point_masses(moving):
 
 def test_pitching_the_assemblies_makes_the_force_that_their_weight_makes():
     time = np.arange(30_000) / RATE_HZ
-    pitch = np.radians(PITCH_DEG) * np.sin(2 * np.pi * time / 30)
+    pitch = np.radians(MOTION.pitch) * np.sin(2 * np.pi * time / 30)
     motion = move_platform(Machine(), 0 * time, pitch, RATE_HZ)
     force = assembly_wrench(motion, LEFT_ASSEMBLY)[:, 0]
     expected = 150 * 9.81 * np.sqrt(np.mean(np.sin(pitch) ** 2))

@@ -6,11 +6,9 @@ import pytest
 from pipeline.virtual_lab.machine.platform import LEFT_ASSEMBLY, RIGHT_ASSEMBLY
 from pipeline.virtual_lab.machine.structure import (
     ASSEMBLIES,
-    BASE_HZ,
-    CELL_HZ,
     COORDINATES,
     FRAME,
-    FRAME_KG,
+    STRUCTURE,
     frame_shape,
     make_structure,
     rigid_shape,
@@ -32,9 +30,11 @@ def natural_modes(structure):
 def test_moving_as_one_it_has_the_mass_of_all_its_parts_and_strains_only_the_base():
     structure = make_structure()
     together = RIGID.T @ structure.mass @ RIGID
-    np.testing.assert_allclose(together[:3, :3], (FRAME_KG + 300) * np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(
+        together[:3, :3], (STRUCTURE.frame_mass + 300) * np.eye(3), atol=1e-9
+    )
     lever = sum(a.mass * np.array(a.center) for a in (LEFT_ASSEMBLY, RIGHT_ASSEMBLY))
-    assert together[1, 3] == pytest.approx(-lever[2] - FRAME_KG * -0.3)
+    assert together[1, 3] == pytest.approx(-lever[2] - STRUCTURE.frame_mass * -0.3)
     for by_displacement, by_velocity in structure.cells:
         assert np.abs(by_displacement @ RIGID).max() < 1e-6 * np.abs(by_displacement).max()
         assert np.abs(by_velocity @ RIGID).max() < 1e-6 * np.abs(by_velocity).max()
@@ -54,7 +54,7 @@ def test_cells_push_frame_and_assembly_apart_with_equal_and_opposite_wrenches():
 def test_natural_frequencies_are_those_of_the_base_then_the_frame_then_the_cells():
     hz, ratio = natural_modes(make_structure())
     assert len(hz) == COORDINATES
-    sway, pitch = (BASE_HZ[k] for k in (1, 4))
+    sway, pitch = (STRUCTURE.base_frequency[k] for k in (1, 4))
     np.testing.assert_allclose(hz[:2], [sway, pitch], rtol=0.05)
     assert np.all((hz[2:6] > 25) & (hz[2:6] < 40))
     assert np.all(hz[6:] > 40)
@@ -99,4 +99,4 @@ def test_an_assembly_on_a_held_frame_has_the_stated_frequencies(axis):
     structure = make_structure()
     part = ASSEMBLIES[0]
     omega = np.sqrt(structure.stiffness[part, part][axis, axis] / LEFT_ASSEMBLY.mass)
-    assert omega / (2 * np.pi) == pytest.approx(CELL_HZ[axis])
+    assert omega / (2 * np.pi) == pytest.approx(STRUCTURE.cell_frequency[axis])

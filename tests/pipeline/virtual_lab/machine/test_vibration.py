@@ -16,8 +16,8 @@ from pipeline.virtual_lab.machine.platform import (
 from pipeline.virtual_lab.machine.structure import (
     COORDINATES,
     FRAME,
-    FRAME_KG,
     FRAME_NODES_M,
+    STRUCTURE,
     frame_shape,
     make_structure,
     respond,
@@ -120,7 +120,7 @@ def test_the_modes_agree_with_a_direct_integration_in_time():
     load = np.zeros((len(time), COORDINATES))
     for node in FRAME_NODES_M:
         felt = specific_force(motion, node) - [0, 0, 9.81]
-        load[:, :FRAME] -= FRAME_KG / len(FRAME_NODES_M) * felt @ frame_shape(node)[:3]
+        load[:, :FRAME] -= STRUCTURE.frame_mass / len(FRAME_NODES_M) * felt @ frame_shape(node)[:3]
     for k, assembly in enumerate(BELT_ASSEMBLIES):
         carried = terms @ inertial_wrench(assembly, motion.pivot).T + loads[k]
         load[:, FRAME + 6 * k : FRAME + 6 * k + 6] = -carried

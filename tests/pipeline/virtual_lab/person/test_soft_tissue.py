@@ -5,7 +5,7 @@ import pytest
 
 from hbm.coordinates import INDEX, N_Q
 from pipeline.virtual_lab.faults import CameraFaults
-from pipeline.virtual_lab.person.soft_tissue import ARTEFACTS, DRIVEN_SHARE, displace_markers
+from pipeline.virtual_lab.person.soft_tissue import ARTEFACTS, SKIN, displace_markers
 
 STRIDE_FRAMES = 108
 
@@ -58,4 +58,4 @@ def test_the_artefact_follows_the_angles_of_the_joints_at_both_ends():
     drivers = strides(6000)[[INDEX["R" + name] for name in ARTEFACTS["thigh"][1]]]
     fitted = drivers.T @ np.linalg.lstsq(drivers.T, moved)[0]
     explained = 1 - np.var(moved - fitted, axis=0).sum() / np.var(moved, axis=0).sum()
-    assert explained == pytest.approx(DRIVEN_SHARE, abs=0.08)
+    assert explained == pytest.approx(SKIN.driven, abs=0.08)

@@ -8,7 +8,7 @@ from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, marker_sets
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
-from pipeline.virtual_lab.person.subject import SHOE_KG, SOLE_M, Person, make_subject
+from pipeline.virtual_lab.person.subject import SHOE, Person, make_subject
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 from tests.validation.true_body import t_pose_markers, true_body
 
@@ -94,12 +94,12 @@ def test_another_body_has_shoes_a_joint_in_the_mid_trunk_and_wobbling_masses():
     same, other = (make_subject(Person(), faults=f) for f in (Faults.none().body, BodyFaults()))
     heel = same.skeleton.markers.index("RHEE")
     higher = t_pose_markers(other)[heel, 2] - t_pose_markers(same)[heel, 2]
-    assert higher == pytest.approx(SOLE_M)
+    assert higher == pytest.approx(SHOE.sole)
     assert not same.wobbling
     assert np.linalg.norm(same.skeleton.offsets["thorax"]) == 0
     assert other.wobbling
     assert 0.08 < np.linalg.norm(other.skeleton.offsets["thorax"]) < 0.25
     bare = make_subject(Person(), faults=BodyFaults(shoe_scale=0.0)).skeleton.inertias
     shod = other.skeleton.inertias
-    lighter = 1 - 2 * SHOE_KG / Person().mass_kg
+    lighter = 1 - 2 * SHOE.mass / Person().mass_kg
     assert shod["head"].mass / bare["head"].mass == pytest.approx(lighter)

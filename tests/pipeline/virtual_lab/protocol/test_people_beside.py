@@ -6,7 +6,7 @@ import pytest
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
-from pipeline.virtual_lab.protocol.calibration_trial import BESIDE, MASS_KG, run_beside
+from pipeline.virtual_lab.protocol.calibration_trial import BESIDE, PERSON, run_beside
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 
 SHORT = Setting(protocol=Protocol(beside_s=12.0))
@@ -29,4 +29,4 @@ def test_a_person_is_carried_by_one_plate_or_by_the_frame(recorded):
         if plate.number in EMPTY[planned.place]:
             assert np.abs(upward).max() < 0.01
         else:  # one of the fifteen to twenty-two steps is cut by the end of the window
-            assert upward.mean() == pytest.approx(MASS_KG * GRAVITY_MPS2, rel=1 / 15)
+            assert upward.mean() == pytest.approx(PERSON.mass * GRAVITY_MPS2, rel=1 / 15)

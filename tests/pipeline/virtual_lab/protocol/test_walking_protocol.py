@@ -8,8 +8,7 @@ from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import PULSE_CHANNEL, make_treadmill
 from pipeline.virtual_lab.person.gait import StepParameters, schedule
 from pipeline.virtual_lab.protocol.walking_protocol import (
-    ONSET_PHASE,
-    SWAY_M,
+    MOTION,
     Protocol,
     perturbations,
     sway_command,
@@ -37,7 +36,7 @@ def test_the_platform_sways_to_the_contralateral_side_at_a_tenth_of_the_gait_cyc
         last = int(np.searchsorted(steps.contact, onset)) - 1
         assert last % 2 == (1 if side > 0 else 0)  # right steps are odd
         stride = steps.contact[last + 2] - steps.contact[last]
-        assert (onset - steps.contact[last]) / stride == pytest.approx(ONSET_PHASE, abs=0.001)
+        assert (onset - steps.contact[last]) / stride == pytest.approx(MOTION.onset, abs=0.001)
 
 
 def test_a_sway_goes_out_fast_and_returns_slowly_before_the_next(twenty):
@@ -45,11 +44,11 @@ def test_a_sway_goes_out_fast_and_returns_slowly_before_the_next(twenty):
     time = np.arange(0, onsets[-1] + 15, 0.01)
     sway = sway_command(onsets, sides, time)
     speed = np.gradient(sway, time)
-    assert np.abs(sway).max() == pytest.approx(SWAY_M)
+    assert np.abs(sway).max() == pytest.approx(MOTION.sway)
     assert np.abs(speed).max() == pytest.approx(0.30, rel=0.02)
     since = time[:, None] - onsets
     back = ((since > 1) & (since < 7)).any(axis=1)
-    assert np.abs(np.abs(sway[back]) - SWAY_M).max() < 1e-9
+    assert np.abs(np.abs(sway[back]) - MOTION.sway).max() < 1e-9
     slow = ((since > 7) & (since < 10.5)).any(axis=1)
     assert 0 < np.abs(speed[slow]).max() < 0.04
     assert np.abs(sway_command(onsets, sides, onsets)).max() < 1e-9
