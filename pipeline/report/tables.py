@@ -19,9 +19,8 @@ from pipeline.statistics.table_3 import (
     table_3_legend,
 )
 from pipeline.statistics.verdict import (
-    MAX_SUBJECTS,
+    LIMITS,
     PLANNED_RECORDINGS,
-    POWER,
     Verdict,
     within_margin,
 )
@@ -242,9 +241,10 @@ def plan_markdown(verdicts: Sequence[Verdict], design: Design) -> str:
     return (
         f"{markdown_table(heads, rows)}\n\n"
         f"Subjects needed to show that a residual is {within_margin(design)}{by}, with\n"
-        f"{100 * POWER:g} % power at {100 * CONFIDENCE:g} % simultaneous confidence{together}, if "
-        "the true difference is zero;\nin brackets, if it is the one observed (–: that one exceeds "
-        f"the margin). From the variance between {most}\nsubjects, which is itself uncertain.\n"
+        f"{100 * LIMITS.power:g} % power at {100 * CONFIDENCE:g} % simultaneous confidence"
+        f"{together}, if the true difference is zero;\nin brackets, if it is the one observed (–: "
+        f"that one exceeds the margin). From the variance between {most}\nsubjects, which is "
+        "itself uncertain.\n"
     )
 
 
@@ -258,4 +258,4 @@ def _planned(verdict: Verdict, design: Design) -> str:
 
 
 def _count(subjects: int | None) -> str:
-    return f">{MAX_SUBJECTS}" if subjects is None else str(subjects)
+    return f">{LIMITS.most_subjects}" if subjects is None else str(subjects)
