@@ -56,10 +56,10 @@ def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFram
     (van de Loosdrecht 2018, F.2.4); frames are correlated and make every difference significant,
     so here whole trials are the observations, over all kinds.
     """
-    stated = scores["trial"].map(factors)
-    if not all(stated):
+    by_name = scores["trial"].map(factors)
+    if not all(by_name):
         return pd.DataFrame(), pd.DataFrame()
-    data = pd.concat([scores, pd.DataFrame(list(stated), index=scores.index)], axis=1)
+    data = pd.concat([scores, pd.DataFrame(list(by_name), index=scores.index)], axis=1)
     # logarithms, since signals change what is left by a factor, large or small as it may be
     data["log_rms"] = np.log(data["rms_after"])
     used = [f for f in ("speed_mps", "duration_s", "kind", "validation") if data[f].nunique() > 1]

@@ -97,8 +97,8 @@ class Linearised:
     @property
     def expected(self) -> tuple[Array, Array, Array]:
         """Mean and usual size of each cause, and the deviation of those found elsewhere, else 0."""
-        mean, size, found = np.array([cause.expected for cause in self.part.causes]).T
-        return mean, size, found
+        mean, size, found_deviation = np.array([cause.expected for cause in self.part.causes]).T
+        return mean, size, found_deviation
 
     def evidence(self, series: CycleSeries, subject: str = "", trial: str = "") -> Evidence:
         """Give what some gait cycles say of the causes.

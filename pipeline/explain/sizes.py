@@ -234,7 +234,7 @@ def find_faults(trials: Sequence[Evidence]) -> Posterior:
     there = np.zeros(len({*chain(*(compress(t.names, t.rare) for t in trials))}), bool)
     draws = list[tuple[Array, ...]]()
     for number in range(80):
-        faults, given = _faults(trials, undescribed)
+        faults, others = _faults(trials, undescribed)
         precision = faults.precision + np.diag(1 / VARIANCE[there.astype(int)])
         covariance: Array = np.asarray(np.linalg.inv(precision), float)
         size = covariance @ faults.pull
@@ -247,7 +247,7 @@ def find_faults(trials: Sequence[Evidence]) -> Posterior:
         # sizes of faults, then those that follow them, from what most trials share to what one has
         spread = np.linalg.cholesky(covariance) @ rng.standard_normal(len(size))
         sizes = dict(zip(faults.names, size + spread, strict=True))
-        for level in given:
+        for level in others:
             sizes |= level.drawn(sizes, rng)
         # a hundredth of the mean square is never described
         undescribed = [
@@ -268,13 +268,13 @@ def _faults(
     for trial in trials:
         for name, level in zip(trial.names, trial.levels, strict=True):
             levels.setdefault(level, set()).add(name)
-    given = list[Given]()
+    others = list[Given]()
 
     def without(level: str, part: Information) -> Information:
         if level not in levels:
             return part
         rest, sizes = part.without(levels[level])
-        given.append(sizes)
+        others.append(sizes)
         return rest
 
     # sizes are integrated out where all data on them are together: trial, subject, laboratory
@@ -283,7 +283,7 @@ def _faults(
         rest = without("trial", trial.information(variance))
         of_subjects.setdefault(trial.subject, []).append(rest)
     subjects = [without("subject", Information.sum(parts)) for parts in of_subjects.values()]
-    return without("laboratory", Information.sum(subjects)), given[::-1]
+    return without("laboratory", Information.sum(subjects)), others[::-1]
 
 
 def _drawn_variance(

@@ -176,8 +176,8 @@ def compare_groups(
     cells = rows["cell"].unique()
     of_row, complete = rows["subject"].map(group), np.ones(len(rows), bool)
     if len(cells) == 1 and between is not None:
-        stated = between.dropna(axis=1, how="all").reindex(rows["subject"])
-        complete = stated.notna().all(axis=1).to_numpy()
+        covariates = between.dropna(axis=1, how="all").reindex(rows["subject"])
+        complete = covariates.notna().all(axis=1).to_numpy()
     enters = of_row.notna().to_numpy() & complete
     curves, rows, of_row = curves[enters], rows[enters], of_row[enters]
     second = (of_row == of_row.max()).to_numpy()
