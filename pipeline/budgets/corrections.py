@@ -3,13 +3,13 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import tomli_w
 
 from hbm.spelling import Table
 from pipeline.budgets.explanation import StudyExplanation
-from pipeline.budgets.words import LATE, MASS, MIN_FALL, size_in_words
+from pipeline.budgets.words import LATE, LIMITS, MASS, size_in_words
 from pipeline.config.schema import Correction, TrialName, recording_tables
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_table
@@ -17,9 +17,6 @@ from pipeline.explain.budget import SharedCause, alike_in_plates
 from pipeline.explain.joint import MENDABLE
 from pipeline.io.write import write_text
 from pipeline.trial.residuals import AXES
-
-NOT_FILES: Final = ("name", "id", "exclude", "rename")
-"""Keys whose texts are no files."""
 
 
 def write_corrected(
@@ -58,12 +55,12 @@ def write_corrected(
     """
     if (out / "study.toml").exists():
         raise ValueError(f"{out}: there is a study already; name another folder with --apply")
-    every = {path.name: read_table(path) for path in sorted(study.folder.glob("*.toml"))}
-    people = {table["id"]: table for table in every.values() if "trials" in table}
+    tables = {path.name: read_table(path) for path in sorted(study.folder.glob("*.toml"))}
+    people = {table["id"]: table for table in tables.values() if "trials" in table}
     for person in people.values():
         trials = person["trials"].items()
         person["trials"] = {key: recording_tables(stated) for key, stated in trials}
-    file, written, left_out = every["study.toml"], list[Correction](), list[str]()
+    file, written, left_out = tables["study.toml"], list[Correction](), list[str]()
     alike = alike_in_plates(shared.cause for shared in found.causes)
     for shared in found.causes:
         cause = shared.cause
@@ -72,8 +69,8 @@ def write_corrected(
         name = f"{shared.name}{cause.directed} {size_in_words(cause)}"
         if cause.name in alike:
             left_out.append(f"{name}: in all plates, as an error of the body model would be")
-        elif shared.fall < MIN_FALL:
-            left_out.append(f"{name}: it lowers no residual by {100 * MIN_FALL:.0f} %")
+        elif shared.fall < LIMITS.least_fall:
+            left_out.append(f"{name}: it lowers no residual by {100 * LIMITS.least_fall:.0f} %")
         elif not shared.holds:
             left_out.append(f"{name}: it does not lower the residuals of other trials")
         elif setting := _state(shared, study, file, people, mass_kg):
@@ -90,7 +87,7 @@ def write_corrected(
             )
             written.append(correction)
     file["corrections"] = [correction.model_dump() for correction in written]
-    for name, table in every.items():
+    for name, table in tables.items():
         if table is file or "trials" in table:
             moved = _moved(table, study.folder, out)
             write_text(tomli_w.dumps(moved), out / name)
@@ -135,9 +132,12 @@ def _state(
 def _moved(value: Any, folder: Path, out: Path, key: str = "") -> Any:
     """Name the files of a study as seen from another folder."""
     if isinstance(value, dict):
-        return {name: _moved(own, folder, out, name) for name, own in value.items()}
+        return {name: _moved(item, folder, out, name) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_moved(own, folder, out, key) for own in value]
-    if isinstance(value, str) and key not in NOT_FILES and (folder / value).is_file():
+        return [_moved(item, folder, out, key) for item in value]
+    # a name is no file, even where a file happens to be called so
+    is_name = key in ("name", "id", "exclude", "rename")
+    if isinstance(value, str) and not is_name and (folder / value).is_file():
         return os.path.relpath(folder / value, out)
+
     return value

@@ -143,8 +143,8 @@ def read_explanation(path: Path, kind: type[Explained]) -> Explained:
 def up_to_date(path: Path, key: str, kind: type[Explained]) -> Explained | None:
     """Read the explanation with a key; None where there is none, or it is damaged or older."""
     with suppress(OSError, ValueError):
-        found = read_explanation(path, kind)
-        return found if found.key == key else None
+        stored = read_explanation(path, kind)
+        return stored if stored.key == key else None
     return None
 
 
@@ -389,14 +389,14 @@ def explanations(
     for _, failures in recorded_failures(folder / FOLDER):
         reasons |= failures
     for name, trial in trials.items():
-        if found := explanation_of(folder, trial):
-            explained[name] = found
+        if explanation := explanation_of(folder, trial):
+            explained[name] = explanation
         elif (folder / FOLDER / f"{name.stem}.json").is_file() and str(name) not in reasons:
             others.append(str(name))
     stale = (
         f"Not shown are the explanations of {listed(others)}: they are of other results or made by "
         "another version of hbm, or damaged; run 'hbm explain RESULTS'."
     )
-    of_all = key_of_all(found.key for found in explained.values())
+    of_all = key_of_all(explanation.key for explanation in explained.values())
     together = up_to_date(folder / FOLDER / STUDY, of_all, StudyExplanation)
     return explained, reasons, together.lines if together else (), stale * bool(others)

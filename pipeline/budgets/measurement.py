@@ -59,7 +59,7 @@ def study_covariances(
     index = pd.MultiIndex.from_tuples(draws, names=CELL)
     of_axes = np.stack(list(draws.values()), axis=2).swapaxes(0, 1)
     covariances = {
-        axis: pd.DataFrame(np.atleast_2d(np.cov(own, rowvar=False)), index, index)
-        for axis, own in zip(AXES, of_axes, strict=True)
+        axis: pd.DataFrame(np.atleast_2d(np.cov(of_axis, rowvar=False)), index, index)
+        for axis, of_axis in zip(AXES, of_axes, strict=True)
     }
     return covariances, ""

@@ -5,29 +5,20 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from compensation.inertia.sensors import QUANTILE_95
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from hbm.spelling import counted, listed, written
 from pipeline.explain.budget import Budget, EstimatedCause, SharedCause, alike_in_plates
 from pipeline.explain.cause import OF_PERSON, UNSEEN, groups
-from pipeline.explain.linearise import MIN_CYCLES
+from pipeline.explain.linearise import LIMITS as OF_FRAMES
 from pipeline.trial.residuals import AXES, UNITS
 from pipeline.trial.result import TrialResult
 
-MIN_FALL: Final = 0.03
-"""Share of a residual's RMS that mending a cause has to take away to be worth a word."""
-MAX_FIXES: Final = 3
+LIMITS: Final = read_numbers("pipeline.budgets", "thresholds.toml", "fix")
 NOTHING_CERTAIN: Final = "Beyond warnings, no certain fault explains much of a residual."
 LATE: Final = "plates delayed"
 MASS: Final = "body mass"
 """Names of causes that a person can state."""
-SENTENCES: Final[Mapping[str, str]] = {
-    ": gain of": "{plate} reads {size} too {much} {where}; recalibrate it.",
-    ": Fz in": "{plate}: {signed} of its vertical force appears in {of}; recalibrate it.",
-    ": zero of": "{plate} reads {signed} in {of} without load; zero it.",
-    ": place along": "{plate}: position {size} too {far} along its {of} axis; measure it again.",
-    ": direction about": "{plate}: orientation {size} too {far} about its {of}; measure it.",
-}
-"""Part of a cause's name -> what is wrong, and what to do."""
 WITH_MARKERS: Final = "95 % intervals are of the RMS that markers on trunk and arms would show."
 CAPTION: Final = (
     "RMS with 95 % interval of measurement; percentage of the mean square ± 95 % interval. "
@@ -48,15 +39,6 @@ class Share(NamedTuple):
 
 Row = tuple[str, tuple[str | Share, ...]]
 """Head and cells of a row."""
-
-
-SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
-    "s": (1000.0, "ms"),
-    "m": (1000.0, "mm"),
-    "rad": (57.29577951308232, "°"),
-    "1": (100.0, "%"),
-}
-"""Unit of a size -> factor and the unit that a person reads it in."""
 
 
 def group_name(names: Sequence[str]) -> str:
@@ -106,8 +88,11 @@ def how_to_tell_apart(names: Sequence[str]) -> tuple[str, ...]:
 
 def size_in_words(cause: EstimatedCause) -> str:
     """Give the size of a cause with its 95 % interval, such as "9.1 ± 5.7 ms"."""
-    factor, unit = SHOWN_UNITS.get(cause.unit, (1.0, cause.unit))
+    read_in = {"s": (1000.0, "ms"), "m": (1000.0, "mm"), "1": (100.0, "%")}
+    read_in["rad"] = (57.29577951308232, "°")
+    factor, unit = read_in.get(cause.unit, (1.0, cause.unit))
     size, half = factor * cause.size, factor * QUANTILE_95 * cause.deviation
+    # two digits of the interval, none beyond the unit
     digits = 2 if half < 0.95 else 1 if half < 9.5 else 0
     return f"{written(size, f'z.{digits}f')} ± {half:.{digits}f} {unit}"
 
@@ -161,8 +146,9 @@ def what_to_fix_first(budget: Budget, result: TrialResult) -> tuple[Fix, ...]:
     """
     alike = alike_in_plates(budget.causes)
     fixes = [_fix(c, budget.rms, result) for c in budget.causes if c.name not in alike]
+    # causes of one half of the cycles have to explain the other half
     holding = [fix for fix in fixes if fix and budget.held_out[AXES.index(fix.axis)] >= 0]
-    return tuple(sorted(holding, key=lambda fix: fix.after / fix.before)[:MAX_FIXES])
+    return tuple(sorted(holding, key=lambda fix: fix.after / fix.before)[: LIMITS.most])
 
 
 def _fix(cause: EstimatedCause, rms: Array, result: TrialResult) -> Fix | None:
@@ -170,7 +156,7 @@ def _fix(cause: EstimatedCause, rms: Array, result: TrialResult) -> Fix | None:
     fall = cause.falls(rms)
     axis = int(fall.argmax())
     action = what_to_do(cause, result)
-    if not action or not cause.is_certain or fall[axis] < MIN_FALL:
+    if not action or not cause.is_certain or fall[axis] < LIMITS.least_fall:
         return None
     return Fix(cause.name, action, AXES[axis], float(rms[axis]), float(cause.left[axis]))
 
@@ -187,8 +173,8 @@ def study_lines(
     results
         Name of a trial -> its result.
     """
-    alike = alike_in_plates(own.cause for own in causes)
-    lines = [*alike_lines(alike, {own.cause.name: own.rms for own in causes})]
+    alike = alike_in_plates(shared.cause for shared in causes)
+    lines = [*alike_lines(alike, {shared.cause.name: shared.rms for shared in causes})]
     for shared in causes:
         cause, trials = shared.cause, shared.trials
         fix = None if cause.name in alike else _fix(cause, shared.rms, results[trials[0]])
@@ -208,14 +194,16 @@ def alike_lines(
     Together they are not: what the body model of all subjects lacks, such as shoes, looks the same.
     ``rms`` is that of the residuals, (6,), by the name of a cause.
     """
-    for name, same in alike.items():
-        fall = max(gain.falls(rms[gain.name]).max() for gain in same)
-        if name == same[0].name and fall >= MIN_FALL and any(gain.is_certain for gain in same):
-            plates = "all plates alike" if len(same) > 1 else "the only plate"
-            faults = listed(dict.fromkeys(gain.fault for gain in same))
-            sizes = [f"{gain.name.partition(':')[0]} {size_in_words(gain)}" for gain in same]
+    for name, gains in alike.items():
+        fall = max(gain.falls(rms[gain.name]).max() for gain in gains)
+        # once for all of them
+        is_first, is_certain = name == gains[0].name, any(gain.is_certain for gain in gains)
+        if is_first and fall >= LIMITS.least_fall and is_certain:
+            plates = "all plates alike" if len(gains) > 1 else "the only plate"
+            faults = listed(dict.fromkeys(gain.fault for gain in gains))
+            sizes = [f"{gain.name.partition(':')[0]} {size_in_words(gain)}" for gain in gains]
             yield (
-                f"Not certain: {faults}{same[0].directed} of {plates}, {listed(sizes)}. What the "
+                f"Not certain: {faults}{gains[0].directed} of {plates}, {listed(sizes)}. What the "
                 "body model lacks in all subjects, such as shoes that are not stated, looks the "
                 "same; compare with known weights (hbm plates)."
             )
@@ -234,7 +222,15 @@ def what_to_do(cause: EstimatedCause, result: TrialResult) -> str:
         return (
             f"The body mass is {size} too {large}; weigh the subject: {mass_kg:.1f} kg would fit."
         )
-    for words, sentence in SENTENCES.items():
+    sentences = {
+        ": gain of": "{plate} reads {size} too {much} {where}; recalibrate it.",
+        ": Fz in": "{plate}: {signed} of its vertical force appears in {of}; recalibrate it.",
+        ": zero of": "{plate} reads {signed} in {of} without load; zero it.",
+        ": place along": "{plate}: position {size} too {far} along its {of} axis; measure it "
+        "again.",
+        ": direction about": "{plate}: orientation {size} too {far} about its {of}; measure it.",
+    }
+    for words, sentence in sentences.items():
         if words in cause.name:
             of = component + cause.directed
             return sentence.format(
@@ -267,17 +263,19 @@ def budget_table(budget: Budget) -> tuple[str, tuple[str, ...], list[Row]]:
     plates = "compensated plates" if budget.compensated else "plates as measured"
     counts = "no gait cycles"
     if budget.cycles:
-        found = counted(budget.found_cycles, "gait cycle")
-        counts = f"{budget.cycles} of {found} of one side"
+        cycles = counted(budget.found_cycles, "gait cycle")
+        counts = f"{budget.cycles} of {cycles} of one side"
     title = f"Causes of the pelvis residuals of {budget.source.name}, {plates}, {counts}"
     interval = [f"{low:.1f}–{high:.1f}" for low, high in zip(budget.low, budget.high, strict=True)]
     rows: list[Row] = [("RMS", tuple(f"{value:.1f}" for value in budget.rms))]
     rows.append(("95 %", tuple(interval)))
     for group in budget.groups:
-        head, own = group_name(group.groups), [c for c in budget.causes if c.group in group.groups]
-        if len(own) == 1:
-            known = own[0].deviation < own[0].usual
-            head = f"{head}: {size_in_words(own[0]) if known else 'unknown'}"
+        head = group_name(group.groups)
+        causes = [cause for cause in budget.causes if cause.group in group.groups]
+        if len(causes) == 1:
+            # the trial tells of it where it is surer than before
+            is_known = causes[0].deviation < causes[0].usual
+            head = f"{head}: {size_in_words(causes[0]) if is_known else 'unknown'}"
         rows.append((head, tuple(map(_share, group.share, group.deviation))))
     rows.append(("not explained", tuple(Share(100 * share) for share in budget.unexplained)))
     return title, tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)), rows
@@ -311,7 +309,7 @@ def budget_lines(budget: Budget, mendings: Sequence[Fix]) -> Iterator[str]:
             yield f"Not separable in this trial, {group_name(group.groups)}{how}."
     if any(cause.group in UNSEEN for cause in budget.causes):
         yield WITH_MARKERS
-    of = "cycles" if budget.cycles >= MIN_CYCLES else "frames"
+    of = "cycles" if budget.cycles >= OF_FRAMES.fewest_cycles else "frames"
     shares = zip(budget.held_out, AXES, strict=True)
     taken = ", ".join(f"{written(100 * share, 'z.0f')} % of {axis}" for share, axis in shares)
     yield (

@@ -10,21 +10,13 @@ import pandas as pd
 import scipy
 
 from compensation import BeltModel, InertiaModel, fit_belt, fit_inertia
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.calibration_ranking.trials import RATE_HZ, BeltTrial, PlatformTrial
 
-BLOCK_S: Final = 5.0
-"""Of validation trials: longer than their errors are correlated."""
+LIMITS: Final = read_numbers("pipeline.calibration_ranking", "thresholds.toml", "choice")
 RESAMPLES: Final = 1000
 """Of the bootstrap: a share of wins of 1 % is known to 0.3 %."""
-MIN_WINS: Final = 0.01
-"""Share of the resamples that a trial must win to be possibly the best.
-
-More would exclude too many: the resamples do not draw another random signal, which changes the
-order too. In simulated laboratories that differ in everything random, in which signals hardly
-differ, half of the winners of one are possibly the best of another by this share
-(tests/validation/calibration_signals.md).
-"""
 Model = TypeVar("Model", InertiaModel, BeltModel)
 Trial = TypeVar("Trial", PlatformTrial, BeltTrial)
 
@@ -59,8 +51,8 @@ class Ranking(Generic[Model]):
     @property
     def possibly_best(self) -> list[str]:
         """Trials that may be the best: the winner, and those that win some resamples."""
-        rows = self.table["trial"][(self.table["wins"] >= MIN_WINS) | (self.table.index == 0)]
-        return list(rows)
+        wins = self.table["wins"] >= LIMITS.least_wins
+        return list(self.table["trial"][wins | (self.table.index == 0)])
 
 
 def rank_platform(
@@ -95,6 +87,7 @@ def rank_platform(
     plate. The zero differs from trial to trial, as the calibrations' mean errors show, and would
     differ if the experiment were repeated; resampled blocks do not contain that.
     """
+    # a model knows the directions of its own sensors only
     for trial in (*calibration, *validation):
         if trial.setup != calibration[0].setup:
             raise ValueError(
@@ -162,11 +155,13 @@ def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) 
     Ranking
         Best trial first.
     """
+    # percentages of the raw RMS, so that forces and moments count alike
     scores = scores.assign(reduction=100 * (1 - scores["rms_after"] / scores["rms_raw"]))
     columns = scores.groupby(["validation", "component"], sort=False)["reduction"]
     scores["rank"] = columns.rank(ascending=False)
     means = scores.groupby("trial", sort=False)["rank"].mean()
     best = scores["rank"] == columns.transform(lambda x: x.rank(ascending=False).min()).to_numpy()
+    # the same ranking in every resample: the smallest remainder has rank 1
     again = scipy.stats.rankdata(resampled, axis=1).mean(axis=2)
     low, high = np.percentile(again, [2.5, 97.5], axis=0)
     table = pd.DataFrame(
@@ -180,6 +175,7 @@ def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) 
         }
     )
     table = table.sort_values(["mean_rank", "firsts"], ascending=[True, False], ignore_index=True)
+    # in pairs with the winner: what both have alike in a resample does not count
     winner = list(means.index).index(table["trial"].iloc[0])
     high = np.percentile(resampled - resampled[:, winner : winner + 1], 97.5, axis=0)
     row, column = means.index.get_indexer(pd.Index(scores["trial"])), columns.ngroup().to_numpy()
@@ -206,7 +202,8 @@ def _drawn_blocks(count: int, rng: np.random.Generator) -> tuple[list[slice], Ar
 
     Gives the B blocks, and how often each is in every resample, (resamples, B).
     """
-    edges = np.linspace(0, count, max(round(count / (BLOCK_S * RATE_HZ)), 2) + 1).astype(int)
+    # errors are correlated over less than a block, so that blocks are independent
+    edges = np.linspace(0, count, max(round(count / (5.0 * RATE_HZ)), 2) + 1).astype(int)
     cut = [slice(a, b) for a, b in pairwise(edges)]
     drawn = rng.multinomial(len(cut), np.full(len(cut), 1 / len(cut)), RESAMPLES)
     return cut, drawn.astype(float)
@@ -217,22 +214,25 @@ def _resampled(
 ) -> Array:
     """Give RMS after by RMS raw in every resample, (resamples, models, columns)."""
     errors = [[v.wrench - model.predict(v.accelerations) for model in models] for v in validation]
+    # the zero of each calibration, by the mean error that it leaves beside that of all
     mean_error = np.mean([[e.mean(axis=0) for e in row] for row in errors], axis=0)
-    own_zero = mean_error - mean_error.mean(axis=0)
-    zero_sd = own_zero.std(axis=0, ddof=1)
+    zero = mean_error - mean_error.mean(axis=0)
+    zero_sd = zero.std(axis=0, ddof=1)
     change = np.stack([_gain_errors(model, zero_sd, rng) for model in models], axis=1)
-    change[:, :, -1] -= own_zero  # replaced by the zero drawn
+    change[:, :, -1] -= zero  # replaced by the zero drawn
     columns = []
     for trial, row in zip(validation, errors, strict=True):
         design = np.column_stack([trial.accelerations, np.ones(len(trial.wrench))])
+        # sums over blocks, of which a resample takes each as often as it was drawn
         cut, drawn = _drawn_blocks(len(design), rng)
         gram = np.tensordot(drawn, [design[b].T @ design[b] for b in cut], 1)
         cross = np.tensordot(drawn, [[design[b].T @ e[b] for e in row] for b in cut], 1)
         plain = np.tensordot(drawn, [[(e[b] ** 2).sum(axis=0) for e in row] for b in cut], 1)
         raw = np.tensordot(drawn, [(trial.wrench[b] ** 2).sum(axis=0) for b in cut], 1)
+        # |e - X d|² = |e|² + d' (X'X d - 2 X'e) for a change d of gain and zero
         moved = np.einsum("rij,rmjc->rmic", gram, change) - 2 * cross
-        left = plain + np.einsum("rmic,rmic->rmc", change, moved)
-        columns.append(np.sqrt(np.maximum(left, 0) / raw[:, None]))
+        remaining = plain + np.einsum("rmic,rmic->rmc", change, moved)
+        columns.append(np.sqrt(np.maximum(remaining, 0) / raw[:, None]))
     return np.concatenate(columns, axis=2)
 
 
@@ -240,6 +240,7 @@ def _gain_errors(model: InertiaModel, zero_sd: Array, rng: np.random.Generator) 
     """Draw by how much gain and zero might have differed, (resamples, k + 1, 6)."""
     draws = np.empty((RESAMPLES, *model.gain.shape))
     for c, covariance in enumerate(model.covariance):
+        # normal draws times a square root of the covariance, which may be singular
         variance, directions = np.linalg.eigh(covariance)
         root = directions * np.sqrt(np.maximum(variance, 0))
         draws[..., c] = rng.normal(size=(RESAMPLES, len(variance))) @ root.T
@@ -249,14 +250,6 @@ def _gain_errors(model: InertiaModel, zero_sd: Array, rng: np.random.Generator) 
 
 def _rms(wrench: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(wrench**2, axis=0)))
-
-
-LAGS: Final = range(-10, 11, 2)
-"""Samples by which accelerometers may follow or precede the belt, 0.1 s either way."""
-RANDOM_SHIFTS: Final = 199
-"""Of the readings in time; the smallest p is 1 in 200."""
-MIN_SHIFT_S: Final = 1.0
-"""Of these shifts, beyond the lags and the ringing."""
 
 
 def rank_belts(
@@ -282,6 +275,7 @@ def rank_belts(
     ValueError
         If a trial cannot be fitted, or there are fewer than two.
     """
+    # the model has no zero: it is fitted to what varies
     models = _fitted(
         calibration,
         lambda trial: fit_belt(trial.acceleration, trial.moment - trial.moment.mean()),
@@ -289,6 +283,7 @@ def rank_belts(
     rng = np.random.default_rng(seed)
     scores, resampled = [], []
     for trial in validation:
+        # about the mean, which a zero of the plate shifts
         measured, left = trial.moment - trial.moment.mean(), {}
         for name, model in models.items():
             rest = measured - model.predict(trial.acceleration)
@@ -322,6 +317,7 @@ def taken_away(
     rows = []
     for answer, trials in (("no", empty), ("yes", person)):
         for trial in trials:
+            # standard deviations, as a person adds a mean of its own
             raw = float(np.std(trial.moment))
             after = float(np.std(trial.moment - model.predict(trial.acceleration)))
             rows.append((trial.name, answer, raw, after, 100 * (1 - after / raw)))
@@ -353,13 +349,17 @@ def belt_interaction(
         RMS of the wrench that the model wrongly predicts from that part, (6,) [N, N·m]; NaN
         without a model.
     """
-    lagged = np.column_stack([np.roll(trial.acceleration, lag) for lag in LAGS])
+    # accelerometers may follow the belt or precede it by up to 0.1 s
+    lagged = np.column_stack([np.roll(trial.acceleration, lag) for lag in range(-10, 11, 2)])
+    # orthonormal columns: the part of readings that follows the belt is their projection
     basis = np.linalg.qr(lagged - lagged.mean(axis=0))[0]
     readings = trial.readings - trial.readings.mean(axis=0)
     explained, total = basis @ (basis.T @ readings), np.sum(readings**2, axis=0)
     size = np.sum(explained**2, axis=0)
-    least = round(MIN_SHIFT_S * RATE_HZ)
-    shifts = np.random.default_rng(seed).integers(least, len(readings) - least, RANDOM_SHIFTS)
+    # shifts in time of 1 s at least, beyond lags and ringing; of 199 the smallest p is 1 in 200
+    least, count = round(1.0 * RATE_HZ), 199
+    shifts = np.random.default_rng(seed).integers(least, len(readings) - least, count)
+    # shifted readings keep their own spectrum, but have nothing to do with the belt
     at_random = [np.sum((basis.T @ np.roll(readings, by, axis=0)) ** 2, axis=0) for by in shifts]
     as_much = np.sum(np.array(at_random) >= size, axis=0)
     alive = total > 0
@@ -369,17 +369,12 @@ def belt_interaction(
             "rms": readings.std(axis=0),
             "rms_of_belt": np.sqrt(size / len(readings)),
             "share": np.where(alive, size / np.where(alive, total, 1.0), np.nan),
-            "p": np.where(alive, (1 + as_much) / (1 + RANDOM_SHIFTS), np.nan),
+            "p": np.where(alive, (1 + as_much) / (1 + count), np.nan),
         }
     )
     if model is None:
         return table, np.full(6, np.nan)
     return table, _rms(explained @ model.gain[:-1])
-
-
-SMALLEST_DIFFERENCE: Final = 0.1
-"""Of what two calibrations leave, above which it matters [N, N·m]: the last digit of the thesis'
-Tables II and III. A smaller one changes neither, however certain it is."""
 
 
 def thesis_choice(table: pd.DataFrame) -> str:
@@ -406,6 +401,7 @@ def thesis_choice(table: pd.DataFrame) -> str:
     >>> thesis_choice(table)
     'a'
     """
+    # the sum of both places; of ties the lower mean rank
     places = table["mean_rank"].rank(method="min")
     places += table["firsts"].rank(method="min", ascending=False)
     foremost = table[places == places.min()].sort_values("mean_rank")
@@ -422,12 +418,12 @@ def excess(ranking: Ranking[Model], name: str) -> pd.Series:
 def as_good(ranking: Ranking[Model]) -> list[str]:
     """Name the trials that leave as much as the winner in every column, the winner first.
 
-    They leave less than `SMALLEST_DIFFERENCE` more than it, or less than it, and so do the upper
-    ends of the 95 % intervals of that.
+    They leave less than the least difference that matters more than it, or less than it, and so do
+    the upper ends of the 95 % intervals of that.
     """
     most = ranking.scores.groupby("trial")["excess_high"].max()
     return [
         name
         for name in ranking.table["trial"]
-        if max(excess(ranking, name).max(), most[name]) < SMALLEST_DIFFERENCE
+        if max(excess(ranking, name).max(), most[name]) < LIMITS.least_difference
     ]

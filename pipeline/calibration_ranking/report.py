@@ -1,7 +1,6 @@
 """Experiment 2 as tables, figures and a part of the laboratory's page."""
 
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -9,7 +8,7 @@ from matplotlib.figure import Figure
 
 from compensation.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
 from pipeline.calibration_ranking.ranking import (
-    SMALLEST_DIFFERENCE,
+    LIMITS,
     Model,
     Ranking,
     belt_interaction,
@@ -32,9 +31,6 @@ from pipeline.report.blocks import Drawn, Table
 from pipeline.report.empty_treadmill import time_figure
 from pipeline.report.laboratory import Part, frame_table
 
-THESIS_NAMES: Final = {"Fx": "Fz", "Fy": "Fx", "Fz": "Fy", "Mx": "Mz", "My": "Mx", "Mz": "My"}
-"""Components in lab directions (x forward, y left, z up) -> the thesis' (x right, y up, z back)."""
-
 
 def table_2(ranking: Ranking[Model]) -> pd.DataFrame:
     """Lay out the winner's scores like the thesis' Table II.
@@ -45,12 +41,14 @@ def table_2(ranking: Ranking[Model]) -> pd.DataFrame:
         validation, variable (lab directions: x forward, y left, z up), in_thesis (the same in the
         thesis' frame), unit, rms_raw, rms_compensated, rms_reduction_percent.
     """
+    # from x forward, y left, z up to x right, y up, z back
+    in_thesis = {"Fx": "Fz", "Fy": "Fx", "Fz": "Fy", "Mx": "Mz", "My": "Mx", "Mz": "My"}
     rows = ranking.scores[ranking.scores["trial"] == ranking.winner]
     return pd.DataFrame(
         {
             "validation": rows["validation"],
             "variable": rows["component"],
-            "in_thesis": rows["component"].map(THESIS_NAMES),
+            "in_thesis": rows["component"].map(in_thesis),
             "unit": np.where(rows["component"].str.startswith("F"), "N", "N·m"),
             "rms_raw": rows["rms_raw"],
             "rms_compensated": rows["rms_after"],
@@ -109,6 +107,7 @@ def write_results(trials: Trials, seed: int, out: Path) -> Part:
         verdicts.append(recommendation(of_belts, "belts", ADVISED_BELT_SIGNAL))
         tables += _ranking_tables(of_belts, "Belts", out, "belt_")
         validation, model_of_belts = trials.belt_validation, of_belts.models[of_belts.winner]
+        # the plate is empty: the person is on the other belt
         person = taken_away(model_of_belts, validation, trials.belt_person)
         write_csv(person, out / "belt_person.csv")
         table, artefact = belt_interaction(validation[0], model, seed=seed)
@@ -151,7 +150,7 @@ def _ranking_tables(ranking: Ranking[Model], title: str, out: Path, prefix: str)
     write_csv(tests, out / f"{prefix}effects.csv")
     write_csv(pairs, out / f"{prefix}effect_pairs.csv")
     write_csv(best, out / f"{prefix}table_f1.csv")
-    note = f'"any": difference below {SMALLEST_DIFFERENCE:g} N or N·m.'
+    note = f'"any": difference below {LIMITS.least_difference:g} N or N·m.'
     return [
         ranks,
         frame_table(f"{title}: effects on the remaining RMS (type III)", tests, 3),

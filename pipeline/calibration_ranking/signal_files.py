@@ -21,7 +21,6 @@ from compensation.signals import check_signal, resample_signal
 from pipeline.io.write import whole_file
 
 KINDS: Final = ("pitch_sway", "belt", "validation")
-HEADER: Final = "time_s,sway_m,pitch_deg,belt_speed_m_per_s"
 
 
 def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> tuple[list[Signal], list[str]]:
@@ -88,6 +87,7 @@ def write_signals(signals: Iterable[Signal], folder: Path, rate_hz: float) -> li
         table = folder / f"{signal.name}.csv"
         columns = [signal.time, signal.sway, np.degrees(signal.pitch), signal.belt_speed]
         with whole_file(table) as temporary:
-            np.savetxt(temporary, np.transpose(columns), "%.6f", ",", header=HEADER, comments="")
+            head = "time_s,sway_m,pitch_deg,belt_speed_m_per_s"
+            np.savetxt(temporary, np.transpose(columns), "%.6f", ",", header=head, comments="")
         written.append(table)
     return written

@@ -27,22 +27,11 @@ from pipeline.trial.ground.calibrations import read_empty
 Progress = Callable[[str, int, int], None]
 RATE_HZ: Final = 100.0
 """At which models are fitted and compared, as D-Flow's (van de Loosdrecht 2018, D.3.4)."""
-RATE_TOLERANCE_HZ: Final = 0.01
-"""Of a recording's rate, per multiple of that."""
 PLATFORM_FILTER: Final[Method] = "zero_phase"
 """As `hbm calibration fit` filters, so that a cut-off means the same in both."""
-PLATFORM_CUTOFF_HZ: Final = 16.0
-"""−3 dB after both passes: the 20 Hz of each of MATLAB's two passes (van de Loosdrecht 2018, D.2),
-which the thesis states for experiment 1; for experiment 2 it states none."""
-BELT_CUTOFF_HZ: Final = 10.0
-"""From a smoothing spline through the belt's speed (van de Loosdrecht 2018, D.3.4)."""
 BELT_FILTER: Final[Method] = "realtime"
 """As D-Flow filters belt speed and pitch moment while it runs (van de Loosdrecht 2018, D.3.4)."""
-EDGE_S: Final = 0.5
-"""Left out at both ends, where the low-pass is inaccurate."""
 FOLDERS: Final = ("calibration", "validation", "belt_calibration", "belt_validation", "belt_person")
-NAME: Final = re.compile(r"(?P<kind>.+)_(?P<duration_s>\d+)s_(?P<speed_mps>[\d.]+)mps")
-"""Of a calibration trial, as the protocol's signals are named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +55,12 @@ class RankingSettings:
     """
 
     plate: int = 1
-    cutoff_hz: float = PLATFORM_CUTOFF_HZ
+    # −3 dB after both passes: the 20 Hz of each of MATLAB's two passes (van de Loosdrecht 2018,
+    # D.2), which the thesis states for experiment 1; for experiment 2 it states none
+    cutoff_hz: float = 16.0
     belt_channel: str = "BeltSpeed"
-    belt_cutoff_hz: float = BELT_CUTOFF_HZ
+    # from a smoothing spline through the belt's speed (van de Loosdrecht 2018, D.3.4)
+    belt_cutoff_hz: float = 10.0
     stated: Stated = field(default_factory=Stated)
     accelerometer: tuple[str, ...] = ()
 
@@ -193,6 +185,7 @@ def platform_trial(recording: Recording, settings: RankingSettings) -> PlatformT
 def belt_trial(recording: Recording, settings: RankingSettings) -> BeltTrial:
     """Filter pitch moment, belt speed and accelerometers equally and decimate them."""
     sensors, readings, rate, inside = _readings(recording, settings)
+    # all signals through one causal filter, so that none is late against another
     cutoff = settings.belt_cutoff_hz
     speed = belt_speed(recording, settings.belt_channel)
     spline_hz = RATE_HZ / 2
@@ -215,19 +208,23 @@ def _readings(
     sensors = stated_accelerometers(settings.accelerometer) or find_accelerometers(recording)
     time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
     rate = (len(time) - 1) / float(time[-1] - time[0])
+    # every so many samples: no resampling, which would be one filter more
     step = round(rate / RATE_HZ)
-    if step < 1 or abs(rate / step - RATE_HZ) > RATE_TOLERANCE_HZ:
+    if step < 1 or abs(rate / step - RATE_HZ) > 0.01:
         raise ValueError(
             f"{recording.source.stem}: analog rate {rate:g} Hz, expected a multiple of "
             f"{RATE_HZ:g} Hz"
         )
-    edge = round(EDGE_S * rate)
+    # half a second at either end is left out, where the low-pass is inaccurate
+    edge = round(0.5 * rate)
     return sensors, readings, rate, slice(edge, len(time) - edge, step)
 
 
 def factors(name: str) -> dict[str, str | float]:
     """Give kind, duration and belt speed from a trial's name; empty where it states none."""
-    match = NAME.fullmatch(name)
+    # as the protocol's signals are named
+    pattern = r"(?P<kind>.+)_(?P<duration_s>\d+)s_(?P<speed_mps>[\d.]+)mps"
+    match = re.fullmatch(pattern, name)
     texts = match.groupdict() if match is not None else {}
     return {key: text if key == "kind" else float(text) for key, text in texts.items()}
 

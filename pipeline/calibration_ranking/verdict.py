@@ -8,7 +8,7 @@ import pandas as pd
 
 from hbm.spatial import Array
 from pipeline.calibration_ranking.ranking import (
-    SMALLEST_DIFFERENCE,
+    LIMITS,
     Model,
     Ranking,
     as_good,
@@ -21,7 +21,6 @@ from pipeline.statistics.factorial import anova, compare_levels
 
 ALPHA: Final = 0.05
 """Level of significance, Bonferroni-corrected."""
-FACTORS: Final = ("speed_mps", "duration_s", "kind")
 
 
 def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -42,9 +41,9 @@ def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFram
         after compensation [N, N·m]; difference, the first minus the second, with difference_low
         and difference_high; their ratio with ratio_low and ratio_high; p_bonferroni; verdict on
         the first: "no difference" where the interval of the difference lies within
-        ± `SMALLEST_DIFFERENCE`, or the difference is significant and smaller than that, else
-        "less" or "more" where it is significant, else "undecided". Both empty where names state no
-        levels. Intervals hold together at 95 % (Bonferroni).
+        ± the least difference that matters, or the difference is significant and smaller than
+        that, else "less" or "more" where it is significant, else "undecided". Both empty where
+        names state no levels. Intervals hold together at 95 % (Bonferroni).
 
     Notes
     -----
@@ -57,12 +56,13 @@ def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFram
     (van de Loosdrecht 2018, F.2.4); frames are correlated and make every difference significant,
     so here whole trials are the observations, over all kinds.
     """
-    stated = scores["trial"].map(factors)
-    if not all(stated):
+    by_name = scores["trial"].map(factors)
+    if not all(by_name):
         return pd.DataFrame(), pd.DataFrame()
-    data = pd.concat([scores, pd.DataFrame(list(stated), index=scores.index)], axis=1)
+    data = pd.concat([scores, pd.DataFrame(list(by_name), index=scores.index)], axis=1)
+    # logarithms, since signals change what is left by a factor, large or small as it may be
     data["log_rms"] = np.log(data["rms_after"])
-    used = [f for f in (*FACTORS, "validation") if data[f].nunique() > 1]
+    used = [f for f in ("speed_mps", "duration_s", "kind", "validation") if data[f].nunique() > 1]
     tested = [f for f in used if f != "validation"]
     tables, pairs = [], []
     for component, part in data.groupby("component", sort=False):
@@ -114,12 +114,15 @@ def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
         ratio_high=np.exp(logs["ci_high"]),
         p_bonferroni=logs["p_bonferroni"],
     )
+    # from a difference of logarithms, d, to g (√r - 1/√r) = 2 g sinh(d / 2) at the geometric mean
     level = np.sqrt(table["rms_first"] * table["rms_second"])
     for name, log_ratio in (("", "difference"), ("_low", "ci_low"), ("_high", "ci_high")):
         table[f"difference{name}"] = 2 * level * np.sinh(logs[log_ratio] / 2)
+    # no difference: shown to be small, whether significant or not
     significant = table["p_bonferroni"] < ALPHA
-    small = table["difference"].abs() < SMALLEST_DIFFERENCE
-    within = (table[["difference_low", "difference_high"]].abs() < SMALLEST_DIFFERENCE).all(axis=1)
+    least = LIMITS.least_difference
+    small = table["difference"].abs() < least
+    within = (table[["difference_low", "difference_high"]].abs() < least).all(axis=1)
     none, less = within | (significant & small), significant & (table["difference"] < 0)
     verdicts = ["no difference", "less", "more"]
     table["verdict"] = np.select([none, less, significant], verdicts, "undecided")
@@ -153,7 +156,7 @@ def recommendation(ranking: Ranking[Model], purpose: str, advised: str) -> Table
         )
     rows: list[tuple[str, str | list[Check]]] = [
         ("Use", [("pass", first, "")]),
-        (f"As good to {SMALLEST_DIFFERENCE:g} N or N·m", ", ".join(others) or "none"),
+        (f"As good to {LIMITS.least_difference:g} N or N·m", ", ".join(others) or "none"),
         ("Best in the bootstrap", f"{100 * top['wins']:.0f} % of the resamples"),
         ("May be better", ", ".join(rivals) or "none"),
         (

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator
 
 from compensation.inertia.sensors import QUANTILE_95
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, Indices, read_only
 from pipeline.explain.sizes import Evidence, Stored
 from pipeline.trial.residuals import AXES
@@ -31,13 +32,7 @@ def _of_axes(stored: object) -> Array:
 
 ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
 """Numbers of the six axes, (6,), or of N draws, (N, 6); in JSON they are named."""
-TOLD: Final = (0.8, 3.0)
-"""Of a usual size, to which the deviation of what is usually there and of a fault has to shrink:
-of a fault half of it before the trial is looked at. What is usually there, as soft tissue is, would
-else be certain of a trial that says nothing of it."""
-CERTAIN: Final = 0.95
-"""Chance above which a fault is there."""
-LIKELY: Final = 0.5
+LIMITS: Final = read_numbers("pipeline.explain", "thresholds.toml", "cause")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +83,17 @@ class EstimatedCause:
     @property
     def is_told(self) -> bool:
         """Whether the trial or a measurement tells its size."""
-        return self.deviation < TOLD[self.chance < 1.0] * self.usual
+        is_fault = self.chance < 1.0
+        limit = LIMITS.deviation_of_fault if is_fault else LIMITS.deviation_of_usual
+        return bool(self.deviation < limit * self.usual)
 
     @property
     def is_certain(self) -> bool:
         """Whether it is there, its 95 % interval excludes zero, and the trial tells so."""
-        there = self.chance > CERTAIN and abs(self.size) > QUANTILE_95 * self.deviation
-        return there and (self.is_told or self.group == "delay")
+        is_sized = abs(self.size) > QUANTILE_95 * self.deviation
+        # a delay is measured with an interval of its own, which suffices
+        is_narrow = self.is_told or self.group == "delay"
+        return self.chance > LIMITS.certain_chance and is_sized and is_narrow
 
 
 def alike_in_plates(causes: Iterable[EstimatedCause]) -> dict[str, list[EstimatedCause]]:
@@ -107,14 +106,16 @@ def alike_in_plates(causes: Iterable[EstimatedCause]) -> dict[str, list[Estimate
     for cause in causes:
         if cause.fault.startswith("gain of ") and cause.fault != "gain of Fz":
             of_direction.setdefault(cause.in_lab or cause.fault, []).append(cause)
-    return {one.name: same for same in of_direction.values() if _alike(same) for one in same}
+    alike = [gains for gains in of_direction.values() if _alike(gains)]
+    return {gain.name: gains for gains in alike for gain in gains}
 
 
 def _alike(causes: list[EstimatedCause]) -> bool:
     """Whether each is likely, and the 95 % intervals of all have a part in common."""
+    # intervals overlap where the highest of their lower ends is below the lowest of the upper ones
     low = max(cause.size - QUANTILE_95 * cause.deviation for cause in causes)
     high = min(cause.size + QUANTILE_95 * cause.deviation for cause in causes)
-    return low <= high and all(cause.chance > LIKELY for cause in causes)
+    return low <= high and all(cause.chance > LIMITS.likely_chance for cause in causes)
 
 
 @dataclass(frozen=True, slots=True)

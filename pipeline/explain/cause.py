@@ -21,8 +21,6 @@ UNSEEN: Final = frozenset({"unseen_trunk", "unseen_arms"})
 """Groups of what moves without markers: markers on it remove them."""
 HELD: Final = 1e-3
 """Of the standard deviation of a size that was found elsewhere: so near the residuals leave it."""
-MIN_NARROWED: Final = 0.1
-"""Of a usual size that is left even by a calibration without error: days differ."""
 
 
 @cache
@@ -71,7 +69,8 @@ class Prior:
 
     def calibrated(self, error: float) -> "Prior":
         """Give the prior of what a calibration left an error of: at most the usual size."""
-        return replace(self, size=max(min(self.size, error), MIN_NARROWED * self.size))
+        # a calibration without error leaves a tenth of the usual size, since days differ
+        return replace(self, size=max(min(self.size, error), 0.1 * self.size))
 
 
 @cache
@@ -183,11 +182,12 @@ class Cause:
     def _changed(self, chain: Chain, size: float) -> Iterator[Chain]:
         """Give the chain with the cause of a size, and of as much less."""
         if self.moves is None:
-            yield from (self.change(chain, each) for each in (size, -size))
+            yield from (self.change(chain, end) for end in (size, -size))
             return
         # the filter is linear: one pass of the change serves both ends
         course, moved = self.moves
         moving, settings = moved.any(axis=0), chain.settings
+        # of q, v and a; most coordinates do not move, and are not filtered
         step = np.zeros((3, *moved.shape))
         change = size * course * moved[:, moving]
         step[:, :, moving] = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
@@ -200,11 +200,11 @@ def corrected(chain: Chain, causes: Sequence[Cause], size: Array) -> Chain:
     """Give the chain without causes of these sizes, (K,); its markers stay as they are."""
     # what moves coordinates alone adds up: the recording is copied for no cause
     added = np.zeros_like(chain.q)
-    for cause, much in zip(causes, size, strict=True):
+    for cause, amount in zip(causes, size, strict=True):
         if cause.moves is None:
-            chain = cause.change(chain, -much)
+            chain = cause.change(chain, -amount)
         else:
             course, moved = cause.moves
-            chain = chain.changed(body=cause.alters(chain.body, -much))
-            added -= much * course * moved
+            chain = chain.changed(body=cause.alters(chain.body, -amount))
+            added -= amount * course * moved
     return chain.changed(q=chain.q + added)

@@ -9,12 +9,13 @@ import numpy as np
 
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from pipeline.explain.cause import OF_PERSON
 from pipeline.explain.joint import trial_evidence
 from pipeline.explain.linearise import (
-    MIN_CYCLES,
+    LIMITS,
     Linearised,
     explained_part,
     left_by_filter,
@@ -27,11 +28,7 @@ from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
 
-INDISTINCT: Final = -0.5
-"""Correlation of the shares of two groups, over all six residuals, below which they are named
-together: what one has too much the other has too little."""
-MIN_DOUBT: Final = 0.05
-"""Standard deviation of a share below which it is not in doubt, and its group stands alone."""
+SHARES: Final = read_numbers("pipeline.explain", "thresholds.toml", "shares")
 
 
 def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Budget:
@@ -75,6 +72,7 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     as_measured, model, posterior = linearised(part, left, noise)
     uncertainty, of_window, bands = measured_uncertainty(part, as_measured, noise, result)
 
+    # the last is the RMS of what is explained: compensated where the plates are
     residual, effects = chain.residual[counts], model.effects[:, counts]
     whole, middle = rms(residual), uncertainty[-1].rms
     half = QUANTILE_95 * uncertainty[-1].deviation
@@ -96,9 +94,9 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
         )
     ]
     cycles, notes = len(part.series) if part.found_cycles else 0, []
-    if cycles < MIN_CYCLES:
+    if cycles < LIMITS.fewest_cycles:
         duration_s = float(np.median(np.diff(chain.time))) * len(residual)
-        few = {"cycles": cycles, "wanted": MIN_CYCLES, "duration_s": duration_s}
+        few = {"cycles": cycles, "wanted": LIMITS.fewest_cycles, "duration_s": duration_s}
         notes.append(Note.of("explained_few_cycles", **few))
     return Budget(
         source=Path(result.source.name),
@@ -130,12 +128,13 @@ def _shares(
     # what the filter leaves is known: a cause of size one
     members["filter"] = [len(model.part.causes)]
     size, covariance = np.append(posterior.size, 1.0), np.pad(posterior.covariance, (0, 1))
-    every = np.concatenate([model.effects[:, model.part.counts], left[None]])
-    shares = shares_of_groups(residual, every, size, covariance, [*members.values()])
-    names, named = list(members), dict[str, list[int]]()
+    effects = np.concatenate([model.effects[:, model.part.counts], left[None]])
+    shares = shares_of_groups(residual, effects, size, covariance, [*members.values()])
+    # body and markers are one group from the start: no trial tells them apart
+    names, sets = list(members), dict[str, list[int]]()
     for g, name in enumerate(names):
-        named.setdefault("person" if name in OF_PERSON else name, []).append(g)
-    together = indistinct(shares, list(named.values()))
+        sets.setdefault("person" if name in OF_PERSON else name, []).append(g)
+    together = indistinct(shares, list(sets.values()))
     joined = shares.joined(together)
     groups = [
         GroupShare(tuple(names[g] for g in alike), share, deviation)
@@ -148,10 +147,11 @@ def _held_out(model: Linearised) -> Array:
     """Give the share of one half's mean square that causes found in the other half take away."""
     before, after = np.zeros(6), np.zeros(6)
     for half, other in (model.part.halves, model.part.halves[::-1]):
+        # sizes of one half, taken away from the other
         size, frames = model.sizes(half).size, np.concatenate(other.frames)
-        left = model.residual[frames] - np.tensordot(size, model.effects[:, frames], 1)
+        rest = model.residual[frames] - np.tensordot(size, model.effects[:, frames], 1)
         before += (model.residual[frames] ** 2).sum(axis=0)
-        after += (left**2).sum(axis=0)
+        after += (rest**2).sum(axis=0)
     return np.asarray(1 - after / before)
 
 
@@ -222,8 +222,10 @@ def shares_of_groups(
     for axis in range(6):
         whole, of_causes = residual[:, axis], effects[:, :, axis]
         square, gram = whole @ whole, of_causes @ of_causes.T
+        # r + r_u = 2 r - sum of all groups, so that ⟨e_k, r + r_u⟩ = 2⟨e_k, r⟩ - (gram s)_k
         with_rest = 2 * (of_causes @ whole) - gram @ size
         share[:, axis] = member @ with_rest / square
+        # derivative of each share by each size, through r_g and through r_u
         slope = (inside * with_rest - member @ gram) / square
         between[axis] = slope @ covariance @ slope.T
     return Shares(share, between, 1 - share.sum(axis=0))
@@ -255,15 +257,18 @@ def indistinct(shares: Shares, together: Sequence[Sequence[int]]) -> list[list[i
     sets = [list(groups) for groups in together]
     while len(sets) > 1:
         joined = shares.joined(sets)
+        # over all six residuals at once: a pair is told apart in all of them or in none
         covariance = joined.covariance.mean(axis=0)
         spread = np.sqrt(np.diag(covariance))
         size = np.sqrt((joined.share**2).mean(axis=1))
+        # a pair is in doubt only if neither of its shares is sure
         unsure = np.where(size < QUANTILE_95 * spread, spread, 0.0)
-        doubted = np.minimum.outer(unsure, unsure) > MIN_DOUBT
-        product = np.maximum(np.outer(spread, spread), MIN_DOUBT**2)
+        doubted = np.minimum.outer(unsure, unsure) > SHARES.least_doubt
+        product = np.maximum(np.outer(spread, spread), SHARES.least_doubt**2)
         correlation = np.where(doubted, covariance / product, 0.0)
+        # the pair that is most opposed first, since joining it changes the others
         first, second = sorted(np.unravel_index(correlation.argmin(), correlation.shape))
-        if correlation[first, second] > INDISTINCT:
+        if correlation[first, second] > SHARES.indistinct_correlation:
             break
         sets[first] = sorted(sets[first] + sets.pop(second))
     return sets

@@ -30,8 +30,8 @@ def trial_evidence(
     subject, trial
         Their names.
     """
-    every = (model.part.series, *model.part.halves)
-    whole, first, second = (model.evidence(series, subject, trial) for series in every)
+    parts = (model.part.series, *model.part.halves)
+    whole, first, second = (model.evidence(series, subject, trial) for series in parts)
     residual, added = model.residual[model.part.counts], model.effects[:, model.part.counts]
     return TrialEvidence(
         *(whole, first, second, tuple(causes)),
@@ -69,15 +69,18 @@ def explain_together(trials: Mapping[str, TrialEvidence]) -> list[SharedCause]:
     usual = _usual(trials)
     faults = find_faults([_around(trial, trial.whole, usual) for trial in trials.values()])
     sizes = _in_units(faults, usual)
-    sizes |= {name: [own.mean, own.found, 1.0] for name, own in usual.items() if own.found}
+    # what was measured by other means than the residuals keeps that size
+    sizes |= {name: [prior.mean, prior.found, 1.0] for name, prior in usual.items() if prior.found}
     shared = [_shared(name, trials, *size) for name, size in sizes.items()]
-    certain = [own for own in shared if own.cause.is_certain and own.cause.group in MENDABLE]
-    judged: dict[str, Array] = {}
-    for names in dict.fromkeys(own.trials for own in certain):
-        asked = [own.name for own in certain if own.trials == names]
-        others = {own.name: own.cause.size for own in certain if own.name not in asked}
-        judged |= _held_out(asked, {name: _without(trials[name], others) for name in names}, usual)
-    return [replace(own, held_out=judged.get(own.name, own.held_out)) for own in shared]
+    certain = [s for s in shared if s.cause.is_certain and s.cause.group in MENDABLE]
+    held_out: dict[str, Array] = {}
+    # faults of the same trials are judged together, once those of other trials are taken away
+    for names in dict.fromkeys(shared_cause.trials for shared_cause in certain):
+        judged = [s.name for s in certain if s.trials == names]
+        others = {s.name: s.cause.size for s in certain if s.name not in judged}
+        without = {name: _without(trials[name], others) for name in names}
+        held_out |= _held_out(judged, without, usual)
+    return [replace(s, held_out=held_out.get(s.name, s.held_out)) for s in shared]
 
 
 def _usual(trials: Mapping[str, TrialEvidence]) -> dict[str, _Usual]:
@@ -89,10 +92,10 @@ def _usual(trials: Mapping[str, TrialEvidence]) -> dict[str, _Usual]:
     import pandas as pd  # of one trial it is not needed
 
     rows = pd.concat(
-        pd.DataFrame({"name": own.whole.names, "mean": own.mean, "size": own.size}).assign(
-            found=own.found, subject=own.whole.subject
+        pd.DataFrame({"name": trial.whole.names, "mean": trial.mean, "size": trial.size}).assign(
+            found=trial.found, subject=trial.whole.subject
         )
-        for own in trials.values()
+        for trial in trials.values()
     )
     result = {}
     for name, of_trials in rows.groupby("name", sort=False):
@@ -101,9 +104,11 @@ def _usual(trials: Mapping[str, TrialEvidence]) -> dict[str, _Usual]:
             centre = np.average(mean, weights=deviation**-2.0)
             result[str(name)] = _Usual(float(centre), float(deviation.min()), 0.0)
             continue
-        subjects = [own for _, own in of_trials.groupby("subject", sort=False)]
-        means = [np.average(own["mean"], weights=own["found"] ** -2.0) for own in subjects]
-        squares = [np.mean(own["found"].to_numpy() ** 2) for own in subjects]
+        # within a subject the error of the body is the same: trials do not average it out
+        subjects = [rows for _, rows in of_trials.groupby("subject", sort=False)]
+        means = [np.average(s["mean"], weights=s["found"] ** -2.0) for s in subjects]
+        squares = [np.mean(s["found"].to_numpy() ** 2) for s in subjects]
+        # subjects are independent: precisions add up
         weights = np.sqrt(squares) ** -2.0
         found = float(weights.sum() ** -0.5)
         centre = np.average(means, weights=weights)
@@ -114,6 +119,7 @@ def _usual(trials: Mapping[str, TrialEvidence]) -> dict[str, _Usual]:
 def _around(trial: TrialEvidence, evidence: Evidence, usual: Mapping[str, _Usual]) -> Evidence:
     """Give evidence around what is expected by all trials, in usual sizes by all of them."""
     mean, size, _ = np.transpose([usual[name] for name in evidence.names])
+    # effects are per usual size of the trial's own priors
     values = evidence.values - ((mean - trial.mean) / trial.size) @ evidence.effects
     effects = evidence.effects * (size / trial.size)[:, None]
     return replace(evidence, values=values, effects=effects)
@@ -137,6 +143,7 @@ def _shared(
     for trial in sharing.values():
         k = trial.whole.names.index(name)
         cause = cause or trial.causes[k]
+        # ⟨(r - s e)²⟩ = ⟨r²⟩ - 2 s ⟨r e⟩ + s² ⟨e²⟩, weighed by frames
         without = trial.mean_square - 2 * size * trial.along[k] + size**2 * trial.square[k]
         square += trial.frames / frames * np.array([trial.mean_square, without])
     before, left = np.sqrt(np.maximum(square, 0.0))
@@ -165,6 +172,7 @@ def _held_out(
     """
     subjects = [trial.whole.subject for trial in trials.values()]
     units = subjects if len({*subjects}) > 1 else list(trials)
+    # every other subject, or trial, is in the same half
     order = list(dict.fromkeys(units))
     halves: list[list[tuple[TrialEvidence, Evidence]]] = [[], []]
     for trial, unit in zip(trials.values(), units, strict=True):
@@ -174,14 +182,18 @@ def _held_out(
     with_all, without = np.zeros(6), {name: np.zeros(6) for name in names}
     for found_in, judged_in in (halves, halves[::-1]):
         faults = find_faults([_around(trial, half, usual) for trial, half in found_in])
-        found = _in_units(faults, usual)
-        sizes = {name: found[name][0] if name in found else usual[name].mean for name in names}
+        estimates = _in_units(faults, usual)
+        sizes = {
+            name: estimates[name][0] if name in estimates else usual[name].mean for name in names
+        }
         for trial, half in judged_in:
             place = {name: half.names.index(name) for name in sizes if name in half.names}
             effect = {name: half.effects[k] / trial.size[k] for name, k in place.items()}
+            # the evidence is around expected means, which are put back before sizes are taken away
             rest = half.values + sum(trial.mean[k] * effect[name] for name, k in place.items())
             rest = rest - sum(sizes[name] * effect[name] for name in place)
             with_all += _by_axis(rest**2, half)
+            # what one cause takes away is what its return would add
             for name in place:
                 without[name] += _by_axis((rest + sizes[name] * effect[name]) ** 2, half)
     return {name: 1 - with_all / square for name, square in without.items()}
@@ -189,4 +201,5 @@ def _held_out(
 
 def _by_axis(values: Array, evidence: Evidence) -> Array:
     """Sum coefficients of each axis, (N,) to (6,)."""
+    # `Evidence.axis` counts on by six for each pattern of cycles
     return np.asarray(np.bincount(evidence.axis % 6, values, minlength=6), float)

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from compensation.inertia.sensors import QUANTILE_95
+from hbm.numbers import read_numbers
 from hbm.segments import SegmentOverride
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import Array, Mask
@@ -23,36 +24,11 @@ from pipeline.trial.inputs import Inputs
 from pipeline.trial.quality import frames_within, settling_s
 from pipeline.trial.result import TrialResult
 
-MAX_FRAMES: Final = 6000
-"""Of a long trial, a minute of which tells as much."""
-MIN_CYCLES: Final = 4
-"""For telling what repeats from what does not, and for judging half of them by the others; of fewer
-one half of the frames judges the other."""
-WHOLE: Final = 0.9
-"""Share of the frames of gait cycles that has to count: else stretches of frames are explained, as
-where plates in a floor carry a step or two."""
-SHORTEST_S: Final = 0.4
-"""Of a stretch of frames."""
-MOST_S: Final = 10.0
-"""Of all stretches together: more of standing tells no more."""
+LIMITS: Final = read_numbers("pipeline.explain", "thresholds.toml", "frames")
 CYCLE_S: Final = 1.1
 """Of a gait cycle where none is known: what skin does takes so long."""
-HIGHEST_IN_CUTOFFS: Final = 1.1
-"""Frequency up to which sizes are estimated, in cut-offs of the filter: above it soft tissue
-oscillates in ways that no cause describes well, and delays would be taken for them."""
-TRANSPARENT: Final = 4.0
-"""Cut-off that passes nearly all of a motion, in cut-offs of the trial: at 6 Hz, 24 Hz."""
-HIGHEST: Final = 0.3
-"""Of the frame rate: a filter's cut-off has to stay well below half of it."""
-TOLERANCE: Final = 0.05
-"""Of a residual's RMS that a change of all causes together may differ from the sum of their
-effects."""
-ROUNDS: Final = 3
 MIN_VARIANCE: Final = 1e-10
 """So that nothing is divided by zero."""
-PATTERNS_SHARE: Final = 0.99
-MOST_PATTERNS: Final = 10
-"""Of what follows the platform, by how it varies over cycles, and patterns that are told apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,9 +62,10 @@ class ExplainedPart:
     @property
     def halves(self) -> tuple[CycleSeries, CycleSeries]:
         """Both halves of the cycles; of fewer than four or of stretches, of the frames of each."""
-        if len(self.series) >= MIN_CYCLES:
+        if len(self.series) >= LIMITS.fewest_cycles:
             middle = len(self.series) // 2
             return self.series.some(slice(middle)), self.series.some(slice(middle, None))
+        # too few cycles to be halved: the first and the last half of each stretch
         first, last = stretches(self.counts).T
         bounds = np.linspace(first, last, 3).astype(int)
         time, to_hz = self.chain.time, highest_hz(self.chain)
@@ -120,8 +97,8 @@ class Linearised:
     @property
     def expected(self) -> tuple[Array, Array, Array]:
         """Mean and usual size of each cause, and the deviation of those found elsewhere, else 0."""
-        mean, size, found = np.array([cause.expected for cause in self.part.causes]).T
-        return mean, size, found
+        mean, size, found_deviation = np.array([cause.expected for cause in self.part.causes]).T
+        return mean, size, found_deviation
 
     def evidence(self, series: CycleSeries, subject: str = "", trial: str = "") -> Evidence:
         """Give what some gait cycles say of the causes.
@@ -136,8 +113,8 @@ class Linearised:
         different frequencies and axes are independent given the causes: noise is coloured.
         """
         mean, prior, _ = self.expected
-        usual = self.residual - np.tensordot(mean, self.effects, 1)
-        residual, effects = series.coefficients(usual), series.coefficients(self.effects)
+        around = self.residual - np.tensordot(mean, self.effects, 1)
+        residual, effects = series.coefficients(around), series.coefficients(self.effects)
         follow, cycles = np.array([cause.of_platform for cause in self.part.causes]), len(residual)
         # the mean cycle, and what follows the platform about it
         repeated = effects.mean(axis=1)
@@ -145,9 +122,11 @@ class Linearised:
         pattern = _patterns(moving[follow] * prior[follow, None, None, None], residual)
         along = np.tensordot(pattern, residual, 1)
         added = np.einsum("pc,kcbx->kpbx", pattern, moving)
+        # the first pattern is constant, of length one: it gives √C times the mean over cycles
         added[:, 0] = np.sqrt(cycles) * repeated
         # what is left beside the patterns
         rest = np.tensordot(np.eye(cycles) - pattern.T @ pattern, residual, 1)
+        # white noise spreads evenly over the coefficients; from two cycles on they show their own
         between = np.zeros_like(rest[0]) + np.square(self.noise) / len(rest[0])
         if cycles > 1:
             between = _by_frequency((rest**2).sum(axis=0) / max(cycles - len(pattern), 1))
@@ -170,34 +149,39 @@ class Linearised:
         them.
         """
         trial, (mean, prior, found) = self.evidence(series), self.expected
-        usual = with_others(trial, find_faults([trial]))
-        covariance = usual.covariance * np.outer(prior, prior)
-        if_there = usual.if_there * prior
-        for k in np.flatnonzero(found):  # the others follow it
+        posterior = with_others(trial, find_faults([trial]))
+        # from usual sizes to units
+        covariance = posterior.covariance * np.outer(prior, prior)
+        if_there = posterior.if_there * prior
+        # the others follow a size that was found elsewhere by their regression on it
+        for k in np.flatnonzero(found):
             follow = found[k] * covariance[:, k] / covariance[k, k]
             covariance = covariance + np.outer(follow, follow)
             if_there[1] = np.hypot(if_there[1], follow)
         if_there[0] += mean
-        size = usual.size * prior + mean
-        return replace(usual, size=size, covariance=covariance, if_there=if_there)
+        size = posterior.size * prior + mean
+        return replace(posterior, size=size, covariance=covariance, if_there=if_there)
 
 
 def _patterns(moving: Array, residual: Array) -> Array:
     """Give how effects vary over cycles, as orthonormal rows after that of their mean, (P, C)."""
     cycles = len(residual)
     constant = np.full((1, cycles), cycles**-0.5)
+    # by the residual's RMS, so that forces and moments count alike; a row for each cycle
     rms = np.sqrt(np.mean(residual**2, axis=(0, 1)) + MIN_VARIANCE)
     table = np.moveaxis(moving / rms, 1, 0).reshape(cycles, -1)
     if not table.any():
         return constant
     rows, sizes, _ = np.linalg.svd(table, full_matrices=False)
+    # as few as have 99 % of what follows the platform; half of the cycles stay to show the noise
     explained = np.cumsum(sizes**2) / np.sum(sizes**2)
-    count = min(int(np.searchsorted(explained, PATTERNS_SHARE)) + 1, MOST_PATTERNS)
+    count = min(int(np.searchsorted(explained, 0.99)) + 1, 10)
     return np.vstack([constant, rows[:, : min(count, (cycles - 1) // 2)].T])
 
 
 def _by_frequency(variance: Array) -> Array:
     """Take the mean of sine's and cosine's variance, (B, 6)."""
+    # the phase of noise is arbitrary: both have one variance at each frequency
     of_both = variance[1:].reshape(-1, 2, variance.shape[1]).mean(axis=1)
     return np.vstack([variance[:1], np.repeat(of_both, 2, axis=0)])
 
@@ -223,17 +207,18 @@ def explained_part(
     time, counts = result.motion.time, result.counts
     cycles = np.reshape(max(result.cycles.values(), key=len, default=()), (-1, 2))
     inside = frames_within(time, cycles)
-    by_cycles = not result.span and len(cycles) and np.mean(counts[inside]) >= WHOLE
+    by_cycles = not result.span and len(cycles) and np.mean(counts[inside]) >= LIMITS.counting
     spans = cycles if by_cycles else _stretches(result)
     spans = spans[[counts[(time >= start) & (time < stop)].any() for start, stop in spans]]
     if not len(spans):
         raise ValueError(
-            f"{result.source.name}: no stretch of used frames of {SHORTEST_S:g} s, so that "
-            "causes of its residuals cannot be estimated"
+            f"{result.source.name}: no stretch of used frames of {LIMITS.shortest_stretch:g} s, so "
+            "that causes of its residuals cannot be estimated"
         )
     frames = _frames(spans, result, laboratory)
     chain = result_chain(recording, laboratory, result).of_frames(frames)
     spans = spans[(spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])]
+    # skin moves with the gait cycle even where stretches are explained
     phases = spans if by_cycles or result.span else cycles
     if not len(phases):
         phases = np.array([[spans[0, 0], spans[0, 0] + CYCLE_S]])
@@ -254,27 +239,30 @@ def explained_part(
 
 def _stretches(result: TrialResult) -> Array:
     """Give the stretches of frames that count, as long as they tell more, (N, 2) [s]."""
-    time, found, left_s = result.motion.time, [], MOST_S
+    time, spans, remaining_s = result.motion.time, [], LIMITS.longest_stretches
     counts = result.counted if result.span else result.counts
     for first, after in stretches(counts):
-        start, stop = time[first], min(time[after - 1], time[first] + left_s)
-        if stop - start >= SHORTEST_S:
-            found.append((start, stop))
-            left_s -= stop - start
-    return np.reshape(found, (-1, 2))
+        start, stop = time[first], min(time[after - 1], time[first] + remaining_s)
+        if stop - start >= LIMITS.shortest_stretch:
+            spans.append((start, stop))
+            remaining_s -= stop - start
+    return np.reshape(spans, (-1, 2))
 
 
 def highest_hz(chain: Chain) -> float:
     """Give the frequency up to which sizes are estimated [Hz]."""
-    return HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz
+    # higher, soft tissue oscillates as no cause describes well, and delays would be taken for it
+    return 1.1 * chain.settings.cutoff_hz
 
 
 def _frames(spans: Array, result: TrialResult, laboratory: Laboratory) -> slice:
     """Give the frames of as many cycles one after another as are explained, and around them."""
     time = result.motion.time
     before_s, after_s = settling_s(laboratory.filters(result.settings))
-    longest_s = MAX_FRAMES / mean_rate_hz(time)
+    # 6,000 frames at most, a minute at 100 Hz, which tell as much as all
+    longest_s = 6000 / mean_rate_hz(time)
     last = np.searchsorted(spans[:, 1], spans[:, 0] + longest_s, side="right")
+    # the middle one of the runs with the most cycles
     count = last - np.arange(len(spans))
     most = np.flatnonzero(count == count.max())
     first = most[len(most) // 2]
@@ -292,7 +280,8 @@ def left_by_filter(chain: Chain) -> Array:
     same.
     """
     cutoff_hz = chain.settings.cutoff_hz
-    higher_hz = min(TRANSPARENT * cutoff_hz, HIGHEST * mean_rate_hz(chain.time))
+    # 24 Hz instead of 6 pass nearly all of a motion; filters need cut-offs well below half the rate
+    higher_hz = min(4.0 * cutoff_hz, 0.3 * mean_rate_hz(chain.time))
     if higher_hz <= cutoff_hz:
         return chain.residual * 0.0
     settings = chain.settings.model_copy(update={"cutoff_hz": higher_hz, "filter": "zero_phase"})
@@ -325,17 +314,19 @@ def linearised(
     chain, causes = part.chain, part.causes
     frames, rounds = np.concatenate(part.series.frames), list[Array]()
     without, size, before = chain, np.zeros(len(causes)), rms(chain.residual[frames])
-    for _ in range(ROUNDS):
+    for _ in range(3):
         measured = without.residual - left  # first: chains with effects keep its steps
         effects = np.nan_to_num([cause.effect(without) for cause in causes])
         rounds.append(effects)
+        # sizes are of the trial as measured: what was taken away is put back, to first order
         model = Linearised(part, measured + np.tensordot(size, effects, 1), effects, noise)
         posterior = model.sizes(part.series)
         size = posterior.size
         expected = model.residual - np.tensordot(size, effects, 1)
         without = corrected(chain, causes, size)
+        # linear enough: all causes together do what the sum of their effects does, but for 5 %
         missed = rms((without.residual - left - expected)[frames])
-        if (missed < TOLERANCE * before).all():
+        if (missed < 0.05 * before).all():
             break
     return rounds[0], replace(model, residual=chain.residual - left), posterior
 

@@ -75,17 +75,20 @@ def cycle_series(
     [3.0, 2.828, 0.0]
     """
     counts = np.ones(len(time), bool) if counts is None else counts
-    every = [np.arange(*np.searchsorted(time, span)) for span in spans]
-    frames = tuple(each[counts[each]] for each in every)
+    cycles = [np.arange(*np.searchsorted(time, span)) for span in spans]
+    frames = tuple(cycle[counts[cycle]] for cycle in cycles)
+    # all cycles have as many harmonics; sine and cosine leave three frames for each coefficient
     duration = float(np.median([stop - start for start, stop in spans]))
     harmonics = max(1, min(int(np.ceil(to_hz * duration)), min(map(len, frames)) // 6))
     inverse = []
-    for (start, stop), each in zip(spans, every, strict=True):
-        phase = 2 * np.pi * (time[each] - start) / (stop - start)
+    for (start, stop), cycle in zip(spans, cycles, strict=True):
+        phase = 2 * np.pi * (time[cycle] - start) / (stop - start)
+        # sines and cosines of mean square one, so that squares of coefficients add up to it
         waves = [np.ones(len(phase))]
         for h in range(1, harmonics + 1):
             waves += [np.sqrt(2) * np.sin(h * phase), np.sqrt(2) * np.cos(h * phase)]
-        inverse.append(np.linalg.pinv(np.column_stack(waves))[:, counts[each]])
+        # leaving columns out takes the signal as zero in frames that do not count
+        inverse.append(np.linalg.pinv(np.column_stack(waves))[:, counts[cycle]])
     return CycleSeries(frames, tuple(inverse))
 
 
@@ -117,8 +120,11 @@ def stretch_series(time: Array, bounds: Indices, to_hz: float) -> CycleSeries:
     inverse = []
     for count in np.diff(bounds).ravel().tolist():
         duration_s = count * (time[-1] - time[0]) / (len(time) - 1)
+        # wave k has k / 2 periods in the stretch; three frames for each coefficient at least
         waves = np.arange(max(1, min(int(2 * to_hz * duration_s), count // 3)) + 1)
+        # frames at the middles of as many intervals: cosines are orthogonal there
         phase = np.pi * (np.arange(count) + 0.5) / count
         basis = np.cos(np.outer(phase, waves)) * np.where(waves, np.sqrt(2), 1)
+        # weighed by length, so that squares add up to the mean square over all stretches
         inverse.append(np.linalg.pinv(basis) * np.sqrt(count / len(frames)))
     return CycleSeries((frames,), (scipy.linalg.block_diag(*inverse),))

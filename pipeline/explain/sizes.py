@@ -21,29 +21,15 @@ import numpy as np
 import scipy
 from pydantic import PlainSerializer, PlainValidator
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, Mask
 
-ROUNDS: Final = 80
-"""Of drawing what no cause describes, after the faults were drawn in some sweeps."""
-SWEEPS: Final = 6
-SETTLING: Final = 10
-"""Rounds that do not count, in which the draws forget where they began."""
-START: Final = 0.25
-"""Of the mean square of a residual that no cause describes, to begin with."""
-LEAST: Final = 0.01
-"""Of the mean square, that is never described."""
-RARE: Final = 0.1
-"""Share of the faults that may be there which are."""
-LOG_ODDS: Final = float(np.log(RARE / (1 - RARE)))
+PRIOR: Final = read_numbers("pipeline.explain", "thresholds.toml", "fault")
+LOG_ODDS: Final = float(np.log(PRIOR.fraction / (1 - PRIOR.fraction)))
 MOST_ODDS: Final = 300.0
 """Logarithm of the odds beyond which nothing is more certain."""
-VARIANCE: Final = np.array([0.5, 6.0]) ** 2
-"""Of a size without and with a fault, in squared usual sizes: what is published of plates in use is
-a mixture of both."""
-MOST_CERTAIN: Final = 1 - 1e-9
-"""Chance of a fault at most; 1 is that of what is usually there."""
-ROUNDING: Final = 1e-12
-"""Of the largest singular value, below which one is zero."""
+VARIANCE: Final = PRIOR.deviations**2
+"""Of a size without and with a fault, in squared usual sizes."""
 FAULT: Final = "fault"
 """Level of a cause that is a fault."""
 Stored = Annotated[
@@ -82,6 +68,7 @@ class Evidence:
 
     def information(self, undescribed: Array) -> "Information":
         """Give its normal equations, with variances of what no cause describes, (A,)."""
+        # coefficients are independent given the causes: weighed by their own deviations
         deviation = np.sqrt(self.noise + undescribed[self.axis])
         weighted = self.effects / deviation
         return Information(self.names, weighted @ weighted.T, weighted @ (self.values / deviation))
@@ -99,7 +86,8 @@ class Evidence:
         """
         kept = self.rare | np.isin(self.names, [*shared])
         _, values, rows = np.linalg.svd(self.effects[~kept], full_matrices=False)
-        count = int(np.sum(values > ROUNDING * values.max(initial=0.0)))
+        # singular values at the level of rounding are zero
+        count = int(np.sum(values > 1e-12 * values.max(initial=0.0)))
         effects = np.vstack([self.effects[kept], (values[:, None] * rows)[:count]])
         names = (*compress(self.names, kept), *(f"{name} {k}" for k in range(count)))
         levels = (*compress(self.levels, kept), *["trial"] * count)
@@ -130,6 +118,7 @@ class Information:
         names = tuple(dict.fromkeys(name for part in parts for name in part.names))
         place = {name: k for k, name in enumerate(names)}
         precision, pull = np.zeros((len(names), len(names))), np.zeros(len(names))
+        # normal equations of independent data add up, each in the rows of its own causes
         for part in parts:
             rows = [place[name] for name in part.names]
             precision[np.ix_(rows, rows)] += part.precision
@@ -139,11 +128,13 @@ class Information:
     def without(self, names: Collection[str]) -> tuple["Information", "Given"]:
         """Integrate sizes of a usual variance out; also give how they follow the others."""
         gone = np.array([name in names for name in self.names], bool)
+        # in usual sizes the prior's precision is the identity
         factor = np.linalg.cholesky(self.precision[np.ix_(gone, gone)] + np.eye(gone.sum()))
         across = np.column_stack([self.precision[np.ix_(gone, ~gone)], self.pull[gone]])
         # with the factor L, one triangular solve: across' (L L')^-1 across = half' half
         half, _ = scipy.linalg.lapack.dtrtrs(factor.T, across, trans=1)
         kept, integrated = (tuple(compress(self.names, which)) for which in (~gone, gone))
+        # Schur complement: what the others lose of precision and pull
         taken = half[:, :-1].T @ half
         precision = self.precision[np.ix_(~gone, ~gone)] - taken[:, :-1]
         rest = Information(kept, precision, self.pull[~gone] - taken[:, -1])
@@ -176,6 +167,7 @@ class Given:
     def drawn(self, sizes: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
         """Draw the sizes."""
         others = np.array([sizes[name] for name in self.others])
+        # with precision L L', noise of variance one divided by L' has its covariance
         random = rng.standard_normal(len(self.names))
         size = self.divided(self.half[:, -1] - self.half[:, :-1] @ others + random)
         return dict(zip(self.names, size.tolist(), strict=True))
@@ -237,27 +229,32 @@ def find_faults(trials: Sequence[Evidence]) -> Posterior:
     trials = [trial.condensed(shared, f"{number}") for number, trial in enumerate(trials)]
     count = [np.bincount(trial.axis) for trial in trials]
     power = [np.bincount(t.axis, t.values**2) / n for t, n in zip(trials, count, strict=True)]
-    undescribed, kept = [START * square for square in power], list[list[Array]]()
+    # to begin with, no cause describes a quarter of each mean square, and no fault is there
+    undescribed, kept = [0.25 * square for square in power], list[list[Array]]()
     there = np.zeros(len({*chain(*(compress(t.names, t.rare) for t in trials))}), bool)
     draws = list[tuple[Array, ...]]()
-    for number in range(ROUNDS):
-        faults, given = _faults(trials, undescribed)
-        known = faults.precision + np.diag(1 / VARIANCE[there.astype(int)])
-        covariance: Array = np.asarray(np.linalg.inv(known), float)
+    for number in range(80):
+        faults, others = _faults(trials, undescribed)
+        precision = faults.precision + np.diag(1 / VARIANCE[there.astype(int)])
+        covariance: Array = np.asarray(np.linalg.inv(precision), float)
         size = covariance @ faults.pull
-        for _ in range(SWEEPS):
+        # in the first ten rounds the draws forget where they began
+        has_settled = number >= 10
+        for _ in range(6):
             drawn = _sweep(there, size, covariance, rng)
-            if number >= SETTLING:
+            if has_settled:
                 draws.append((*drawn, size.copy(), covariance.copy()))
+        # sizes of faults, then those that follow them, from what most trials share to what one has
         spread = np.linalg.cholesky(covariance) @ rng.standard_normal(len(size))
         sizes = dict(zip(faults.names, size + spread, strict=True))
-        for level in given:
+        for level in others:
             sizes |= level.drawn(sizes, rng)
+        # a hundredth of the mean square is never described
         undescribed = [
-            _drawn_variance(trial, sizes, before, LEAST * mean_square, rng)
+            _drawn_variance(trial, sizes, before, 0.01 * mean_square, rng)
             for trial, before, mean_square in zip(trials, undescribed, power, strict=True)
         ]
-        if number >= SETTLING:
+        if has_settled:
             kept.append(undescribed)
     averages = tuple(np.mean(variances, axis=0) for variances in zip(*kept, strict=True))
     return Posterior(faults.names, *_averaged(draws), averages)
@@ -271,21 +268,22 @@ def _faults(
     for trial in trials:
         for name, level in zip(trial.names, trial.levels, strict=True):
             levels.setdefault(level, set()).add(name)
-    given = list[Given]()
+    others = list[Given]()
 
     def without(level: str, part: Information) -> Information:
         if level not in levels:
             return part
         rest, sizes = part.without(levels[level])
-        given.append(sizes)
+        others.append(sizes)
         return rest
 
+    # sizes are integrated out where all data on them are together: trial, subject, laboratory
     of_subjects: dict[str, list[Information]] = {}
     for trial, variance in zip(trials, undescribed, strict=True):
         rest = without("trial", trial.information(variance))
         of_subjects.setdefault(trial.subject, []).append(rest)
     subjects = [without("subject", Information.sum(parts)) for parts in of_subjects.values()]
-    return without("laboratory", Information.sum(subjects)), given[::-1]
+    return without("laboratory", Information.sum(subjects)), others[::-1]
 
 
 def _drawn_variance(
@@ -298,6 +296,7 @@ def _drawn_variance(
     """Draw the variance of what no cause describes in each axis, given all sizes."""
     size = np.array([sizes[name] for name in trial.names])
     rest, variance = trial.values - size @ trial.effects, undescribed[trial.axis]
+    # the rest is noise and what no cause describes, in proportion to their variances
     missed = rest * variance / (variance + trial.noise)
     deviation = np.sqrt(variance * trial.noise / (variance + trial.noise))
     missed += deviation * rng.standard_normal(len(rest))
@@ -319,14 +318,16 @@ def _sweep(
     drawn, (absent, present) = list[tuple[float, ...]](), (1 / VARIANCE).tolist()
     for k, random in enumerate(rng.random(len(there)).tolist()):
         variance, before = covariance.item(k, k), present if there[k] else absent
-        told, pull = max(1 / variance - before, 0.0), size.item(k) / variance  # without prior
-        wide, narrow = told + present, told + absent
+        data, pull = max(1 / variance - before, 0.0), size.item(k) / variance  # without prior
+        wide, narrow = data + present, data + absent
+        # prior odds times the ratio of the marginal likelihoods, with the size integrated out
         odds = LOG_ODDS + math.log(narrow * present / (wide * absent)) / 2
         odds += pull**2 * (1 / wide - 1 / narrow) / 2
         chance = 1 / (1 + math.exp(-max(odds, -MOST_ODDS)))
         drawn.append((chance, pull / wide, 1 / wide))
         if (random < chance) == there[k]:
             continue
+        # one element of the precision changes: Sherman and Morrison's update of mean and covariance
         there[k] = not there[k]
         change = present - absent if there[k] else absent - present
         column = covariance[:, k].copy()
@@ -339,14 +340,18 @@ def _sweep(
 def _averaged(draws: Sequence[tuple[Array, ...]]) -> tuple[Array, Array, Array, Array]:
     """Average the draws of faults: mean and covariance, chance, size and deviation if there."""
     chance, size, variance, mean, covariance = map(np.array, zip(*draws, strict=True))
+    # moments of a mixture of normal distributions, by how likely the fault is there in each draw
     weight = chance / chance.sum(axis=0)
     middle = (weight * size).sum(axis=0)
     spread = (weight * (variance + size**2)).sum(axis=0) - middle**2
+    # odds had both been as likely before: the prior's odds are divided out
     odds = chance.mean(axis=0)
     odds = odds / np.maximum(1 - odds, np.exp(-MOST_ODDS)) * np.exp(-LOG_ODDS)
+    # law of total covariance: mean of the covariances and covariance of the means
     apart = mean - mean.mean(axis=0)
     between = covariance.mean(axis=0) + apart.T @ apart / len(mean)
-    chance = np.minimum(odds / (1 + odds), MOST_CERTAIN)
+    # below 1, which is the chance of what is usually there
+    chance = np.minimum(odds / (1 + odds), 1 - 1e-9)
     return mean.mean(axis=0), between, chance, np.array([middle, np.sqrt(spread)])
 
 
@@ -355,8 +360,10 @@ def with_others(trial: Evidence, faults: Posterior) -> Posterior:
     rare, (undescribed,) = trial.rare, faults.undescribed
     _, given = trial.information(undescribed).without({*compress(trial.names, ~rare)})
     size, covariance = np.empty(len(rare)), np.empty((len(rare), len(rare)))
+    # regression of the other sizes on the faults; the last column is their mean without any
     slope = given.divided(given.half)
     size[rare], size[~rare] = faults.size, slope[:, -1] - slope[:, :-1] @ faults.size
+    # their covariance: what is their own, and what they take over from the faults
     across = -slope[:, :-1] @ faults.covariance
     alone = scipy.linalg.cho_solve((given.factor, True), np.eye(len(given.names)))
     covariance[np.ix_(rare, rare)] = faults.covariance

@@ -6,7 +6,6 @@ The delta method adds the effects of all causes, each about as large as usual.
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -19,13 +18,6 @@ from pipeline.explain.linearise import ExplainedPart
 from pipeline.trial.chain import Chain
 from pipeline.trial.residuals import reported
 from pipeline.trial.result import TrialResult
-
-REST_HZ: Final = 6.0
-"""Cut-off at which the noise of plates is stated."""
-DRAWS: Final = 1000
-"""Of what trials share: a standard deviation is then sure to 2 %."""
-DECIMALS: Final = 3
-"""Of draws of an RMS [N, N·m]."""
 
 
 def drawn_rms(
@@ -77,13 +69,16 @@ def drawn_rms(
     along = np.einsum("tx,ktx->kx", residual, usual) / frames
     size, apart = sizes[:, :-1], sizes[:, -1:]
     added = _mean_square(usual, size)
+    # ⟨(r + Σ s e)²⟩ = ⟨r²⟩ + 2 Σ s ⟨r e⟩ + ⟨(Σ s e)²⟩, noise being independent of both
     form = (residual**2).mean(axis=0) - hidden + 2 * size @ along + added + noise**2
     rms = np.sqrt(np.maximum(form, 0.0))
+    # an RMS of n independent samples of noise is itself uncertain by one part in √n
     return np.asarray(np.maximum(rms + apart * noise / np.sqrt(samples * frames), 0.0))
 
 
 def _mean_square(usual: Array, size: Array) -> Array:
     """Give the mean square of what causes add, (K, T, 6), with drawn sizes, (N, K): (N, 6)."""
+    # Gram matrix of the causes in each axis: frames are summed once, not once for each draw
     columns = np.moveaxis(usual, 2, 0)
     products = columns @ columns.transpose(0, 2, 1) / usual.shape[1]
     return np.transpose([(size @ gram * size).sum(axis=1) for gram in products])
@@ -119,6 +114,7 @@ def shared_sizes(causes: Sequence[Cause], subject: str, trial: str, draws: int) 
         if cause.along is None:
             columns.append(_normal(draws, within[groups()[cause.group]["within"]], cause.name))
         else:
+            # combinations of the same errors of a calibration are correlated between trials
             errors = _normal((draws, len(cause.along)), cause.group, str(len(cause.along)))
             columns.append(errors @ cause.along)
     return np.column_stack([*columns, _normal(draws, within["trial"], "noise")])
@@ -154,12 +150,13 @@ def with_noise(chain: Chain, unseen: Array, rng: np.random.Generator) -> Chain:
     Chain
         With the coordinates that the inverse kinematics finds.
     """
-    known = priors()
-    noise = known["marker_noise"].size * rng.standard_normal(chain.markers.position.shape)
+    usual = priors()
+    noise = usual["marker_noise"].size * rng.standard_normal(chain.markers.position.shape)
     markers = replace(chain.markers, position=chain.markers.position + noise)
-    at_rest = np.repeat([known["plate_noise_force"].size, known["plate_noise_moment"].size], 3)
-    white = at_rest * np.sqrt(mean_rate_hz(chain.time) / (2 * REST_HZ))
-    wrenches = [each + white * rng.standard_normal(each.shape) for each in chain.wrenches]
+    at_rest = np.repeat([usual["plate_noise_force"].size, usual["plate_noise_moment"].size], 3)
+    # white noise up to half the frame rate, of which a filter of 6 Hz leaves the stated one
+    white = at_rest * np.sqrt(mean_rate_hz(chain.time) / (2 * 6.0))
+    wrenches = [w + white * rng.standard_normal(w.shape) for w in chain.wrenches]
     q = solve_ik(chain.body, markers).q + unseen
     return chain.changed(wrenches=tuple(wrenches), q=q)
 
@@ -196,8 +193,10 @@ def measured_uncertainty(
     """
     chain, causes, cycles = part.chain, part.causes, part.series.frames
     usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
+    # a low-pass at f leaves 2 f independent samples a second
     samples = 2 * chain.settings.cutoff_hz / mean_rate_hz(chain.time)
-    sizes = shared_sizes(causes, result.subject.id, result.source.name, DRAWS)
+    # of 1,000 draws a standard deviation is sure to 2 %
+    sizes = shared_sizes(causes, result.subject.id, result.source.name, 1000)
     unseen = [k for k, cause in enumerate(causes) if cause.group in UNSEEN]
     first = int(np.searchsorted(result.motion.time, chain.time[0]))
     trial = slice(first, first + len(chain.time))
@@ -207,6 +206,7 @@ def measured_uncertainty(
 
     def over(frames: Indices) -> Iterator[RmsUncertainty]:
         hidden = _mean_square(usual[unseen][:, frames], sizes[:, unseen])
+        # without compensation nothing of it can be wrong
         for compensated, residual in variants.items():
             absent = UNSEEN if compensated else UNSEEN | {"compensation"}
             added = [k for k, cause in enumerate(causes) if cause.group not in absent]
@@ -214,13 +214,13 @@ def measured_uncertainty(
             draws = drawn_rms(*parts, noise, samples, sizes[:, [*added, -1]], hidden)
             shown = np.mean(residual[frames] ** 2, axis=0) - hidden
             whole = np.sqrt(np.maximum(shown, 0.0)).mean(axis=0)
-            yield RmsUncertainty(compensated, whole, draws.round(DECIMALS))
+            yield RmsUncertainty(compensated, whole, draws.round(3))
 
     frames = np.concatenate(cycles)
     in_window = frames[result.counted[trial][frames] & (result.part is not None)]
     bands = Bands(
         time=chain.time[frames],
-        cycle=np.repeat(np.arange(len(cycles)), [len(own) for own in cycles]),
+        cycle=np.repeat(np.arange(len(cycles)), [len(cycle) for cycle in cycles]),
         residual=reported(chain.residual[frames]),
         deviation=np.sqrt((usual[:, frames] ** 2).sum(axis=0) + noise**2),
     )

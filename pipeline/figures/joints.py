@@ -26,13 +26,8 @@ if TYPE_CHECKING:
 
 LEG: Final = tuple(m for m in JOINT_MOTIONS if m.joint in ("hip", "knee", "ankle"))
 UPPER_BODY: Final = tuple(m for m in JOINT_MOTIONS if m not in LEG)
-PANEL_INCH: Final = (2.2, 1.7)
-POSITIVE: Final = {"angle": "", "moment": "internal ", "power": "generated "}
-"""Which of each of `CURVES` is positive."""
 GAPS: Final = "; gaps: load of the foot, or pose, unknown in most gait cycles"
 """Moments are unknown where it is uncertain whose foot is on a plate, or none carries it."""
-NORMS: Final = Path(__file__).with_name("healthy.csv")
-HEALTHY: Final[Any] = {"color": "#D5DAE0", "lw": 0, "zorder": 0, "label": "healthy ± SD"}
 
 Curve = tuple[str, str, Any, Array, Array]
 """Label, colour and line style of a curve; mean and standard deviation, (101, 13, 3)."""
@@ -40,7 +35,8 @@ Curve = tuple[str, str, Any, Array, Array]
 
 def healthy_bands() -> dict[tuple[str, str], list[Array]]:
     """Give mean and SD of healthy adults over 0–100 %, (101,): joint motion and curve -> both."""
-    _, *lines = (line for line in NORMS.read_text(encoding="utf-8").splitlines() if line[0] != "#")
+    text = Path(__file__).with_name("healthy.csv").read_text(encoding="utf-8")
+    _, *lines = (line for line in text.splitlines() if line[0] != "#")
     bands = dict[tuple[str, str], list[Array]]()
     for motion, curve, _, *coefficients in (line.split(",") for line in lines):
         # cosine and sine of each harmonic: a Fourier series
@@ -67,7 +63,9 @@ def joint_figure(
     says in the title why parts are unknown.
     """
     columns = [JOINT_MOTIONS.index(motion) for motion in motions]
-    quantities = [f"{POSITIVE[name]}{name} ({CURVES[name]})" for name in shown]
+    # which of each curve is positive
+    positive = {"angle": "", "moment": "internal ", "power": "generated "}
+    quantities = [f"{positive[name]}{name} ({CURVES[name]})" for name in shown]
     places = [[*CURVES].index(name) for name in shown]
     # "+": that direction is positive
     heads = [f"{motion.joint} {motion.direction}\N{NO-BREAK SPACE}+" for motion in motions]
@@ -76,7 +74,7 @@ def joint_figure(
     any_p = any(differing.values())  # in a line of its own, below the heads
     with in_style(look):
         any_gap = False
-        figure, panels = panel_grid(len(shown), len(motions), PANEL_INCH, look, turned=turned)
+        figure, panels = panel_grid(len(shown), len(motions), (2.2, 1.7), look, turned=turned)
         panels[0, 0].set_xlim(0, 100)  # of all: each curve would find it anew from all panels
         for label, colour, linestyle, mean, spread in curves:
             any_gap |= bool(np.isnan(mean[:, columns][..., places]).any())
@@ -105,7 +103,9 @@ def joint_figure(
             draw_differences(panel, differing.get(curve, ()))
             if curve in healthy:
                 usual, sd = healthy[curve]
-                panel.fill_between(percent, usual - sd, usual + sd, **HEALTHY)
+                look_of_band: Any = {"color": "#D5DAE0", "lw": 0, "zorder": 0}
+                ends = usual - sd, usual + sd
+                panel.fill_between(percent, *ends, label="healthy ± SD", **look_of_band)
         legend_below(figure, panels[0, 0])
         make_room_above(figure, any_p)
         add_title(figure, title + gaps * any_gap, look)

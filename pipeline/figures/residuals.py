@@ -33,29 +33,13 @@ if TYPE_CHECKING:
 
 SIDE_COLOURS: Final = {"right": "#E69F00", "left": "#56B4E9"}
 """Warm and cool, as in the viewer's scene."""
-USED: Final = "#EEF1F4"
-"""Colour behind what counts."""
 SHOWN_S: Final = 12.0
 """About ten gait cycles: each can be seen in a figure across a page."""
-MAX_SAMPLES: Final = 800
-"""Of a curve: more are finer than the figure."""
-PANEL_INCH: Final = (9.0, 0.9)
 SIX_PANELS_INCH: Final = (3.2, 2.35)
-OTHERS_INCH: Final = 0.9, 1.5
-"""Height of title, legend and labels together, on a page and in a journal."""
-KEY_LETTERS: Final = 8
-"""Width of a line and of gaps beside its label in a legend, in letters."""
 MARGIN_INCH: Final = (1.0, 0.55, 0.2, 0.6)
 """Left, below, right and above panels whose places are fixed."""
 MAX_TICKS: Final = 5
 """Intervals between the ticks of an axis."""
-FEW_PANELS: Final = 6
-"""More would take longer to place by their texts than to draw."""
-LETTERS_PER_TICK: Final = 8
-"""Width of a narrow panel, with its margin, for each interval."""
-MM_PER_INCH: Final = 25.4
-MAX_HEIGHT_MM: Final = 225.0
-"""Of a figure in a journal, whose caption is below it."""
 
 
 def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure:
@@ -77,13 +61,14 @@ def residual_figure(result: TrialResult, bands: "Bands | None" = None) -> Figure
     """
     first, last, around = _shown_span(result)
     inside = np.flatnonzero((result.motion.time >= first) & (result.motion.time <= last))
-    shown = inside[:: -(-len(inside) // MAX_SAMPLES)]
+    # more than 800 samples are finer than the figure
+    shown = inside[:: -(-len(inside) // 800)]
     time, counts = result.motion.time[shown], result.counts[shown]
     settled = free_of(result.quality, Quality.SETTLING)[shown]
     *_, wrenches = result.ground.values()
     spread, meaning = _spread(result, bands)
     with in_style():
-        figure, grid = panel_grid(2 + len(AXES), 1, PANEL_INCH)
+        figure, grid = panel_grid(2 + len(AXES), 1, (9.0, 0.9))
         grid[0, 0].set_xlim(first, last)  # of all, which share it
         for panel, k, direction in zip(grid.flat, (2, 0), ("up", "forward"), strict=False):
             for side, colour in SIDE_COLOURS.items():
@@ -145,7 +130,7 @@ def _draw_phases(figure: Figure, result: TrialResult, time: Array, used: Mask) -
     behind = figure.add_axes(place, sharex=figure.axes[0], zorder=-1)
     behind.set_axis_off()
     behind.set_ylim(0, 1)
-    behind.fill_between(time, 0, 1, where=used, color=USED, lw=0)
+    behind.fill_between(time, 0, 1, where=used, color="#EEF1F4", lw=0)
     for side, colour in SIDE_COLOURS.items():
         for label, style in (("foot_strike", "-"), ("foot_off", ":")):
             times = event_times(result.events, label, side)
@@ -168,10 +153,13 @@ def panel_grid(
     turned = look.of_one_column if turned is None else turned
     shape = (columns, rows) if turned else (rows, columns)
     size = np.multiply(panel_inch, shape[::-1])
-    others = OTHERS_INCH[look != PAGE]
+    # height of title, legend and labels together
+    others = 0.9 if look == PAGE else 1.5
     if look.width_mm is not None:
-        size *= look.width_mm / MM_PER_INCH / size[0]
-        size[1] = min(size[1], MAX_HEIGHT_MM / MM_PER_INCH - others)
+        mm_per_inch = 25.4
+        size *= look.width_mm / mm_per_inch / size[0]
+        # a page of a journal, with room for the caption below
+        size[1] = min(size[1], 225.0 / mm_per_inch - others)
     size_inch = float(size[0]), float(size[1]) + others
     figure, panels = pickle.loads(_stored_grid(*shape, size_inch, look))
     return figure, panels.T if turned else panels
@@ -180,10 +168,11 @@ def panel_grid(
 @cache
 def _stored_grid(rows: int, columns: int, size_inch: tuple[float, float], look: Figures) -> bytes:
     """Give such a figure with the ticks that it may need: a copy takes a fifth of the time."""
-    fixed = look == PAGE and rows * columns > FEW_PANELS
+    # to place more than six panels by their texts would take longer than to draw them
+    fixed = look == PAGE and rows * columns > 6
     figure = Figure(figsize=size_inch, layout=None if fixed else "constrained")
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    room = letters_in(size_inch[0] / columns) // LETTERS_PER_TICK
+    room = letters_in(size_inch[0] / columns) // 8  # letters for each interval
     intervals = (MAX_TICKS, MAX_TICKS) if look.width_mm is None else (max(1, room), MAX_TICKS - 1)
     for panel in panels.flat:  # a tick takes as long to draw as a curve
         panel.locator_params("x", nbins=intervals[0])
@@ -217,7 +206,7 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
     """Name the curves of panels below all of them, as many in a line as there is room for."""
     of_panels = [panel.get_legend_handles_labels() for panel in panels]
     named = [[*chain(*parts)] for parts in zip(*of_panels, strict=True)]
-    longest = max(map(len, named[1]), default=0) + KEY_LETTERS
+    longest = max(map(len, named[1]), default=0) + 8  # a line and gaps beside its label
     columns = max(1, min(letters_in(figure.get_figwidth()) // longest, len(named[1])))
     if figure.get_layout_engine() is None:
         lines = -(-len(named[1]) // columns)
@@ -229,9 +218,9 @@ def legend_below(figure: Figure, *panels: Axes) -> None:
 def mean_part(trials: Iterable[TrialResult]) -> tuple[float, float] | None:
     """Give mean start and stop of the part of the gait cycles that counts [%]; None without."""
     parts = [t.part.percent(t.cycles) for t in trials if t.part is not None]
-    known = np.concatenate([np.empty((0, 2)), *parts])
-    known = known[np.isfinite(known).all(axis=1)]
-    return (float(known[:, 0].mean()), float(known[:, 1].mean())) if len(known) else None
+    ends = np.concatenate([np.empty((0, 2)), *parts])
+    ends = ends[np.isfinite(ends).all(axis=1)]
+    return (float(ends[:, 0].mean()), float(ends[:, 1].mean())) if len(ends) else None
 
 
 def axis_label(k: int) -> str:

@@ -44,23 +44,13 @@ LINE_INCH: Final = 0.2
 """Height of a line of a legend or a title."""
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
-BAR: Final = (1.01, 1.035)
-"""Lower and upper edge of a bar over a part of the gait cycle, as shares of the panel's height."""
-MIN_RATIO: Final = 10.0
-"""Of the ends of a logarithmic axis: what hardly differs looks so, and there are three ticks."""
 PAGE: Final = Figures()
 """Figures on the pages of a report; all others where nothing is stated of them."""
-DPI: Final = 150, 300
-"""Resolution of PNG on a page, 1400 pixels across it, and the least that journals take."""
-P_VALUE: Final = re.compile(r"\b(p [=<] ?)0?\.(?=\d)")
-LETTER: Final = 0.58
-"""Mean width of a letter, of its size."""
-FAST: Final = 1
-"""Compression of PNG files: default ones are 7 % smaller, and take three times as long."""
 PRINTERS: Final[Any] = {
     "pdf": (FigureCanvasPdf, "print_pdf", {"metadata": {"CreationDate": None}}),
     "svg": (FigureCanvasSVG, "print_svg", {"metadata": {"Date": None}}),
-    "png": (FigureCanvasAgg, "print_png", {"pil_kwargs": {"compress_level": FAST}}),
+    # default compression makes files 7 % smaller, and takes three times as long
+    "png": (FigureCanvasAgg, "print_png", {"pil_kwargs": {"compress_level": 1}}),
     "tiff": (FigureCanvasAgg, "print_tif", {}),
 }
 
@@ -80,8 +70,6 @@ STYLE: Final[Any] = {
     "svg.hashsalt": "hbm",
     "text.parse_math": False,
 }
-IN_JOURNAL: Final[Any] = {"figure.titlesize": "medium", "lines.linewidth": 1.0}
-"""What is smaller there."""
 
 
 def condition_style(k: int) -> tuple[str, Any]:
@@ -96,7 +84,8 @@ def in_style(look: Figures = PAGE) -> Iterator[None]:
     Letters are as large as stated or, in a journal, as fit between its columns.
     """
     size = look.font_pt or (9 if look.width_mm is None else 7 if look.of_one_column else 8)
-    smaller = {} if look.width_mm is None else IN_JOURNAL
+    in_journal: Any = {"figure.titlesize": "medium", "lines.linewidth": 1.0}
+    smaller = {} if look.width_mm is None else in_journal
     with mpl.rc_context({**STYLE, **smaller, "font.size": size}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
@@ -137,7 +126,8 @@ def draw_differences(panel: Axes, parts: "Iterable[CurveDifference]") -> None:
     smallest = 1.0
     for part in parts:
         start, stop = max(part.start - 0.5, 0.0), min(part.stop + 0.5, 100.0)
-        panel.axvspan(start, stop, *BAR, color="black", lw=0, clip_on=False)
+        # just above the panel, whose height is 1
+        panel.axvspan(start, stop, 1.01, 1.035, color="black", lw=0, clip_on=False)
         smallest = min(smallest, part.p)
     if smallest < 1.0:
         panel.set_title(p_equation(smallest), loc="right", fontsize="small")
@@ -147,7 +137,8 @@ def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
     """Give a panel a logarithmic axis upward that holds values, with plain numbers at its ticks."""
     logarithms = np.log([value for value in np.ravel(values) if value > 0] or [1.0])
     middle, half = (logarithms.max() + logarithms.min()) / 2, 0.55 * np.ptp(logarithms)
-    half = max(half, np.log(MIN_RATIO) / 2)
+    # a decade at least: what hardly differs looks so, and there are three ticks
+    half = max(half, np.log(10.0) / 2)
     panel.set_yscale("log", nonpositive="clip")
     panel.set_ylim(*np.exp([middle - half, middle + half]))
     panel.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -157,7 +148,7 @@ def draw_logarithmic(panel: Axes, values: ArrayLike) -> None:
 
 def letters_in(inch: float) -> int:
     """Say how many letters of the style fit in a width."""
-    return int(inch * 72 / (LETTER * mpl.rcParams["font.size"]))
+    return int(inch * 72 / (0.58 * mpl.rcParams["font.size"]))  # mean width of a letter
 
 
 def add_title(figure: Figure, title: str, look: Figures = PAGE) -> None:
@@ -202,7 +193,7 @@ def _write_commas(figure: Figure) -> None:
     for panel in figure.axes:
         panel.yaxis.set_major_formatter(lambda y, _: f"{y:g}".replace(".", ",").replace("-", "−"))
     for text in figure.findobj(Text):
-        text.set_text(P_VALUE.sub(r"\g<1>0,", text.get_text()))
+        text.set_text(re.sub(r"\b(p [=<] ?)0?\.(?=\d)", r"\g<1>0,", text.get_text()))
 
 
 def drawing(figure: Figure, kind: FigureFormat = "svg") -> str:
@@ -212,7 +203,8 @@ def drawing(figure: Figure, kind: FigureFormat = "svg") -> str:
 
 def _printed(figure: Figure, kind: FigureFormat, look: Figures) -> bytes:
     """Draw a figure as a file; savefig() would draw it twice, once for its layout."""
-    figure.dpi = look.dpi or DPI[look != PAGE]
+    # on a page 1400 pixels across it, else the least that journals take
+    figure.dpi = look.dpi or (150 if look == PAGE else 300)
     target = BytesIO()
     canvas, method, options = PRINTERS[kind]
     with in_style(look):

@@ -8,6 +8,7 @@ import numpy as np
 
 from compensation import Delay
 from compensation.accuracy import Linearity, PlateAlignment, linearity
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
 from pipeline.plate_accuracy.response import (
@@ -25,9 +26,7 @@ from pipeline.plate_accuracy.trials import (
     static_places,
 )
 
-MIN_MASSES: Final = 3
-MIN_LOADS: Final = 4
-"""Different weights, and recordings, for a linearity."""
+LIMITS: Final = read_numbers("pipeline.plate_accuracy", "thresholds.toml", "linearity")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,26 +84,28 @@ def compare(
 ) -> PlateAccuracy:
     """Compare plates with known weights, given what was read of all recordings."""
     file = study.file
+    # where there are recordings with supports, the verdict is for use with them
     supported = {trial.weight.belt for trial in trials if trial.weight.supports}
     in_use = tuple(t for t in trials if t.weight.supports == (t.weight.belt in supported))
     linearities, responses = {}, {}
     for belt in dict.fromkeys(trial.weight.belt for trial in trials):
-        own = [trial for trial in in_use if trial.weight.belt == belt]
-        known, measured = mean_loads(own, belt)
-        masses = {trial.weight.mass_kg for trial in own}
-        if len(masses) >= MIN_MASSES and len(known) >= MIN_LOADS:
-            linearities[belt] = linearity(known, measured)
-        response = fit_response(own, alignments.get(belt, UNALIGNED), file)
+        of_belt = [trial for trial in in_use if trial.weight.belt == belt]
+        loads, measured = mean_loads(of_belt, belt)
+        masses = {trial.weight.mass_kg for trial in of_belt}
+        if len(masses) >= LIMITS.fewest_masses and len(loads) >= LIMITS.fewest_recordings:
+            linearities[belt] = linearity(loads, measured)
+        response = fit_response(of_belt, alignments.get(belt, UNALIGNED), file)
         if response is not None:
             responses[belt] = response
-    stated = file.height_stated
-    faults = estimate_faults(trials, responses, alignments, delays, height_stated=stated)
+    faults = estimate_faults(
+        trials, responses, alignments, delays, height_stated=file.height_stated
+    )
     return PlateAccuracy(study, trials, in_use, alignments, delays, linearities, responses, faults)
 
 
 def mean_loads(trials: Sequence[WeightTrial], belt: BeltSide) -> tuple[Array, Array]:
     """Give the mean known and measured vertical force of a belt's recordings, (n,) [N] each."""
-    chosen = [t for t in trials if t.weight.belt == belt]
-    known = np.array([t.truth[t.used, 2].mean() for t in chosen])
-    measured = np.array([t.measured[t.used, 2].mean() for t in chosen])
-    return known, measured
+    of_belt = [t for t in trials if t.weight.belt == belt]
+    loads = np.array([t.truth[t.used, 2].mean() for t in of_belt])
+    measured = np.array([t.measured[t.used, 2].mean() for t in of_belt])
+    return loads, measured

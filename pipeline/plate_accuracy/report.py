@@ -14,20 +14,21 @@ from scipy import stats
 from compensation import PlateCalibration, PlateCalibrations, center_of_pressure
 from compensation.accuracy import orthogonal_rmse
 from compensation.plate_calibration import to_json
+from hbm.numbers import read_numbers
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import FILE, PlatesFile, WeightRecording
 from pipeline.figures.style import drawing, in_style, save_figure
 from pipeline.io.write import write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy, mean_loads
-from pipeline.plate_accuracy.response import PEAK, PlateResponse, rms
-from pipeline.plate_accuracy.trials import LOADED_SHARE, SLOW_CUTOFF_HZ, THESIS_FILTER, WeightTrial
+from pipeline.plate_accuracy.response import LIMITS, STANCE, PlateResponse, rms
+from pipeline.plate_accuracy.trials import SLOW_CUTOFF_HZ, THESIS_FILTER, WeightTrial
 from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
 from pipeline.report.blocks import Check, Drawn, Table
 from pipeline.report.laboratory import Part, frame_table
 from pipeline.run.job import file_digest
 from pipeline.statistics.factorial import anova, compare_levels, residuals
 
-CALIBRATION: Final = "plate_calibration.json"
+EFFECTS: Final = read_numbers("pipeline.plate_accuracy", "thresholds.toml", "effects")
 COLUMNS: Final = {
     "COPx (mm)": ("COPy", 1000.0),
     "COPy (mm)": (None, 1.0),
@@ -40,22 +41,6 @@ COLUMNS: Final = {
     "Mz (Nm)": ("Mx", 1.0),
 }
 """The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
-TOTAL_NOTE: Final = (
-    "Total errors: RMS over the loads of one foot in walking of a person of {mass:g} kg, a minute "
-    "after zeroing; moments about a centre of mass 1 m above the belt. Errors of the given masses, "
-    "of the marker above a weight and of center_height_m are not in the intervals."
-)
-TABLE_NOTE: Final = (
-    "Root mean square errors. Axes of the thesis: x to the right, y up, z back. Orthogonal errors "
-    "(TLLS) with supports, unless set otherwise, if there are such recordings. Filter: "
-    "{hz:g} Hz, as in the thesis ({method}); these errors hold the noise of the marker, which is "
-    "differentiated twice: {noise_n:.1f} N in each axis. Below {slow_hz:g} Hz it is "
-    "{slow_noise_n:.2f} N: those rows judge the plates, moments about their centres."
-)
-EFFECTS_NOTE: Final = (
-    "Orthogonal errors after a Box–Cox transform, type III, main effects; thirds of the belt "
-    "(zone) within recordings. Pairs of levels, Bonferroni-corrected, are in pairs.csv. {remarks}"
-)
 
 
 def write_report(found: PlateAccuracy, out: Path) -> Part:
@@ -116,20 +101,32 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
             "made": datetime.now(UTC).isoformat(timespec="seconds"),
             "program": f"hbm-residuals {version('hbm-residuals')}",
         }
-        write_text(to_json(PlateCalibrations(plates, provenance)), out / CALIBRATION)
-    total = errors_table(verdicts, TOTAL_NOTE.format(mass=file.body_mass_kg))
-    tables = [total, errors_table(verdicts, totals=False)]
-    vertical_n = [np.std(trial.truth[trial.used, 2]) for trial in found.trials]
-    note = TABLE_NOTE.format(
-        hz=file.cutoff_hz,
-        method=THESIS_FILTER,
-        noise_n=np.mean(vertical_n),
-        slow_hz=SLOW_CUTOFF_HZ,
-        slow_noise_n=np.mean([trial.slow_noise[0] for trial in found.trials]),
+        write_text(to_json(PlateCalibrations(plates, provenance)), out / "plate_calibration.json")
+    note = (
+        "Total errors: RMS over the loads of one foot in walking of a person of "
+        f"{file.body_mass_kg:g} kg, a minute after zeroing; moments about a centre of mass 1 m "
+        "above the belt. Errors of the given masses, of the marker above a weight and of "
+        "center_height_m are not in the intervals."
+    )
+    tables = [errors_table(verdicts, note), errors_table(verdicts, totals=False)]
+    # a weight on a belt has no vertical acceleration: what its truth has is noise of the marker
+    noise_n = np.mean([np.std(trial.truth[trial.used, 2]) for trial in found.trials])
+    slow_noise_n = np.mean([trial.slow_noise[0] for trial in found.trials])
+    note = (
+        "Root mean square errors. Axes of the thesis: x to the right, y up, z back. Orthogonal "
+        "errors (TLLS) with supports, unless set otherwise, if there are such recordings. Filter: "
+        f"{file.cutoff_hz:g} Hz, as in the thesis ({THESIS_FILTER}); these errors hold the noise "
+        f"of the marker, which is differentiated twice: {noise_n:.1f} N in each axis. Below "
+        f"{SLOW_CUTOFF_HZ:g} Hz it is {slow_noise_n:.2f} N: those rows judge the plates, moments "
+        "about their centres."
     )
     tables.append(frame_table("Table I", thesis, 1, note))
     if len(tests):
-        text = EFFECTS_NOTE.format(remarks="; ".join(remarks))
+        text = (
+            "Orthogonal errors after a Box–Cox transform, type III, main effects; thirds of the "
+            "belt (zone) within recordings. Pairs of levels, Bonferroni-corrected, are in "
+            f"pairs.csv. {'; '.join(remarks)}"
+        )
         tables.append(frame_table("Effects of the conditions", tests, 3, text))
     return Part("plates", [one.table for one in verdicts], tables, drawn)
 
@@ -137,8 +134,6 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
 QUANTITIES: Final = ("COPx", "COPy", *WRENCH_COMPONENTS)
 ZONES: Final = ("back", "middle", "front")
 """Thirds of the belt."""
-MIN_ZONE_SAMPLES: Final = 20
-"""Of a recording in a third of the belt, 0.2 s: fewer give no error there."""
 
 
 def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
@@ -152,11 +147,12 @@ def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
         conditions = trial.weight.model_dump()
         measured, truth = quantities(trial.measured), quantities(trial.truth)
         slow_error = quantities(trial.slow_measured) - quantities(trial.slow_truth)
+        # thirds of the belt by the place of the weight; what is beyond its ends counts to the ends
         edges = np.linspace(*trial.belt_ends, len(ZONES) + 1)
         zone = np.clip(np.digitize(trial.marker[:, 0], edges) - 1, 0, len(ZONES) - 1)
         zones = {label: trial.used & (zone == k) for k, label in enumerate(ZONES)}
         for name, inside in {"all": trial.used, **zones}.items():
-            if np.count_nonzero(inside) < MIN_ZONE_SAMPLES:
+            if np.count_nonzero(inside) < EFFECTS.fewest_samples:
                 continue
             for k, quantity in enumerate(QUANTITIES):
                 m, t = measured[inside, k], truth[inside, k]
@@ -168,20 +164,9 @@ def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
 
 def quantities(wrench: Array) -> Array:
     """Give centre of pressure along and across [m], forces and moments [N, N·m], (T, 8)."""
-    threshold = LOADED_SHARE * float(np.median(np.abs(wrench[:, 2])))
+    # without load there is no centre of pressure
+    threshold = LIMITS.loaded * float(np.median(np.abs(wrench[:, 2])))
     return np.hstack([center_of_pressure(wrench, threshold)[:, :2], wrench])
-
-
-FACTORS: Final = ("belt", "profile", "speed_mps", "position_m", "mass_kg")
-MIN_TRIALS_PER_COEFFICIENT: Final = 3
-"""Of an analysis of variance."""
-MIN_BLOCKS: Final = 5
-"""Recordings in which thirds of the belt can be compared."""
-TEST_COLUMNS: Final = [
-    *("quantity", "exponent", "shapiro_w", "shapiro_p", "effect", "df", "df_error", "f", "p"),
-    "partial_eta_squared",
-]
-PAIR_COLUMNS: Final = ["quantity", "factor", "first", "second", "p_bonferroni"]
 
 
 def reported_errors(errors: pd.DataFrame) -> pd.DataFrame:
@@ -222,13 +207,15 @@ def condition_effects(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame,
     supported = reported_errors(errors)
     whole, thirds = (supported[(supported["zone"] == "all") == entire] for entire in (True, False))
     thirds = thirds[thirds.groupby("file")["zone"].transform("nunique") > 1]
-    varied = [factor for factor in FACTORS if whole[factor].nunique() > 1]
+    factors = ("belt", "profile", "speed_mps", "position_m", "mass_kg")
+    varied = [factor for factor in factors if whole[factor].nunique() > 1]
+    # main effects, each with one coefficient less than levels
     coefficients = 1 + sum(whole[factor].nunique() - 1 for factor in varied)
-    needed = MIN_TRIALS_PER_COEFFICIENT * coefficients if varied else np.inf
+    needed = EFFECTS.recordings_per_coefficient * coefficients if varied else np.inf
     tests, pairs, remarks = [], [], []
     for label, data, least, used, tested in (
         ("whole recordings", whole, needed, varied, varied),
-        ("thirds of the belt", thirds, MIN_BLOCKS, ["file", "zone"], ["zone"]),
+        ("thirds of the belt", thirds, EFFECTS.fewest_blocks, ["file", "zone"], ["zone"]),
     ):
         if data["file"].nunique() < least:
             remarks.append(f"{label}: not tested, too few recordings, or nothing varies")
@@ -241,10 +228,15 @@ def condition_effects(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame,
                 continue
             tests.append(table)
             pairs.append(compared)
+    of_tests = [
+        *("quantity", "exponent", "shapiro_w", "shapiro_p", "effect", "df", "df_error", "f", "p"),
+        "partial_eta_squared",
+    ]
+    of_pairs = ["quantity", "factor", "first", "second", "p_bonferroni"]
     if not tests:
-        return pd.DataFrame(columns=TEST_COLUMNS), pd.DataFrame(columns=PAIR_COLUMNS), remarks
-    all_pairs = pd.concat(pairs, ignore_index=True)[PAIR_COLUMNS]
-    return pd.concat(tests, ignore_index=True)[TEST_COLUMNS], all_pairs, remarks
+        return pd.DataFrame(columns=of_tests), pd.DataFrame(columns=of_pairs), remarks
+    all_pairs = pd.concat(pairs, ignore_index=True)[of_pairs]
+    return pd.concat(tests, ignore_index=True)[of_tests], all_pairs, remarks
 
 
 def _analyse(
@@ -257,6 +249,7 @@ def _analyse(
     transformed, exponent = stats.boxcox(sizes / stats.gmean(sizes))  # λ is the same in any unit
     data = data.assign(y=transformed)
     table = anova(data, "y", factors)
+    # the test assumes normal errors: it is the residuals that have to be normal
     normal = stats.shapiro(residuals(data, "y", factors))
     tests = table[table["effect"].isin(tested)].assign(
         quantity=quantity,
@@ -338,10 +331,6 @@ def _row(condition: str, part: pd.DataFrame, way: str) -> dict[str, str | float]
     }
 
 
-GRID: Final = (15, 7)
-"""Places along and across a plate at which errors are drawn."""
-
-
 def map_figure(
     response: PlateResponse,
     trials: Sequence[WeightTrial],
@@ -365,12 +354,14 @@ def map_figure(
     places = np.vstack([trial.marker[trial.used, :2] for trial in trials]) - center[:2]
     along = (trials[0].belt_ends[1] - trials[0].belt_ends[0]) / 2
     across = np.abs(places[:, 1]).max()
-    grids = np.linspace(-along, along, GRID[0]), np.linspace(-across, across, GRID[1])
+    # along the whole belt, across it as far as weights were recorded
+    grids = np.linspace(-along, along, 15), np.linspace(-across, across, 7)
     x, y = np.meshgrid(*grids, indexing="ij")
     weight = file.body_mass_kg * GRAVITY_MPS2
     off = {"as it is": place_errors(response, x.ravel(), y.ravel(), weight, None)}
     if calibration is not None:
         off["corrected"] = place_errors(response, x.ravel(), y.ravel(), weight, calibration)
+    # one scale for both rows, up to the limit at least: a good plate is pale
     force = max(file.limits.force_n, *(np.abs(errors[:, 2]).max() for errors in off.values()))
     shift = max(file.limits.cop_m, *(np.hypot(*errors[:, :2].T).max() for errors in off.values()))
     with in_style():
@@ -406,13 +397,14 @@ def place_errors(
     Places are along and across from the middle of the plate, (n,) [m] each; systematic errors
     alone.
     """
+    # a vertical force at (x, y): Mx = y Fz, My = -x Fz about the plate's centre
     none = np.zeros_like(x)
     loads = np.column_stack([none, none, none + force_n, y * force_n, -x * force_n, none])
     reported = response.report(loads)[0]
     if calibration is not None:
         reported = calibration.correct(reported)
-    seen = center_of_pressure(reported, LOADED_SHARE * force_n)[:, :2]
-    return np.column_stack([seen - np.column_stack([x, y]), reported[:, 2] - force_n])
+    place = center_of_pressure(reported, LIMITS.loaded * force_n)[:, :2]
+    return np.column_stack([place - np.column_stack([x, y]), reported[:, 2] - force_n])
 
 
 def linearity_figure(
@@ -423,11 +415,14 @@ def linearity_figure(
         figure = Figure(figsize=(9, 3), layout="constrained")
         panel = figure.subplots()
         for verdict, marker in zip(verdicts, "ox", strict=False):
-            known, measured = mean_loads(trials, verdict.belt)
+            loads, measured = mean_loads(trials, verdict.belt)
             label = f"{verdict.belt} plate"
-            panel.plot(known, measured - known, marker, ms=4, label=label)
+            panel.plot(loads, measured - loads, marker, ms=4, label=label)
+        # from the largest recorded load of the plate with the least to the peak of walking
         begins = min(one.largest_n for one in verdicts)
-        panel.axvspan(begins, PEAK * mass_kg * GRAVITY_MPS2, color="#fbf1cf", zorder=0)
+        largest_n = STANCE.phases[:, 1].max() * mass_kg * GRAVITY_MPS2
+        panel.axvspan(begins, largest_n, color="#fbf1cf", zorder=0)
+
         panel.axvline(begins, color="black", lw=0.9)
         panel.annotate(
             f" extrapolated above {begins:.0f} N",

@@ -12,29 +12,17 @@ from scipy.signal import czt
 
 from compensation import Delay, PlateCalibration, center_of_pressure
 from compensation.accuracy import PlateAlignment
+from hbm.numbers import read_numbers
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, Mask, shift_wrench
 from pipeline.config.plate_study import BeltSide, PlatesFile
-from pipeline.plate_accuracy.trials import LOADED_SHARE, WeightTrial, to_cameras
+from pipeline.plate_accuracy.trials import WeightTrial, to_cameras
 
 FX, FY, FZ, MX, MY, MZ = range(6)
+LIMITS: Final = read_numbers("pipeline.plate_accuracy", "thresholds.toml", "response")
+STANCE: Final = read_numbers("pipeline.plate_accuracy", "thresholds.toml", "stance")
+VIBRATION: Final = read_numbers("pipeline.plate_accuracy", "thresholds.toml", "vibration")
 EXCITED: Final = (FX, FZ, MX, MY, MZ)
 """Components that a weight on a belt excites; no lateral force acts on it."""
-EXCITED_BY_POSITION: Final = (MX, MZ)
-"""Of these, those that only weights at different distances from the belt's middle excite."""
-EXCITED_BY_ACCELERATION: Final = (FX, MZ)
-"""Of these, those that only belts at changing speed excite."""
-MIN_MASSES: Final = 3
-"""Of different size, to separate a curvature from a gain."""
-MIN_SHARE: Final = 0.01
-"""Of a variance, left where the marker's noise explains more than all of it."""
-MIN_VARIANCE: Final = 1e-12
-"""[N², (N·m)²]; of a channel that is not connected it is zero."""
-MIN_SINES: Final = 4
-"""Recordings in which the weight moves in a sine, for the scatter from them alone."""
-EDGE_S: Final = 1.0
-"""At either end of a recording, where filters at 2.4 Hz are inaccurate."""
-DELAY_STEPS: Final = 2
-"""Of Newton's method: the regression is linear in the delay but for what it does to other terms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +74,7 @@ class PlateResponse:
 
     def report(self, loads: Array) -> Array:
         """Give what is reported of true wrenches, (L, 6), without drift and scatter, (K, L, 6)."""
+        # rises that are not known, of fewer than three masses, are taken as none
         risen = loads * loads[:, FZ, None] / self.full_scale_n
         reported = loads @ self.matrix.swapaxes(1, 2) + self.zero[:, None]
         return np.asarray(reported + risen @ np.nan_to_num(self.rise).swapaxes(1, 2))
@@ -103,6 +92,7 @@ class PlateResponse:
 
 def standard_error(replicates: Array) -> Array:
     """Give the jackknife's standard error of what was computed from (K, …) entries."""
+    # the first is of all recordings, about which those without one are as far as errors allow
     count = len(replicates) - 1
     off = replicates[1:] - replicates[0]
     return np.asarray(np.sqrt((count - 1) / count * np.sum(off**2, axis=0)))
@@ -141,33 +131,36 @@ def fit_response(
     positions = len({trial.weight.position_m for trial in trials}) > 1
     masses = len({trial.weight.mass_kg for trial in trials})
     changing = any(trial.weight.profile != "constant" for trial in trials)
+    # Mx and Mz need levers across the belt, Fx and Mz a force along it, Fz several weights
     excited = tuple(
         c
         for c in EXCITED
-        if (positions or c not in EXCITED_BY_POSITION)
-        and (changing or c not in EXCITED_BY_ACCELERATION)
+        if (positions or c not in (MX, MZ))
+        and (changing or c not in (FX, MZ))
         and (masses > 1 or c != FZ)
     )
-    model = _Model(excited, (FZ,) if masses >= MIN_MASSES else (), file.full_scale_n)
+    model = _Model(excited, (FZ,) if masses >= LIMITS.fewest_masses else (), file.full_scale_n)
     if len(trials) <= model.coefficients:
         return None
     model = replace(model, rising=(*model.rising, *_rising(trials, model)))
-    found, delay_s = _regress_with_delay(trials, model)
-    aligned = np.tile(np.eye(6), (len(found), 1, 1))
-    aligned[:, :, excited] += found[:, 2 : model.delay].swapaxes(1, 2)
+    coefficients, delay_s = _regress_with_delay(trials, model)
+    # what is reported less the truth was regressed: the identity is the truth
+    aligned = np.tile(np.eye(6), (len(coefficients), 1, 1))
+    aligned[:, :, excited] += coefficients[:, 2 : model.delay].swapaxes(1, 2)
     in_use, rise = aligned.copy(), np.full_like(aligned, 0.0 if model.rising else np.nan)
-    rise[:, :, model.rising] = found[:, model.delay + 1 :].swapaxes(1, 2)
+    rise[:, :, model.rising] = coefficients[:, model.delay + 1 :].swapaxes(1, 2)
     if not file.height_stated:
         in_use[:, MY, FX] = rise[:, MY, FX] = 0
+    # from the cameras' frame back to what the plate itself reports
     as_read = np.linalg.inv(cameras_matrix(alignment, trials[0].center))
     return PlateResponse(
         matrix=as_read @ in_use,
         aligned=aligned,
-        zero=found[:, 0] @ as_read.T,
-        drift=found[:, 1] @ as_read.T,
+        zero=coefficients[:, 0] @ as_read.T,
+        drift=coefficients[:, 1] @ as_read.T,
         rise=as_read @ rise,
         delay_s=delay_s,
-        scatter=_scatter(trials, found, model, float(delay_s[0])),
+        scatter=_scatter(trials, coefficients, model, float(delay_s[0])),
         examined=excited,
         degrees_of_freedom=len(trials) - model.coefficients,
         full_scale_n=file.full_scale_n,
@@ -176,6 +169,7 @@ def fit_response(
 
 def cameras_matrix(alignment: PlateAlignment, center: Array) -> Array:
     """Give the matrix that brings a plate's wrench about its centre to the cameras' frame."""
+    # columns: what becomes of each unit wrench, moved to the lab origin and back
     at_origin = to_cameras(shift_wrench(np.eye(6), -center), alignment)
     return np.asarray(shift_wrench(at_origin, center).T)
 
@@ -205,6 +199,7 @@ class _Model:
         """Give the columns of a recording, (T, coefficients)."""
         truth, time = trial.slow_truth, trial.time
         risen = truth[:, self.rising] * truth[:, FZ, None] / self.full_scale_n
+        # a small delay adds minus the rate of change; that of My, the largest moment, shows it best
         constant, rate = np.ones(len(time)), -np.gradient(truth[:, MY], time)
         return np.column_stack([constant, time - time[0], truth[:, self.excited], rate, risen])
 
@@ -219,6 +214,7 @@ def _rising(trials: Sequence[WeightTrial], model: _Model) -> tuple[int, ...]:
     rising = []
     for c in others if freedom > 0 else ():
         rises = _regress_with_delay(trials, replace(model, rising=(*model.rising, c)))[0][:, -1]
+        # Bonferroni over all components that could rise and all in which that would show
         critical = stats.t.isf(ALPHA / 2 / (len(others) * rises.shape[1]), freedom)
         if np.any(np.abs(rises[0]) > critical * standard_error(rises)):
             rising.append(c)
@@ -228,14 +224,16 @@ def _rising(trials: Sequence[WeightTrial], model: _Model) -> tuple[int, ...]:
 def _regress_with_delay(trials: Sequence[WeightTrial], model: _Model) -> tuple[Array, Array]:
     """Give the coefficients of all components, (K, coefficients, 6), and the delay, (K,)."""
     delay_s = np.zeros(len(trials) + 1)
-    for _ in range(DELAY_STEPS):
-        found = _regress(trials, model, delay_s[0])
-        gain = 1 + found[:, 2 + model.excited.index(MY), MY]
-        delay_s = delay_s[0] + found[:, model.delay, MY] / gain
-    return found, delay_s
+    # Newton's method: linear in the delay but for what it does to other terms, so that two steps do
+    for _ in range(2):
+        coefficients = _regress(trials, model, delay_s[0])
+        gain = 1 + coefficients[:, 2 + model.excited.index(MY), MY]
+        delay_s = delay_s[0] + coefficients[:, model.delay, MY] / gain
+    return coefficients, delay_s
 
 
-def _inside(trial: WeightTrial, edge_s: float = EDGE_S) -> Mask:
+def _inside(trial: WeightTrial, edge_s: float = 1.0) -> Mask:
+    # filters at 2.4 Hz are inaccurate in the first and the last second
     first, last = trial.time[0] + edge_s, trial.time[-1] - edge_s
     return np.asarray((trial.time > first) & (trial.time < last))
 
@@ -244,45 +242,54 @@ def _regress(trials: Sequence[WeightTrial], model: _Model, delay_s: float) -> Ar
     """Give the coefficients of all components, (K, coefficients, 6), with a delay so far."""
     x, y = [], []
     for trial in trials:
+        # the plate reads later what was true now: it is read at the time plus the delay
         inside = _inside(trial)
         at = trial.time[inside] + delay_s
         measured = CubicSpline(trial.time, trial.slow_measured)(at)
         x.append(model.regressors(trial)[inside])
         y.append(measured - trial.slow_truth[inside])
+    # normal equations of columns of equal size, or units would decide what counts as singular
     size = np.sqrt(np.mean(np.vstack(x) ** 2, axis=0))
     size[size == 0] = 1
-    gram = np.array([(one / size).T @ (one / size) for one in x])
-    cross = np.array([(one / size).T @ other for one, other in zip(x, y, strict=True)])
+    gram = np.array([(columns / size).T @ (columns / size) for columns in x])
+    cross = np.array([(columns / size).T @ error for columns, error in zip(x, y, strict=True)])
+    # of all recordings, then without each in turn: what one adds is subtracted
     grams = np.concatenate([gram.sum(0)[None], gram.sum(0) - gram])
     crosses = np.concatenate([cross.sum(0)[None], cross.sum(0) - cross])
     solved = np.linalg.pinv(grams, hermitian=True) @ crosses
     return np.asarray(solved / size[:, None])
 
 
-def _scatter(trials: Sequence[WeightTrial], found: Array, model: _Model, delay_s: float) -> Array:
+def _scatter(
+    trials: Sequence[WeightTrial], coefficients: Array, model: _Model, delay_s: float
+) -> Array:
     """Give the variance about the response that every load has, and that growing with it.
 
     Where enough weights move in sines, only those count: low-passed at 2.4 Hz, the truth of others
     lacks much of what happens where the belt turns back.
     """
     sines = np.array([trial.weight.profile == "sine" for trial in trials])
-    counted = sines if np.count_nonzero(sines) >= MIN_SINES else np.ones(len(trials), bool)
+    are_enough = np.count_nonzero(sines) >= LIMITS.fewest_sines
+    counted = sines if are_enough else np.ones(len(trials), bool)
     variance, load = [], []
     for trial in trials:
         chosen = trial.used & _inside(trial)
         chosen = chosen if chosen.any() else trial.used
+        # the delay is applied by a shift in time instead of its linear term
         x = model.regressors(trial)
         x[:, model.delay] = 0
-        predicted = trial.slow_truth + x @ found[0]
+        predicted = trial.slow_truth + x @ coefficients[0]
         late = CubicSpline(trial.time, predicted)(trial.time - delay_s)
         rest = shift_wrench(trial.measured, trial.center) - late
         square = np.mean(rest[chosen] ** 2, axis=0)
-        least = np.maximum(MIN_SHARE * square, MIN_VARIANCE)
+        # a hundredth stays where the marker's noise explains more than all; a dead channel has none
+        least = np.maximum(0.01 * square, 1e-12)
         variance.append(np.maximum(square - trial.slow_noise**2, least))
         load.append(np.mean(trial.slow_truth[chosen, FZ]))
     spread, basis = np.array(variance), np.column_stack([np.ones(len(load)), np.square(load)])
 
     def fitted(rows: Mask) -> list[Array]:
+        # relative errors: a variance is as uncertain as it is large
         ones = np.ones(np.count_nonzero(rows))
         return [np.linalg.lstsq(basis[rows] / v[rows, None], ones)[0] for v in spread.T]
 
@@ -290,22 +297,6 @@ def _scatter(trials: Sequence[WeightTrial], found: Array, model: _Model, delay_s
     return np.array([np.column_stack(fitted(rows)) for rows in (counted, *without_one)])
 
 
-PHASES: Final = ((-0.25, 1.2), (0.0, 0.75), (0.25, 1.2))
-"""Forward and vertical force of one foot in body weights: braking, midstance, push-off. Vertical
-peaks are 1.2 body weights in walking at 1.5 m/s (Keller et al. 1996, Clin Biomech 11:253); the
-others are those of the virtual laboratory's subjects at 1.3 m/s (tests/validation/realism.md)."""
-PEAK: Final = max(up for _, up in PHASES)
-LATERAL: Final = (-0.05, 0.05)
-"""Lateral force of one foot in body weights: assumed."""
-ALONG_M: Final = (-0.4, 0.0, 0.4)
-ACROSS_M: Final = (-0.1, 0.0, 0.1)
-"""Centres of pressure from the middle of the plate: where feet are on a treadmill's belt; assumed,
-and within what the thesis' weights cover."""
-BODY_CENTER_M: Final = 1.0
-"""Height of a person's centre of mass, about which the error of the moment is judged."""
-RECORDING_S: Final = 60.0
-"""Time over which a drift acts: a minute of walking after the plate was zeroed."""
-NODES_S: Final = RECORDING_S / 2 * (1 + np.array([-1.0, 1.0]) / np.sqrt(3.0))
 QUANTITIES: Final = ("Fx", "Fy", "Fz", "COPx", "COPy", "Mx", "My", "Mz")
 
 
@@ -318,7 +309,8 @@ def stance_loads(body_mass_kg: float) -> Array:
     (54, 6)
     """
     weight = body_mass_kg * GRAVITY_MPS2
-    cases = list(product(PHASES, LATERAL, ALONG_M, ACROSS_M))
+    # every phase of stance with every lateral force at every place
+    cases = list(product(STANCE.phases, STANCE.lateral, STANCE.along, STANCE.across))
     force = weight * np.array([(forward, lateral, up) for (forward, up), lateral, _, _ in cases])
     place = np.array([(x, y, 0.0) for _, _, x, y in cases])
     return np.hstack([force, np.cross(place, force)])
@@ -366,14 +358,17 @@ def total_errors(
     what it is estimated wrongly by, which holds where the error is near zero too. The mean square
     over a minute is exact at the two nodes of Gauss and Legendre, as the drift is linear.
     """
-    loads = np.repeat(loads, len(NODES_S), axis=0)
-    times = np.resize(NODES_S, len(loads))
+    nodes_s = STANCE.duration / 2 * (1 + np.array([-1.0, 1.0]) / np.sqrt(3.0))
+    loads = np.repeat(loads, len(nodes_s), axis=0)
+    times = np.resize(nodes_s, len(loads))
     reported = response.report(loads) + times[:, None] * response.drift[:, None]
     variance = response.scatter[:, 0, None] + response.scatter[:, 1, None] * loads[:, FZ, None] ** 2
     if calibration is not None:
         reported = calibration.correct(reported)
+        # scatter of components is taken as independent: variances add by squared coefficients
         variance = variance @ (calibration.matrix**2).T
     variance = np.maximum(variance, 0)
+    # k replicates, l loads, q quantities, c components
     effect = _effects(loads, reported)
     error = np.einsum("klqc,klc->klq", effect, reported - loads)
     random = np.einsum("klqc,klc->klq", effect**2, variance).mean(axis=1)
@@ -395,32 +390,16 @@ def _effects(loads: Array, reported: Array) -> Array:
     """Give what an error of each component does to each quantity, (K, L, 8, 6)."""
     x, y = -loads[:, MY] / loads[:, FZ], loads[:, MX] / loads[:, FZ]
     effect = np.zeros((*reported.shape[:2], len(QUANTITIES), 6))
+    height = STANCE.center_of_mass
     effect[..., range(3), range(3)] = 1
+    # the centre of pressure is -My/Fz and Mx/Fz: exact, by the reported load
     effect[..., 3, MY], effect[..., 3, FZ] = -1 / reported[..., FZ], -x / reported[..., FZ]
     effect[..., 4, MX], effect[..., 4, FZ] = 1 / reported[..., FZ], -y / reported[..., FZ]
-    effect[..., 5, MX], effect[..., 5, FZ], effect[..., 5, FY] = 1, -y, BODY_CENTER_M
-    effect[..., 6, MY], effect[..., 6, FZ], effect[..., 6, FX] = 1, x, -BODY_CENTER_M
+    # moments about the centre of mass above the foot: M - c × F with c = (x, y, height)
+    effect[..., 5, MX], effect[..., 5, FZ], effect[..., 5, FY] = 1, -y, height
+    effect[..., 6, MY], effect[..., 6, FZ], effect[..., 6, FX] = 1, x, -height
     effect[..., 7, MZ], effect[..., 7, FX], effect[..., 7, FY] = 1, y, -x
     return effect
-
-
-MIN_HZ: Final = 0.5
-MAX_HZ: Final = 15.0
-"""Below, the motion of the weight; above, the low-pass at 20 Hz."""
-STEP_HZ: Final = 0.05
-"""Of the spectrum: a fifth of the width of a line in 4 s."""
-NEIGHBOURS: Final = 40
-"""Frequencies on either side, 2 Hz, whose median is the noise at a frequency."""
-NEAR_HZ: Final = 0.2
-"""Distance from the common peak at which a recording's own is sought."""
-FINE_STEP_HZ: Final = 0.002
-"""Of that search: below any uncertainty of a frequency."""
-MAX_SPREAD_HZ: Final = NEAR_HZ / 4
-"""Standard deviation of the recordings' frequencies; noise spreads over all of ± `NEAR_HZ`."""
-LINE_ALPHA: Final = 0.01
-"""Chance that noise alone shows a line, over all frequencies."""
-FILTER_EDGE_S: Final = 0.5
-"""At either end of a recording, where its filters are inaccurate."""
 
 
 def find_vibration(trials: Sequence[WeightTrial]) -> tuple[float, float, float] | None:
@@ -439,23 +418,26 @@ def find_vibration(trials: Sequence[WeightTrial]) -> tuple[float, float, float] 
     if len(trials) < 2:
         return None
     paths = [_beyond_motion(trial) for trial in trials]
-    hz = np.arange(MIN_HZ, MAX_HZ, STEP_HZ)
+    # steps of a fifth of the width that a line has in 4 s
+    hz = np.arange(VIBRATION.lowest, VIBRATION.highest, 0.05)
     power = np.mean([_power(time, value, hz) for time, value, _ in paths], axis=0)
     if not np.isfinite(power).all():
         return None
-    floor = np.array(
-        [np.median(power[max(k - NEIGHBOURS, 0) : k + NEIGHBOURS + 1]) for k in range(len(hz))]
-    )
+    # noise at a frequency: the median over 2 Hz on either side
+    floor = np.array([np.median(power[max(k - 40, 0) : k + 41]) for k in range(len(hz))])
+    # power of noise, the mean of recordings, is chi-square with two degrees of freedom each
     freedom = 2 * len(trials)
-    chance = stats.chi2.isf(LINE_ALPHA / len(hz), freedom) / stats.chi2.median(freedom)
+    chance = stats.chi2.isf(VIBRATION.chance / len(hz), freedom) / stats.chi2.median(freedom)
     peak = int(np.argmax(power / floor))
-    near = np.arange(hz[peak] - NEAR_HZ, hz[peak] + NEAR_HZ, FINE_STEP_HZ)
-    own = np.array([near[np.argmax(_power(time, value, near))] for time, value, _ in paths])
-    if power[peak] < chance * floor[peak] or own.std(ddof=1) > MAX_SPREAD_HZ:
+    # each recording's peak near the common one, in steps below any uncertainty of a frequency
+    near = np.arange(hz[peak] - VIBRATION.near, hz[peak] + VIBRATION.near, 0.002)
+    peaks_hz = np.array([near[np.argmax(_power(time, value, near))] for time, value, _ in paths])
+    if power[peak] < chance * floor[peak] or peaks_hz.std(ddof=1) > VIBRATION.largest_spread:
         return None
-    middle = float(np.mean(own))
+    middle = float(np.mean(peaks_hz))
     amplitudes = []
     for time, value, motion in paths:
+        # together with the motion, which may have a part at this frequency
         angle = 2 * np.pi * middle * time
         waves = np.column_stack([np.cos(angle), np.sin(angle), motion])
         amplitudes.append(np.hypot(*np.linalg.lstsq(waves, value)[0][:2]))
@@ -465,8 +447,8 @@ def find_vibration(trials: Sequence[WeightTrial]) -> tuple[float, float, float] 
 
 def _beyond_motion(trial: WeightTrial) -> tuple[Array, Array, Array]:
     """Give times, the centre of pressure minus its regression on the motion, and the motion."""
-    inside = _inside(trial, FILTER_EDGE_S)
-    load = LOADED_SHARE * float(np.median(trial.truth[:, 2]))
+    inside = _inside(trial, 0.5)  # filters of these signals are faster
+    load = LIMITS.loaded * float(np.median(trial.truth[:, 2]))
     measured, true = (center_of_pressure(w, load)[:, 0] for w in (trial.measured, trial.truth))
     x = trial.slow_marker[:, 0]  # noise of a faster marker would bias the regression
     v = np.gradient(x, trial.time)
@@ -478,6 +460,7 @@ def _beyond_motion(trial: WeightTrial) -> tuple[Array, Array, Array]:
 
 def _power(time: Array, signal: Array, hz: Array) -> Array:
     """Squared amplitude of the sine of every frequency, equally spaced, in a signal."""
+    # a chirp z-transform, which gives frequencies as close to each other as is asked for
     turn = 2j * np.pi * (time[1] - time[0])
     spectrum = czt(signal, len(hz), np.exp(-turn * (hz[1] - hz[0])), np.exp(turn * hz[0]))
     return np.asarray(np.abs(2 / len(signal) * spectrum) ** 2)
@@ -489,8 +472,6 @@ OF_HEIGHT: Final = (MY, FX)
 """Cross-talk that a misstated height of the weights causes too."""
 ALPHA: Final = 0.05
 """Level of significance of all faults of all plates together."""
-ALIGNMENT_STEP: Final = 1e-6
-"""Of angle [rad] and offset [m], for the derivative of what they do to a wrench."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -564,30 +545,32 @@ def estimate_faults(
             unsure = _errors_of_alignment(response, alignments[belt], centers[belt])
         singles = _response_faults(response, unsure, left_out)
         estimates += [(belt, *single, response.degrees_of_freedom) for single in singles]
-    found = []
+    faults = []
     for belt, name, value, error, unit, freedom in estimates:
         critical = stats.t.isf(ALPHA / 2 / len(estimates), freedom)
         beyond = bool(abs(value) > critical * error)
-        found.append(FaultEstimate(belt, name, float(value), float(error), unit, freedom, beyond))
+        faults.append(FaultEstimate(belt, name, float(value), float(error), unit, freedom, beyond))
     for belt, (supports, words) in product(centers, ((True, "with"), (False, "without"))):
         alike = [t for t in trials if (t.weight.belt, t.weight.supports) == (belt, supports)]
         line = find_vibration(alike)
         if line is not None:
             name, freedom = f"vibration {words} supports", len(alike) - 1
-            found.append(FaultEstimate(belt, name, *line[:2], "m", freedom, True, line[2]))
-    return tuple(found)
+            faults.append(FaultEstimate(belt, name, *line[:2], "m", freedom, True, line[2]))
+    return tuple(faults)
 
 
 def _errors_of_alignment(
     response: PlateResponse, alignment: PlateAlignment, center: Array
 ) -> Array:
     """Give what the uncertainty of the static calibration adds to that of the matrix, (6, 6)."""
-    changes = []
-    for step in ALIGNMENT_STEP * np.eye(3):
+    changes, size = [], 1e-6
+    # derivatives of the matrix by angle [rad] and offset [m]
+    for step in size * np.eye(3):
         turned = replace(alignment, angle=alignment.angle + step[0])
         moved = replace(turned, offset=alignment.offset + step[1:])
         change = cameras_matrix(moved, center) - cameras_matrix(alignment, center)
-        changes.append(change / ALIGNMENT_STEP @ response.matrix[0])
+        changes.append(change / size @ response.matrix[0])
+    # errors propagate by J C J'
     variance = np.einsum("aij,ab,bij->ij", changes, alignment.covariance, changes)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
@@ -599,6 +582,7 @@ def _response_faults(
 
     ``unsure`` is what the static calibration adds to the standard errors of the matrix, (6, 6).
     """
+    # a perfect plate reports the truth: gains of 1 on the diagonal, no cross-talk beside it
     value = response.aligned[0] - np.eye(6)
     error = np.hypot(standard_error(response.aligned), unsure)
     faults = []
@@ -617,4 +601,4 @@ def _response_faults(
     if np.isfinite(response.rise[0, FZ, FZ]):
         replicates.append(("curvature", response.rise[:, FZ, FZ] * response.full_scale_n, "N"))
     replicates.append(("delay in motion", response.delay_s, "s"))
-    return faults + [(name, each[0], standard_error(each), unit) for name, each, unit in replicates]
+    return faults + [(name, k[0], standard_error(k), unit) for name, k, unit in replicates]

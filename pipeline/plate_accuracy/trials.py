@@ -7,6 +7,7 @@ import numpy as np
 
 from compensation import Delay, center_of_pressure, hammer_delay
 from compensation.accuracy import PlateAlignment, fit_plate_alignment, wrench_of_weight
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.signals.resampling import interpolate
 from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench, transform_wrench
@@ -14,6 +15,9 @@ from hbm.spelling import listed
 from pipeline.config.plate_study import BeltSide, HammerRecording, PlatesStudy, WeightRecording
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Plate
+
+LIMITS: Final = read_numbers("pipeline.plate_accuracy", "thresholds.toml", "recordings")
+PLACES: Final = read_numbers("pipeline.plate_accuracy", "thresholds.toml", "places")
 
 
 def read_with_marker(
@@ -49,11 +53,11 @@ def read_with_marker(
         present = listed(recording.markers.names)
         raise ValueError(f"{name}: no marker {label!r}; markers there: {present}")
     marker = recording.markers.position[:, recording.markers.names.index(label)]
-    seen = np.asarray(np.isfinite(marker).all(axis=1))
-    if np.count_nonzero(seen) < 2:
+    is_known = np.asarray(np.isfinite(marker).all(axis=1))
+    if np.count_nonzero(is_known) < 2:
         raise ValueError(f"{name}: marker {label!r} is never seen, or in one frame only")
-    first, last = np.flatnonzero(seen)[[0, -1]]
-    if not seen[first : last + 1].all():
+    first, last = np.flatnonzero(is_known)[[0, -1]]
+    if not is_known[first : last + 1].all():
         raise ValueError(f"{name}: marker {label!r} has a gap; fill the gap or cut it off first")
     rows = slice(first, last + 1)
     number = study.file.plate_numbers.get(belt)
@@ -89,16 +93,6 @@ def read_hammer_delay(study: PlatesStudy, impacts: HammerRecording) -> Delay:
 
 RATE_HZ: Final = 100.0
 """At which errors are compared: five times the cut-off."""
-MIN_DURATION_S: Final = 3.0
-"""Of a recording: more than the filters and the edges take."""
-EDGE_S: Final = 0.3
-"""At either end, where the low-pass and the differentiation of the marker are inaccurate."""
-CONSTANT_SPEED_SHARE: Final = 0.5
-"""Of the belt, in its middle, where a weight at constant speed is compared (II.A.4)."""
-MIN_USED_S: Final = 0.5
-"""Of a recording, in that part of the belt."""
-LOADED_SHARE: Final = 0.2
-"""Of the typical load, above which a plate has a centre of pressure: no weight unloads so far."""
 THESIS_FILTER: Final[LowPassMethod] = "double_pass"
 """Of what is compared with the thesis' errors (van de Loosdrecht 2018, II.A.4): its 20 Hz are the
 cut-off of each of MATLAB's two passes."""
@@ -106,25 +100,6 @@ OWN_FILTER: Final[LowPassMethod] = "zero_phase"
 """Of what the thesis does not estimate: places, cross-talk, delay in motion, vibration."""
 SLOW_CUTOFF_HZ: Final = 2.4
 """For estimates over whole recordings: the marker's noise grows with the square of the cut-off."""
-
-REST_CUTOFF_HZ: Final = 8.0
-"""For finding places: fast enough to see when a weight is put down."""
-MAX_REST_SPEED_MPS: Final = 0.01
-"""Of the marker on a weight that stands still; more than its noise at that cut-off."""
-MIN_REST_S: Final = 0.3
-"""Of a weight at one place; a third of it is cut from either end."""
-PLACED_SHARE: Final = 0.5
-"""Of the weight (90th percentile of the load), above which it stands on the plate."""
-EMPTY_SHARE: Final = 0.2
-"""Of that threshold, below which the plate is empty."""
-MIN_EMPTY_SHARE: Final = 0.1
-"""Of a static recording, in which the plate must be empty to estimate its drift."""
-MIN_PLACES: Final = 3
-"""For a rotation and an offset with an uncertainty."""
-
-ROUNDING: Final = 1e-12
-"""Of the largest load, by which a constant component may differ after a change of axes."""
-
 UNALIGNED: Final = PlateAlignment(0.0, np.zeros(2), np.zeros((3, 3)))
 """Of a plate without static recordings: its position is taken from the file."""
 
@@ -200,48 +175,52 @@ def read_weight(
     file = study.file
     plate, time, marker = read_with_marker(study, weight.file, weight.belt, file.marker)
     clock, rate = plate.time, plate.rate_hz
-    seen = (clock >= time[0]) & (clock <= time[-1])
-    clock, raw = clock[seen], to_cameras(plate.wrench[seen], alignment)
-    if len(clock) < MIN_DURATION_S * rate:
+    with_marker = (clock >= time[0]) & (clock <= time[-1])
+    clock, raw = clock[with_marker], to_cameras(plate.wrench[with_marker], alignment)
+    if len(clock) < LIMITS.shortest * rate:
         raise ValueError(
             f"{weight.file}: {len(clock) / rate:.1f} s are too short, give "
-            f"{MIN_DURATION_S:g} s or more"
+            f"{LIMITS.shortest:g} s or more"
         )
     position = interpolate(time, marker, clock)
-    every = slice(None, None, max(round(rate / RATE_HZ), 1))
+    thinned = slice(None, None, max(round(rate / RATE_HZ), 1))
 
     def true_wrench(low_passed: Array) -> Array:
         truth = wrench_of_weight(weight.mass_kg, low_passed, rate, file.center_height_m)
-        return truth[every]
+        return truth[thinned]
 
+    # plate and marker through the same filter, so that neither is late against the other
     filtered, place = (low_pass(x, rate, file.cutoff_hz, THESIS_FILTER) for x in (raw, position))
     slow, slow_place = (low_pass(x, rate, SLOW_CUTOFF_HZ, OWN_FILTER) for x in (raw, position))
     rear, front = float(plate.corners[:, 0].min()), float(plate.corners[:, 0].max())
-    since, until = clock[every] - clock[0], clock[-1] - clock[every]
-    used = (since > EDGE_S) & (until > EDGE_S)
+    since, until = clock[thinned] - clock[0], clock[-1] - clock[thinned]
+    # at the ends low-pass and differentiation of the marker are inaccurate
+    used = (since > LIMITS.edge) & (until > LIMITS.edge)
     if weight.profile != "sine":
-        from_middle = np.abs(place[every, 0] - (rear + front) / 2)
-        used &= from_middle <= CONSTANT_SPEED_SHARE * (front - rear) / 2
-    if np.count_nonzero(used) < MIN_USED_S * RATE_HZ:
+        # where the belt's speed is constant, as the thesis compares (II.A.4)
+        from_middle = np.abs(place[thinned, 0] - (rear + front) / 2)
+        used &= from_middle <= LIMITS.middle_of_belt * (front - rear) / 2
+    if np.count_nonzero(used) < LIMITS.shortest_used * RATE_HZ:
         raise ValueError(f"{weight.file}: the weight was hardly in the middle half of the belt")
     slow_truth = true_wrench(slow_place)
-    own_axes = plate.wrench_in_plate[seen]
+    in_plate = plate.wrench_in_plate[with_marker]
     weight_n = weight.mass_kg * GRAVITY_MPS2
-    slow_clean = _without_noise(slow_truth, slow_place[every], weight_n, file.center_height_m)
+    slow_clean = _without_noise(slow_truth, slow_place[thinned], weight_n, file.center_height_m)
     return WeightTrial(
         weight=weight,
-        time=clock[every],
-        marker=place[every],
-        measured=filtered[every],
+        time=clock[thinned],
+        marker=place[thinned],
+        measured=filtered[thinned],
         truth=true_wrench(place),
-        slow_marker=slow_place[every],
-        slow_measured=shift_wrench(slow[every], plate.center),
+        slow_marker=slow_place[thinned],
+        slow_measured=shift_wrench(slow[thinned], plate.center),
         slow_truth=shift_wrench(slow_clean, plate.center),
         slow_noise=np.std(slow_truth[used, 2]) * np.array([1, 0, 0, 0, file.center_height_m, 0]),
         used=used,
         belt_ends=(rear, front),
         center=plate.center,
-        constant=np.ptp(own_axes, axis=0) <= ROUNDING * np.abs(own_axes).max(),
+        # a change of axes leaves rounding in a component that never changed
+        constant=np.ptp(in_plate, axis=0) <= 1e-12 * np.abs(in_plate).max(),
     )
 
 
@@ -264,28 +243,31 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
     for name in names:
         plate, time, marker = read_with_marker(study, name, belt, study.file.marker)
         rate = (len(time) - 1) / float(time[-1] - time[0])
-        slow = low_pass(plate.wrench, plate.rate_hz, REST_CUTOFF_HZ, OWN_FILTER)
+        # 8 Hz are fast enough to see when a weight is put down
+        slow = low_pass(plate.wrench, plate.rate_hz, 8.0, OWN_FILTER)
         wrench = interpolate(plate.time, slow, time)
-        threshold = PLACED_SHARE * float(np.nanpercentile(wrench[:, 2], 90))
-        wrench = _without_drift(time, wrench, wrench[:, 2] < EMPTY_SHARE * threshold)
-        place = low_pass(marker, rate, REST_CUTOFF_HZ, OWN_FILTER)
+        # the 90th percentile is the weight, in a recording that it stands through for the most part
+        threshold = PLACES.placed * float(np.nanpercentile(wrench[:, 2], 90))
+        wrench = _without_drift(time, wrench, wrench[:, 2] < PLACES.empty * threshold)
+        place = low_pass(marker, rate, 8.0, OWN_FILTER)
         speed = np.linalg.norm(np.gradient(place, time, axis=0), axis=1)
-        at_rest = (speed < MAX_REST_SPEED_MPS) & (wrench[:, 2] > threshold)
+        at_rest = (speed < PLACES.rest_speed) & (wrench[:, 2] > threshold)
         edges = np.flatnonzero(np.diff(at_rest.astype(int), prepend=0, append=0))
-        shortest = MIN_REST_S * rate
+        shortest = PLACES.shortest_rest * rate
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
             if stop - start < shortest:
                 continue
+            # without the ends, where the weight is put down and taken up
             rows = slice(start + int(shortest / 3), stop - int(shortest / 3))
             mean = wrench[rows].mean(axis=0)[None]
             plate_points.append(center_of_pressure(mean, threshold)[0, :2])
             camera_points.append(marker[rows, :2].mean(axis=0))
     if not names:
         return None
-    if len(plate_points) < MIN_PLACES:
+    if len(plate_points) < PLACES.fewest:
         raise ValueError(
             f"{', '.join(names)}: {len(plate_points)} places where the weight stood still "
-            f"on the plate, expected at least {MIN_PLACES}"
+            f"on the plate, expected at least {PLACES.fewest}"
         )
     return np.array(plate_points), np.array(camera_points)
 
@@ -297,7 +279,8 @@ def align(plate_points: Array, camera_points: Array) -> PlateAlignment:
     squares does not allow for.
     """
     alignment, count = fit_plate_alignment(plate_points, camera_points), len(plate_points)
-    if count == MIN_PLACES:
+    # without one of the fewest places nothing is left that tells how uncertain the fit is
+    if count == PLACES.fewest:
         return alignment
     without_one = (
         fit_plate_alignment(np.delete(plate_points, k, 0), np.delete(camera_points, k, 0))
@@ -309,6 +292,7 @@ def align(plate_points: Array, camera_points: Array) -> PlateAlignment:
             for other in without_one
         ]
     )
+    # jackknife: the sum of squares of n fits times (n - 1) / n
     return replace(alignment, covariance=off.T @ off * (count - 1) / count)
 
 
@@ -319,6 +303,7 @@ def _without_noise(wrench: Array, marker: Array, weight_n: float, height_m: floa
     the belt, this noise would be most of the moments about the lateral and the vertical axis, and
     noise in a regressor biases its coefficient towards zero.
     """
+    # what remains of lateral and vertical force beyond the weight; along the belt it is true
     noise = wrench[:, :3] - [0.0, 0.0, weight_n]
     noise[:, 0] = 0
     place = np.column_stack([marker[:, :2], np.full(len(marker), height_m)])
@@ -327,7 +312,7 @@ def _without_noise(wrench: Array, marker: Array, weight_n: float, height_m: floa
 
 def _without_drift(time: Array, wrench: Array, empty: Mask) -> Array:
     """Subtract the straight line through the wrench of the empty plate."""
-    if np.count_nonzero(empty) < MIN_EMPTY_SHARE * len(empty):
+    if np.count_nonzero(empty) < PLACES.least_empty * len(empty):
         return wrench
     basis = np.column_stack([np.ones(len(time)), time])
     return np.asarray(wrench - basis @ np.linalg.lstsq(basis[empty], wrench[empty])[0])
@@ -335,6 +320,7 @@ def _without_drift(time: Array, wrench: Array, empty: Mask) -> Array:
 
 def to_cameras(wrench: Array, alignment: PlateAlignment) -> Array:
     """Bring a plate's wrenches about the lab origin to the cameras' frame, (T, 6) both."""
+    # the alignment is from cameras to plate, R p + o; this is its inverse
     rotation = np.eye(3)
     rotation[:2, :2] = alignment.rotation.T
     return transform_wrench(wrench, rotation, -rotation @ np.append(alignment.offset, 0.0))

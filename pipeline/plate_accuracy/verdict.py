@@ -16,7 +16,7 @@ from pipeline.config.plate_study import AccuracyLimits, BeltSide, PlatesFile
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
 from pipeline.plate_accuracy.response import (
     EXCITED,
-    MIN_MASSES,
+    LIMITS,
     MY,
     QUANTITIES,
     FaultEstimate,
@@ -36,14 +36,6 @@ GAIN: Final = "gain of "
 """With which names begin: of total errors, and of what misstated masses cause alike."""
 DELAYS: Final = {"motion": "delay in motion", "hammer": "delay"}
 """Method -> the fault that it estimates."""
-DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
-"""Unit of an estimate -> factor and unit in which people read it."""
-MAX_DECIMALS: Final = 6
-MAX_REASONS: Final = 5
-"""In a verdict; the table of errors lists all."""
-DEAD: Final = " (a dead channel of these would not show)"
-COEFFICIENTS: Final = len(EXCITED) + 4
-"""Of a plate's response: with a constant, time, the delay and the curvature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +79,8 @@ class Judged:
     @property
     def texts(self) -> tuple[str, str, str]:
         """Size, interval and limit, in the unit in which people read them."""
-        scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
+        read_in = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
+        scale, unit = read_in.get(self.unit, (1.0, self.unit))
         width = scale * (self.high - self.low) / 2
         limit = f"{scale * self.limit:g} {unit}"
         if math.isnan(self.size):
@@ -159,9 +152,9 @@ class PlateVerdict:
         if self.constant:
             return "not fit"
         if "beyond" in statuses:
-            enough = {one.status for one in self._left} <= {"within", "not examined"}
-            known = self.calibration is not None and not self.to_record
-            return "fit after correction" if enough and known else "not fit"
+            is_enough = {one.status for one in self._left} <= {"within", "not examined"}
+            can_correct = self.calibration is not None and not self.to_record
+            return "fit after correction" if is_enough and can_correct else "not fit"
         unknown = self.to_record or self.shared or "unclear" in statuses
         return "cannot be determined" if unknown else "fit"
 
@@ -173,13 +166,15 @@ class PlateVerdict:
     @property
     def reasons(self) -> tuple[Judged, ...]:
         """What the verdict is for: single faults, then total errors, the largest first."""
-        wanted = "unclear" if self.answer == "cannot be determined" else "beyond"
-        found = [one for one in self.judged if one.status == wanted]
-        left = [one for one in self._left if one.status == "beyond"]
-        if self.answer == "not fit" and left:
-            found = left if self.calibration is not None else list(dict.fromkeys([*found, *left]))
+        status = "unclear" if self.answer == "cannot be determined" else "beyond"
+        reasons = [one for one in self.judged if one.status == status]
+        remaining = [one for one in self._left if one.status == "beyond"]
+        # what a calibration cannot take away decides; without one, all that is beyond does
+        if self.answer == "not fit" and remaining:
+            both = list(dict.fromkeys([*reasons, *remaining]))
+            reasons = remaining if self.calibration is not None else both
         return tuple(
-            sorted(found, key=lambda one: (one.name.startswith(TOTAL), -one.size / one.limit))
+            sorted(reasons, key=lambda one: (one.name.startswith(TOTAL), -one.size / one.limit))
         )
 
     @property
@@ -210,13 +205,15 @@ class PlateVerdict:
             "or was not recorded"
             for name in self.constant
         ]
+        not_shown = " (a dead channel of these would not show)" * bool(self.unexamined)
         rows: list[tuple[str, str | list[Check]]] = [
             ("Fit for inverse dynamics", [(rating, text, "")]),
             ("Examined", ", ".join(examined) or "–"),
-            ("Not examined", f"{', '.join(self.unexamined) or '–'}{DEAD * bool(self.unexamined)}"),
+            ("Not examined", f"{', '.join(self.unexamined) or '–'}{not_shown}"),
             (
                 "Undecided" if self.answer == "cannot be determined" else "Found",
-                "; ".join([*dead, *(one.sentence for one in self.reasons[:MAX_REASONS])]) or "–",
+                # the five largest; the table of errors lists all
+                "; ".join([*dead, *(one.sentence for one in self.reasons[:5])]) or "–",
             ),
             ("Extrapolated", f"above {self.largest_n:.0f} N, the largest recorded load"),
             *(("Contradiction", text) for text in self.contradiction),
@@ -306,6 +303,7 @@ class _Plate:
     def if_masses_were_heavier(self, share: float) -> "_Plate":
         """Give the plate as if all masses were heavier by a share than stated."""
         real, response = 1 + share, self.response
+        # a larger true load makes gains smaller by as much, their rise by its square
         if response is not None:
             matrix = response.matrix.copy()
             matrix[:, :, response.examined] /= real
@@ -326,6 +324,7 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         found.responses.get(belt),
         [fault for fault in found.faults if fault.belt == belt],
     )
+    # gains that all plates share may be an error of the masses: what holds either way is judged
     shared = _shared_gain(plate)
     heavier = plate.if_masses_were_heavier(shared)
     stated, otherwise = _judged(plate), _judged(heavier)
@@ -368,6 +367,7 @@ def _shared_gain(plate: _Plate) -> float:
     most = np.inf if percent is None else percent / 100
     value, half = np.array(gains).T
     half = np.maximum(half, np.finfo(float).eps)
+    # in the direction of the mean, no further than the end of any interval, and not below zero
     mean = float(np.average(value, weights=half**-2))
     side = np.sign(mean)
     return float(side * max(min(side * mean, np.min(side * value + half), most), 0.0))
@@ -395,6 +395,7 @@ def _judged(plate: _Plate) -> list[Judged]:
         judged.append(Judged(name, *unknown, limit, "1", correctable=False, examined=False))
     if plate.belt in plate.found.linearities:
         line, chance = plate.found.linearities[plate.belt], np.array([0.025, 0.975])
+        # a standard deviation's interval, by the chi-square distribution of its square
         freedom = line.degrees_of_freedom
         low, high = line.nonlinearity * np.sqrt(freedom / stats.chi2.isf(chance, freedom))
         limit = limits.nonlinearity_percent / 100 * full_scale_n
@@ -442,6 +443,7 @@ def _totals(plate: _Plate, calibration: PlateCalibration | None = None) -> list[
         return []
     units = {"F": ("N", limits.force_n), "C": ("m", limits.cop_m), "M": ("N·m", limits.moment_nm)}
     loads = stance_loads(plate.file.body_mass_kg)
+    # each quantity with its size and both ends of the interval
     sizes = np.transpose(total_errors(response, loads, calibration)).tolist()
     suffix = "" if calibration is None else " after correction"
     judged = []
@@ -470,6 +472,7 @@ def _correction(plate: _Plate, heavier: _Plate) -> tuple[list[Judged], PlateCali
     if calibration is None:
         return [], None
     corrected = _either(*(_totals(one, calibration) for one in (plate, heavier)))
+    # within its limit an error may grow
     worse = any(
         after.size > max(after.limit, before.size)
         for before, after in zip(totals, corrected, strict=True)
@@ -488,6 +491,7 @@ def _calibration(plate: _Plate) -> PlateCalibration | None:
     response, late, delay_s = plate.response, plate.agreed_delay, 0.0
     if response is None:
         return None
+    # a zero or a delay that is not significant would only add its own error
     significant = {fault.fault for fault in plate.faults if fault.significant}
     corrected = [f"zero of {name}" in significant for name in WRENCH_COMPONENTS]
     if late is not None and DELAYS[late.method] in significant:
@@ -526,15 +530,17 @@ def _to_record(plate: _Plate) -> tuple[str, ...]:
     """Give what has to be recorded before anything can be said of a person's load."""
     weights = [trial.weight for trial in plate.in_use]
     masses = len({weight.mass_kg for weight in weights})
-    wanted = (
-        (masses >= MIN_MASSES, f"record {MIN_MASSES} different weights or more, not {masses}"),
+    # of a plate's response: its components, a constant, time, the delay and the curvature
+    coefficients, fewest = len(EXCITED) + 4, LIMITS.fewest_masses
+    needed = (
+        (masses >= fewest, f"record {fewest} different weights or more, not {masses}"),
         (
             len({weight.position_m for weight in weights}) > 1,
             "record weights at two distances from the belt's middle or more",
         ),
         (
-            len(weights) > COEFFICIENTS,
-            f"record {COEFFICIENTS + 1} times or more, there are {len(weights)} recordings",
+            len(weights) > coefficients,
+            f"record {coefficients + 1} times or more, there are {len(weights)} recordings",
         ),
         (
             any(weight.profile != "constant" for weight in weights),
@@ -546,12 +552,12 @@ def _to_record(plate: _Plate) -> tuple[str, ...]:
             "cannot be examined",
         ),
     )
-    return tuple(text for enough, text in wanted if not enough)
+    return tuple(text for is_enough, text in needed if not is_enough)
 
 
 def rounded(value: float, uncertainty: float) -> str:
     """Write a number with two digits of its uncertainty, at most six decimals."""
     if not 0 < uncertainty < np.inf:
         return written(value, ".3g")
-    decimals = min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_DECIMALS)
+    decimals = min(max(1 - math.floor(math.log10(uncertainty)), 0), 6)
     return written(value, f".{decimals}f")

@@ -1,7 +1,7 @@
 """Where curves over the gait cycle differ: residuals and joints of a study."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,9 +18,6 @@ from pipeline.statistics.design import Design
 from pipeline.statistics.verdict import judged_conditions
 from pipeline.trial.joints import CURVES
 from pipeline.trial.residuals import AXES, UNITS
-
-COLUMNS: Final = ("curve", "unit", "compared", "n", "start_percent", "stop_percent", "p")
-BAND_COLUMNS: Final = ("curve", "unit", "compared", "percent", "difference", "low", "high", "p")
 
 
 def compared_curves(
@@ -74,14 +71,16 @@ def curve_tables(compared: ComparedCurves) -> dict[str, pd.DataFrame]:
     """Give the tables of comparisons: parts that differ, and bands with a row per percent."""
     units = dict(zip(AXES, UNITS, strict=True))
     units |= {f"{m.name}_{curve}": unit for m in LEG for curve, unit in CURVES.items()}
+    columns = ("curve", "unit", "compared", "n", "start_percent", "stop_percent", "p")
+    of_bands = ("curve", "unit", "compared", "percent", "difference", "low", "high", "p")
     parts, bands = list[tuple[object, ...]](), list[pd.DataFrame]()
     for (curve, cells), of in compared.items():
         key = curve, units[curve], cells
         parts += [(*key, of.subjects, part.start, part.stop, part.p) for part in of.parts]
         values = np.arange(len(of.p)), of.difference, of.low, of.high, of.p
-        bands.append(pd.DataFrame(dict(zip(BAND_COLUMNS, (*key, *values), strict=True))))
-    every_band = pd.concat(bands) if bands else pd.DataFrame(columns=BAND_COLUMNS)
-    return {"curves": pd.DataFrame(parts, columns=COLUMNS), "curve_bands": every_band}
+        bands.append(pd.DataFrame(dict(zip(of_bands, (*key, *values), strict=True))))
+    all_bands = pd.concat(bands) if bands else pd.DataFrame(columns=of_bands)
+    return {"curves": pd.DataFrame(parts, columns=columns), "curve_bands": all_bands}
 
 
 def _of_one_curve(

@@ -11,8 +11,6 @@ from pipeline.trial.residuals import AXES, rows_of
 
 STATISTICS: Final = {"F": "F", "chi2": "χ²"}
 """Statistic of a test of a factor -> its symbol."""
-EFFECT_SIZES: Final = {"partial eta squared": "ηp²", "Kendall's W": "W"}
-GREENHOUSE_GEISSER: Final = "Greenhouse-Geisser"
 
 
 def tests_table(statistics: pd.DataFrame) -> Table | None:
@@ -43,13 +41,14 @@ def named(effect: object) -> str:
 
 def written_test(row: Any) -> str:
     """Write a test as APA has it, with the degrees of freedom that its p-value has."""
-    factor = row.epsilon if row.correction == GREENHOUSE_GEISSER else 1.0
-    known = (factor * df for df in (row.df1, row.df2) if not isnan(df))
-    degrees = [f"{df:.2f}".rstrip("0").rstrip(".") for df in known]
+    factor = row.epsilon if row.correction == "Greenhouse-Geisser" else 1.0
+    corrected = (factor * df for df in (row.df1, row.df2) if not isnan(df))
+    degrees = [f"{df:.2f}".rstrip("0").rstrip(".") for df in corrected]
     text = f"{STATISTICS[row.statistic_name]}({', '.join(degrees)}) = {row.statistic:.2f}, "
     text += p_equation(row.p_corrected)
     if isnan(row.effect_size):
         return text
     low, high = (f"{bound:.2f}" for bound in (row.ci_low, row.ci_high))
     interval = "" if isnan(row.ci_low) else f" [{low}, {high}]"
-    return f"{text}, {EFFECT_SIZES[row.effect_size_name]} = {row.effect_size:.2f}{interval}"
+    symbol = {"partial eta squared": "ηp²", "Kendall's W": "W"}[row.effect_size_name]
+    return f"{text}, {symbol} = {row.effect_size:.2f}{interval}"

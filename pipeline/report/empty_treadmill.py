@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from compensation import PlatformPose, estimate_delay, specific_force
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
@@ -33,27 +34,9 @@ from pipeline.trial.ground.wrenches import plate_artefacts
 SWAY: Final = "sway_m"
 PITCH: Final = "pitch_deg"
 """Keys of a calibration's provenance: largest sway [m] and pitch [°] of its recording."""
-SEGMENT_S: Final = 8.0
-"""Of a spectrum: lines 0.125 Hz wide."""
-AROUND_HZ: Final = 3.0
-"""Width of the band whose median is the background of a line."""
-LINE_FACTOR: Final = 10.0
-"""Of the background, above which a line is one of the rollers."""
-ROLLER_M: Final = (0.03, 0.15)
-"""Smallest and largest radius of a treadmill's rollers."""
-BASE_HZ: Final = (7.0, 60.0)
-"""Above commanded motion; below the modes of load cells."""
-BASE_FACTOR: Final = 1.2
-"""Of the power of a broad peak over the valleys beside it, mean over all components."""
-SMOOTH_HZ: Final = 2.0
-"""Over which spectra are smoothed for broad peaks: lines of rollers and drives go."""
+LIMITS: Final = read_numbers("pipeline.report", "thresholds.toml", "vibration")
 PLACE_HZ: Final = 3.0
 """Low-pass for the places of accelerometers: markers differentiated twice are noise above."""
-MIN_PITCH_RAD: Final = np.radians(1.0)
-"""Below, a platform does not pitch: markers and commands are not exact to less."""
-SHOWN_S: Final = 30.0
-"""Of a recording, around its largest load: a period of pitch, six pulses of the belts."""
-SHOWN_SAMPLES: Final = 3000
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +167,8 @@ def measure_empty(
 
 
 def _spectrum(before: Array, after: Array, rate_hz: float) -> Spectrum:
-    length = min(round(SEGMENT_S * rate_hz), len(before))
+    # segments of 8 s: lines are 0.125 Hz wide
+    length = min(round(8.0 * rate_hz), len(before))
     both = np.stack([before, after])
     frequency, power = scipy.signal.welch(both, rate_hz, nperseg=length, axis=1)
     return Spectrum(frequency, *np.sqrt(power))
@@ -194,45 +178,52 @@ def _rollers(spectra: Sequence[Spectrum], belts_mps: float | None) -> float | No
     """Find the line of unbalanced rollers, at a turn for each circumference of the belt's way."""
     if belts_mps is None or belts_mps < RUNNING_MPS:
         return None
-    slowest, fastest = (belts_mps / (2 * np.pi * radius) for radius in reversed(ROLLER_M))
+    # a turn for each circumference, from that of the largest to that of the smallest roller
+    slowest, fastest = (
+        belts_mps / (2 * np.pi * radius) for radius in LIMITS.rollers[::-1].tolist()
+    )
     frequency = spectra[0].frequency_hz
     inside = (frequency >= slowest) & (frequency <= fastest)
     if not inside.any():
         return None
-    # power over the median of the frequencies around each
-    width = max(round(AROUND_HZ / (frequency[1] - frequency[0])), 3)
+    # power over the median of the 3 Hz around each frequency
+    width = max(round(3.0 / (frequency[1] - frequency[0])), 3)
     power = np.stack([s.after**2 for s in spectra])
     background = scipy.ndimage.median_filter(power, size=(1, width, 1), mode="nearest")
     excess = np.max(power / np.maximum(background, 1e-12), axis=(0, 2))
     peak = int(np.argmax(np.where(inside, excess, 0.0)))
-    return float(frequency[peak]) if excess[peak] > LINE_FACTOR else None
+    return float(frequency[peak]) if excess[peak] > LIMITS.line_factor else None
 
 
 def _base(spectra: Sequence[Spectrum]) -> tuple[float, ...]:
     """Find the broad peaks of what remains, at most two, where the base vibrates."""
     frequency = spectra[0].frequency_hz
-    every = np.hstack([np.log(np.maximum(s.after**2, 1e-12)) for s in spectra])
+    logarithms = np.hstack([np.log(np.maximum(s.after**2, 1e-12)) for s in spectra])
     step = frequency[1] - frequency[0]
-    width = max(round(SMOOTH_HZ / step), 3)
+    # a median over 2 Hz takes away the lines of rollers and drives, and leaves broad peaks
+    width = max(round(2.0 / step), 3)
     smooth = scipy.ndimage.uniform_filter1d(
-        scipy.ndimage.median_filter(every, size=(width, 1)).mean(axis=1), width
+        scipy.ndimage.median_filter(logarithms, size=(width, 1)).mean(axis=1), width
     )
-    inside = np.flatnonzero((frequency >= BASE_HZ[0]) & (frequency <= BASE_HZ[1]))
+    inside = np.flatnonzero((frequency >= LIMITS.base[0]) & (frequency <= LIMITS.base[1]))
     if len(inside) < 3:
         return ()
     peaks, _ = scipy.signal.find_peaks(
-        smooth[inside], prominence=np.log(BASE_FACTOR), plateau_size=1
+        smooth[inside], prominence=np.log(LIMITS.base_factor), plateau_size=1
     )
     order = np.argsort(-scipy.signal.peak_prominences(smooth[inside], peaks)[0])
-    found = [float(frequency[inside[peak]]) for peak in peaks[order]]
-    return tuple(sorted(found[:2]))
+    peaks_hz = [float(frequency[inside[peak]]) for peak in peaks[order]]
+    return tuple(sorted(peaks_hz[:2]))
 
 
 def _axis(pose: PlatformPose) -> Array:
     """Give the axis of pitch, along which the platform sways, (3,), in any axes of the file."""
+    # the skew part of a rotation matrix, R - R', is twice the sine of the angle about its axis
     skew = pose.rotation - np.swapaxes(pose.rotation, 1, 2)
     turn = skew[:, [2, 0, 1], [1, 2, 0]]
-    vectors = turn if np.abs(turn).max() > 2 * MIN_PITCH_RAD else pose.position
+    pitches = np.abs(turn).max() > 2 * np.radians(LIMITS.least_pitch)
+    vectors = turn if pitches else pose.position
+    # the principal direction of all frames
     return np.asarray(np.linalg.eigh(vectors.T @ vectors)[1][:, -1])
 
 
@@ -249,27 +240,30 @@ def _places(
     Sway and pitch do not show how far to the left one is. Empty where the platform hardly pitches.
     """
     axis = _axis(pose)
-    if len(time) < rate_hz or turned_rad(pose).max() < MIN_PITCH_RAD:
+    if len(time) < rate_hz or turned_rad(pose).max() < np.radians(LIMITS.least_pitch):
         return {}
     force = low_pass(specific_force(pose, rate_hz), rate_hz, PLACE_HZ, "zero_phase")
     slow = low_pass(readings, clock, PLACE_HZ, "zero_phase")
     back = np.swapaxes(pose.rotation, 1, 2) @ np.gradient(pose.rotation, 1 / rate_hz, axis=0)
     speed = back[:, [2, 0, 1], [1, 2, 0]] @ axis
     speed = low_pass(speed, rate_hz, PLACE_HZ, "zero_phase")
-    felt = resample(clock, slow, time)
-    inside = np.isfinite(felt).all(axis=1)
+    at_poses = resample(clock, slow, time)
+    inside = np.isfinite(at_poses).all(axis=1)
     try:
-        late_s = estimate_delay(felt[inside], force[inside], rate_hz).seconds
+        late_s = estimate_delay(at_poses[inside], force[inside], rate_hz).seconds
     except ValueError:
         return {}
-    felt = resample(clock, slow, time - late_s)
-    inside = np.isfinite(felt).all(axis=1)
+    at_poses = resample(clock, slow, time - late_s)
+    inside = np.isfinite(at_poses).all(axis=1)
+    # specific force of the platform's origin, and what the lever adds: α × r and ω × (ω × r)
     design = np.column_stack([force[:, :3], force[:, 3:] @ axis, speed**2])[inside]
     forward = np.cross(axis, [0.0, 0.0, 1.0])
     forward *= np.sign(forward[np.argmax(np.abs(forward))]) or 1.0
     places = {}
-    for sensor, measured in zip(sensors, np.split(felt[inside], len(sensors), axis=1), strict=True):
+    of_sensors = np.split(at_poses[inside], len(sensors), axis=1)
+    for sensor, measured in zip(sensors, of_sensors, strict=True):
         gains = np.linalg.lstsq(design, measured)[0].T
+        # the sensor may be turned in any way: its rotation is that of its gains to the force
         arm = np.cross(fit_rotation(gains[:, :3]).T @ gains[:, 3], axis)
         places[sensor] = Place(float(arm @ forward), float(arm[2]))
     return places
@@ -280,9 +274,10 @@ def time_figure(
 ) -> Figure:
     """Draw what an empty plate measures, what is predicted, and what remains, (N, C) each."""
     size = np.linalg.norm(before - before.mean(axis=0), axis=1)
-    count = min(round(SHOWN_S * rate_hz), len(size))
+    # 30 s around the largest load: a period of pitch, six pulses of the belts
+    count = min(round(30.0 * rate_hz), len(size))
     start = int(np.clip(np.argmax(size) - count // 2, 0, len(size) - count))
-    shown = slice(start, start + count, max(count // SHOWN_SAMPLES, 1))
+    shown = slice(start, start + count, max(count // 3000, 1))
     time = np.arange(len(size))[shown] / rate_hz
     lines = (
         ("before", before, COLOURS["measured"], 1.6),
@@ -301,7 +296,7 @@ def time_figure(
 def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float | None) -> Figure:
     """Draw a plate's spectra with the low-passes, and the frequencies of base and rollers."""
     frequency = spectrum.frequency_hz
-    inside = (frequency > 0.2) & (frequency <= BASE_HZ[1])
+    inside = (frequency > 0.2) & (frequency <= LIMITS.base[1])
     marks = [("trial filter, 6 Hz", SLOW_HZ, "black", "-")]
     if cutoff_hz is not None:
         marks.append((f"calibration filter, {cutoff_hz:g} Hz", cutoff_hz, "black", ":"))
@@ -316,7 +311,7 @@ def spectrum_figure(spectrum: Spectrum, empty: EmptyTreadmill, cutoff_hz: float 
             panel.loglog(frequency[inside], values[inside, k], color=colour, lw=0.9, label=label)
         for label, hz, colour, dashes in marks:
             panel.axvline(hz, color=colour, ls=dashes, lw=0.9, label=label)
-        panel.set_xlim(0.2, BASE_HZ[1])
+        panel.set_xlim(0.2, LIMITS.base[1])
         panel.yaxis.set_major_formatter("{x:g}")
         panel.set_xticks([0.2, 1, 6, 20, 60], ["0.2", "1", "6", "20", "60"])
         panel.minorticks_off()

@@ -46,19 +46,8 @@ from pipeline.statistics.design import TAIL, Design, Weigh
 from pipeline.statistics.recordings import subject_means
 from pipeline.trial.residuals import AXES
 
-GREY: Final = "#BBBBBB"
-"""Colour of the part of the gait cycle that counts."""
 DIFFERENCE: Final = COLOURS["compensated"]
 """Colour of differences of curves."""
-WIDTHS: Final = {True: 0.5, False: 1.25}
-"""Of curves of the reference and of the condition beside it, of the usual width."""
-MAX_BYTES: Final = 200
-"""Of a label in a file's name, of which 255 are allowed."""
-THIN_LINE_PT: Final = 0.7
-NEAR: Final = 0.5
-"""Of the least value in a panel: intervals that end above have both ends on its axis."""
-MAX_LABELS: Final = 0.6
-"""Share of a panel's width, with its margin, that names of conditions may fill side by side."""
 OFFSET: Final = 0.05
 """Shift of the means of both variants against each other, in steps of conditions."""
 
@@ -126,18 +115,19 @@ def by_label(
     compared: ComparedCurves, curves: Iterable[str]
 ) -> dict[str, dict[str, CurveComparison]]:
     """Give some of the curves by what is compared: label -> curve -> comparison."""
-    found = dict[str, dict[str, CurveComparison]]()
+    of_labels = dict[str, dict[str, CurveComparison]]()
     for curve, label in compared:
         if curve in curves:
-            found.setdefault(label, {})[curve] = compared[curve, label]
-    return found
+            of_labels.setdefault(label, {})[curve] = compared[curve, label]
+    return of_labels
 
 
 def file_names(labels: Iterable[str]) -> list[str]:
     """Give labels as different parts of files' names, such as sway_IC_-_baseline_no_IC."""
     names = list[str]()
     for label in labels:
-        short = re.sub(r"[^\w.+-]+", "_", label).encode()[:MAX_BYTES].decode(errors="ignore")
+        # a file's name has 255 bytes at most, with its number and suffix
+        short = re.sub(r"[^\w.+-]+", "_", label).encode()[:200].decode(errors="ignore")
         taken = {name.casefold() for name in names}
         numbered = (f"{short}_{number}" for number in count(2))
         names.append(next(n for n in chain([short], numbered) if n.casefold() not in taken))
@@ -146,11 +136,11 @@ def file_names(labels: Iterable[str]) -> list[str]:
 
 def difference_title(label: str, of_curves: Mapping[str, CurveComparison]) -> str:
     """Say what is compared, what the band is, and who entered, of groups in the label's order."""
-    every = list(of_curves.values())
-    of_groups = zip(*(of.in_groups for of in every), strict=True)
+    comparisons = list(of_curves.values())
+    of_groups = zip(*(of.in_groups for of in comparisons), strict=True)
     people = " and ".join(numbers(pd.Series(counts), "subject") for counts in of_groups)
-    recordings = numbers(pd.Series([of.recordings for of in every]), "recording")
-    bars = "; black bars: p below .05" * any(of.parts for of in every)
+    recordings = numbers(pd.Series([of.recordings for of in comparisons]), "recording")
+    bars = "; black bars: p below .05" * any(of.parts for of in comparisons)
     return f"{label}: difference ± simultaneous 95 % band, {people}, {recordings}{bars}"
 
 
@@ -268,7 +258,7 @@ def gait_cycle_figure(
             (colour, style), width = condition_style(order.index(name)), 1.0
             if design.compensated:
                 colour, style = VARIANTS[compensated].colour, VARIANTS[compensated].line
-                width = WIDTHS[name != condition]
+                width = 0.5 if name != condition else 1.25
             cell = design.cell(name, compensated)
             compared = cell in (design.judged(condition), design.reference_cell)
             width *= mpl.rcParams["lines.linewidth"]
@@ -278,7 +268,7 @@ def gait_cycle_figure(
                 draw_band(panel, percent, *band, colour, label=cell, ls=style, lw=width)
         for k, (axis, panel) in enumerate(zip(AXES, grid.flat, strict=True)):
             if grey is not None:
-                panel.axvspan(*grey, color=GREY, alpha=0.4, lw=0, zorder=0)
+                panel.axvspan(*grey, color="#BBBBBB", alpha=0.4, lw=0, zorder=0)
             draw_logarithmic(panel, mean.xs(axis, level="axis").to_numpy())
             panel.set_xlabel("gait cycle (%)")
             panel.set_ylabel(f"RMS {axis_label(k)}")
@@ -319,7 +309,8 @@ def marginal_means_figure(
     any_cut = False
     with in_style(look):
         figure, grid = panel_grid(2, 3, SIX_PANELS_INCH, look)
-        room = letters_in(figure.get_figwidth() / grid[0, 0].get_gridspec().ncols) * MAX_LABELS
+        # names of conditions may fill 60 % of a panel and its margin side by side
+        room = letters_in(figure.get_figwidth() / grid[0, 0].get_gridspec().ncols) * 0.6
         turned = 30 if len("".join(conditions)) > room else 0
         for k, panel in enumerate(grid.flat):
             rows = residuals[residuals["axis"] == AXES[k]]
@@ -336,7 +327,8 @@ def marginal_means_figure(
                     variant = variant._replace(line="-", offset=0.0)
                 x, low, high = _draw_means(panel, rms, variant)
                 lower.append((variant.colour, x, low))
-                shown += [low[low >= NEAR * np.nanmin(values)], high]
+                # an interval that ends far below the least value would hide the others
+                shown += [low[low >= 0.5 * np.nanmin(values)], high]
             draw_logarithmic(panel, np.concatenate(shown))
             any_cut |= _draw_cuts(panel, lower)
             panel.set_title(_p_value(statistics, AXES[k], design), loc="right", fontsize="small")
@@ -377,9 +369,7 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> tuple[Array
     half = quantile * rms.std() / np.sqrt(n)
     x = np.arange(len(rms.columns), dtype=np.float64) + variant.offset
     lines = [np.column_stack([x, of_subject]) for of_subject in rms.to_numpy()]
-    panel.add_collection(
-        LineCollection(lines, colors=variant.colour, linewidths=THIN_LINE_PT, alpha=0.3)
-    )
+    panel.add_collection(LineCollection(lines, colors=variant.colour, linewidths=0.7, alpha=0.3))
     drawn: Any = {"color": variant.colour, "marker": variant.marker, "label": variant.label}
     panel.errorbar(x, rms.mean(), half.fillna(0), ls=variant.line, ms=4, capsize=3, **drawn)
     low, high = (np.asarray(rms.mean() + sign * half, np.float64) for sign in (-1, 1))

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.figures.joints import LEG, UPPER_BODY, Curve, joint_figure
 from pipeline.figures.style import condition_style
@@ -23,17 +24,10 @@ from pipeline.statistics.recordings import subject_means
 from pipeline.statistics.table_3 import number
 from pipeline.trial.joints import CURVE_COLUMNS, CURVES, JOINT_MOTIONS
 
+LIMITS: Final = read_numbers("pipeline.report", "thresholds.toml", "joints")
 PEAKS: Final = ("largest moment", "smallest moment")
-MIN_PEAK: Final = 0.1
-"""Of a moment that is in the table of what compensation changes [N·m/kg]."""
-
 Cell = tuple[str, bool]
 """A condition, and whether its plates are compensated."""
-MAX_VALUES: Final = 10**8
-"""Of the cycles of a cell in memory: 400 MB."""
-MIN_KNOWN_CYCLES: Final = 0.5
-"""Share of the gait cycles of which an instant has to be known to be drawn."""
-FEW_KNOWN: Final = "; gaps: known of too few subjects or gait cycles"
 
 
 def subject_values(joints: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
@@ -48,6 +42,7 @@ def subject_values(joints: pd.DataFrame, weigh: Weigh) -> pd.DataFrame:
     columns = ["weighted", "weight", "n_cycles"]
     of_side = weighted.groupby([*keys, "side"], sort=False)[columns].sum().reset_index()
     of_side["value"] = of_side["weighted"] / of_side["weight"]
+    # both sides count alike, however many cycles each has
     how = {"value": "mean", "n_cycles": "sum"}
     return of_side.groupby(keys, sort=False).agg(how).reset_index()
 
@@ -68,7 +63,7 @@ def compensation_tables(joints: pd.DataFrame, design: Design) -> list[Table]:
             (f"{' '.join(motion)}, {quantity}", *_change(pairs[*motion, quantity]))
             for motion in leg
             for quantity in PEAKS
-            if np.abs(pairs.get((*motion, quantity), 0.0)).max() >= MIN_PEAK
+            if np.abs(pairs.get((*motion, quantity), 0.0)).max() >= LIMITS.least_peak
         ]
         heads = ("Moment (N·m/kg)", "no IC", "IC", "IC − no IC [95 % CI]", "of the peak")
         count = peaks["subject"].nunique()
@@ -114,16 +109,17 @@ class JointMeans:
     """
 
     def __init__(self, cycles: Curves, weigh: Weigh) -> None:
-        every = cycles.read(["subject", "condition", "compensated"])
-        rows = every.groupby(["condition", "compensated"], observed=True).size()
+        keys = cycles.read(["subject", "condition", "compensated"])
+        rows = keys.groupby(["condition", "compensated"], observed=True).size()
         self.cells: list[Cell] = [*rows.index]
-        self.subjects = every.groupby("condition", sort=False, observed=True)["subject"].nunique()
+        self.subjects = keys.groupby("condition", sort=False, observed=True)["subject"].nunique()
         self.of_recordings: dict[Cell, pd.DataFrame] = {}
         self.mean_and_spread: dict[Cell, list[Array]] = {}
         for cell, count in zip(self.cells, rows, strict=True):
-            parts = np.array_split(CURVE_COLUMNS, -(-count * len(CURVE_COLUMNS) // MAX_VALUES))
-            found = [_averaged(cycles, cell, [*names], weigh) for names in parts]
-            means, *curves = (pd.concat(tables, axis=1) for tables in zip(*found, strict=True))
+            # some columns at a time: 100 million values are 400 MB of memory
+            parts = np.array_split(CURVE_COLUMNS, -(-count * len(CURVE_COLUMNS) // 10**8))
+            averages = [_averaged(cycles, cell, [*names], weigh) for names in parts]
+            means, *curves = (pd.concat(tables, axis=1) for tables in zip(*averages, strict=True))
             self.of_recordings[cell] = means.droplevel(["condition", "compensated"])
             shape = -1, len(JOINT_MOTIONS), len(CURVES)
             self.mean_and_spread[cell] = [table.to_numpy(float).reshape(shape) for table in curves]
@@ -141,10 +137,12 @@ def _averaged(
         means = subject_means(shown, names, weigh, of_sides=True)
     of_one = shown["subject"].nunique() == 1
     of_percent = (shown if of_one else means).groupby("percent", sort=True)[[*names]]
-    known = shown[[*names]].notna().groupby(shown["percent"]).mean() >= MIN_KNOWN_CYCLES
-    at_percent = known.reindex(of_recordings.index.get_level_values("percent")).to_numpy()
+    # where most cycles are unknown, the mean would be of the few others alone
+    fraction = shown[[*names]].notna().groupby(shown["percent"]).mean()
+    is_known = fraction >= LIMITS.least_known
+    at_percent = is_known.reindex(of_recordings.index.get_level_values("percent")).to_numpy()
     of_recordings = of_recordings.where(at_percent)
-    return of_recordings, of_percent.mean().where(known), of_percent.std().where(known)
+    return of_recordings, of_percent.mean().where(is_known), of_percent.std().where(is_known)
 
 
 def joint_figures(
@@ -204,8 +202,9 @@ def joint_figures(
         title = f"Joints of the legs, {difference_title(label, of_curves)}"
         drawn = [("", DIFFERENCE, "-", difference, half)]
         kinds = [kind for kind in CURVES if any(name.endswith(kind) for name in of_curves)]
+        gaps = "; gaps: known of too few subjects or gait cycles"
         figure = partial(
-            joint_figure, drawn, title, differing=_parts(of_curves), shown=kinds, gaps=FEW_KNOWN
+            joint_figure, drawn, title, differing=_parts(of_curves), shown=kinds, gaps=gaps
         )
         yield f"joints_difference_{file}", figure
 

@@ -27,6 +27,7 @@ from compensation.inertia.quality import (
 )
 from compensation.protocol import ADVISED_PLATFORM_SIGNAL
 from hbm.notes import Note, provenance, warnings_of
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import written
 from pipeline.config.schema import StudyFile
@@ -57,8 +58,7 @@ TITLES: Final[Mapping[PartName, str]] = {
     "plates": "Plates under known weights",
     "ranking": "Ranking of calibration signals",
 }
-CHILD_KG: Final = 20.0
-"""Lighter persons hardly walk on treadmills."""
+LIMITS: Final = read_numbers("pipeline.report", "thresholds.toml", "laboratory")
 NEW_FIT: Final = "record the empty treadmill, hbm calibration fit"
 
 
@@ -177,8 +177,8 @@ def page_of_study(study: Study, folder: Path) -> str | None:
 
     None where neither has one.
     """
-    stated = study.file.treadmill.calibration, study.file.plates.calibration
-    for path in (study.path(name).with_name(PAGE) for name in stated if name):
+    files = study.file.treadmill.calibration, study.file.plates.calibration
+    for path in (study.path(name).with_name(PAGE) for name in files if name):
         if path.is_file():
             try:
                 return quote(Path(os.path.relpath(path, folder)).as_posix())
@@ -280,7 +280,7 @@ def _persons(rows: Sequence[LeftOver]) -> str:
     lightest = lightest_kg(rows)
     return (
         "any body mass"
-        if lightest < CHILD_KG
+        if lightest < LIMITS.lightest_person
         else f"{lightest:.0f} kg and heavier: residuals rise by 5 % at most"
     )
 

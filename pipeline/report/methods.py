@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
-from typing import Final
 
 import pandas as pd
 
@@ -24,10 +23,6 @@ from pipeline.statistics.verdict import judged_conditions, within_margin
 from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.quality import settling_s
 from pipeline.trial.result import TrialResult
-
-SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
-CITED_ELSEWHERE: Final = ("hbm_residuals", "vandeloosdrecht2018", "hicks2015")
-"""Works that the report rests on, or names outside the Methods."""
 
 
 def methods(
@@ -117,11 +112,13 @@ def bibtex(paragraphs: Sequence[str], software_version: str) -> str:
 
     A work is cited where its first author's name is followed by its year.
     """
+    # works that the report rests on, or names outside the Methods
+    always = ("hbm_residuals", "vandeloosdrecht2018", "hicks2015")
     text = "".join(paragraphs).replace(" ", "").lower()
     cited = [
         key
         for key in references()
-        if key in CITED_ELSEWHERE or re.search(re.sub(r"(\d+)$", r"\\D{0,30}\1", key), text)
+        if key in always or re.search(re.sub(r"(\d+)$", r"\\D{0,30}\1", key), text)
     ]
     entries = "\n\n".join(references()[key] for key in cited) + "\n"
     return entries.replace("{VERSION}", f"{{{software_version}}}")
@@ -135,7 +132,8 @@ def _without_shoes(trial: TrialResult) -> bool:
 def _people(people: pd.DataFrame) -> list[str]:
     """Describe the subjects: how many of each sex, age, stature and mass."""
     sexes = people["sex"].value_counts()
-    counts = [f"{sexes[sex]} {words}" for sex, words in SEXES.items() if sex in sexes]
+    named = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
+    counts = [f"{sexes[sex]} {words}" for sex, words in named.items() if sex in sexes]
     measures = [
         f"{name} {mean_sd(people[column].mean(), people[column].std(), form)} {unit}"
         for name, column, form, unit in (
@@ -173,14 +171,14 @@ def _cycles(
 
 def _parts(trials: Sequence[TrialResult]) -> list[tuple[str, str, str]]:
     """Give each condition of which a part of the cycles counts, the part, and where it is [%]."""
-    found = []
+    rows = []
     for condition, name in {t.condition: t.part.name for t in trials if t.part}.items():
         part = described(name)
         if name == "motion":
             part += f" (above {MIN_PLATFORM_SPEED_MPS:g} m/s, by its pose; not its slow return)"
         mean = mean_part(t for t in trials if t.condition == condition)
-        found.append((condition, part, f"{mean[0]:.0f} to {mean[1]:.0f}" if mean else ""))
-    return found
+        rows.append((condition, part, f"{mean[0]:.0f} to {mean[1]:.0f}" if mean else ""))
+    return rows
 
 
 def _range(values: Sequence[float], form: str) -> str:

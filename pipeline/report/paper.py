@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from zipfile import ZipFile, ZipInfo
 
 import pandas as pd
@@ -19,15 +19,6 @@ IN_LATEX: Final = {
     **{"✔": "yes", "✖": "no", "–": "--", "\n": " "},
 }
 """Characters that LaTeX reads otherwise, or does not know without further packages."""
-MAX_UPRIGHT: Final = 7
-"""Columns of a table across an upright page; wider ones are turned."""
-SMALL: Final[Any] = [
-    {"selector": "scriptsize", "props": ":"},
-    {"selector": r"setlength\tabcolsep", "props": r":{0.004\linewidth}"},
-]
-"""Commands in front of a table that has more columns than a page has room for otherwise."""
-A4_MM: Final = (210, 297)
-CELL_PT: Final = 8
 
 
 def write_paper(folder: Path, title: str, paragraph: str, tables: Sequence[Table]) -> None:
@@ -49,10 +40,16 @@ def _latex_table(table: Table, number: int) -> str:
     column = rf">{{\raggedright\arraybackslash}}p{{{0.9 / len(table.heads):.3f}\linewidth}}"
     rows = [[_latex(str(text)) for text in row] for row in table.rows]
     frame = pd.DataFrame(rows, columns=[_latex(head) for head in table.heads])
-    style = frame.style.hide(axis="index").set_table_styles(SMALL)
+    style = frame.style.hide(axis="index").set_table_styles(
+        [
+            {"selector": "scriptsize", "props": ":"},
+            {"selector": r"setlength\tabcolsep", "props": r":{0.004\linewidth}"},
+        ]
+    )
+    # more than seven columns have no room across an upright page
     text: str = style.to_latex(
         column_format=f"*{{{len(table.heads)}}}{{{column}}}",
-        environment="table" if len(table.heads) <= MAX_UPRIGHT else "sidewaystable",
+        environment="table" if len(table.heads) <= 7 else "sidewaystable",
         position="htbp",
         hrules=True,
         caption=_latex(_caption(table)),
@@ -77,7 +74,8 @@ def _write_word(path: Path, title: str, paragraph: str, tables: Sequence[Table])
     document.add_heading(title)
     document.add_paragraph(paragraph)
     document.add_section()
-    for section, size in zip(document.sections, (A4_MM, A4_MM[::-1]), strict=True):
+    a4_mm = (210, 297)
+    for section, size in zip(document.sections, (a4_mm, a4_mm[::-1]), strict=True):
         section.page_width, section.page_height = map(Mm, size)
         section.left_margin = section.right_margin = Mm(20)
     section.orientation = WD_ORIENT.LANDSCAPE
@@ -86,8 +84,8 @@ def _write_word(path: Path, title: str, paragraph: str, tables: Sequence[Table])
         grid = document.add_table(0, len(table.heads), style="Light Shading")
         for texts in (table.heads, *table.rows):
             for cell, text in zip(grid.add_row().cells, texts, strict=True):
-                cell.width = Mm((A4_MM[1] - 40) / len(table.heads))
-                cell.paragraphs[0].add_run(text).font.size = Pt(CELL_PT)
+                cell.width = Mm((a4_mm[1] - 40) / len(table.heads))
+                cell.paragraphs[0].add_run(text).font.size = Pt(8)
                 cell.paragraphs[0].paragraph_format.space_after = Pt(0)
         document.add_paragraph(table.legend)
     with whole_file(path) as temporary:

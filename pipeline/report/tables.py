@@ -19,9 +19,8 @@ from pipeline.statistics.table_3 import (
     table_3_legend,
 )
 from pipeline.statistics.verdict import (
-    MAX_SUBJECTS,
+    LIMITS,
     PLANNED_RECORDINGS,
-    POWER,
     Verdict,
     within_margin,
 )
@@ -60,7 +59,7 @@ def residual_tables(
 def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
     """Show Table III, intervals below their values."""
     heads, columns = zip(*printed_columns(table_3, design), strict=True)
-    in_two_lines = ([cell.replace(" [", "\n[") for cell in own] for own in columns)
+    in_two_lines = ([cell.replace(" [", "\n[") for cell in column] for column in columns)
     rows = tuple(zip(*in_two_lines, strict=True))
     of_thesis = design.compensated and design.conditions == EXPERIMENT_3.conditions
     caption = TABLE_III * of_thesis + "RMS residuals, mean ± SD over n subjects"
@@ -77,9 +76,9 @@ def means(residuals: pd.DataFrame, design: Design) -> Table:
     compared = not compensated or title == "Expected"
     heads = ["No IC", "IC", "Reduction"] if compensated else ["RMS"]
     heads += [title] * compared
-    for (axis, unit), own in residuals.groupby(["axis", "unit"], sort=False):
-        for k, condition in enumerate(design.in_order(own["condition"])):
-            cells = own[own["condition"] == condition].groupby("compensated")["rms"]
+    for (axis, unit), of_axis in residuals.groupby(["axis", "unit"], sort=False):
+        for k, condition in enumerate(design.in_order(of_axis["condition"])):
+            cells = of_axis[of_axis["condition"] == condition].groupby("compensated")["rms"]
             mean, sd, count = cells.mean(), cells.std(), cells.count()
             no_ic, ic = mean.get(False, nan), mean.get(True, nan)
             reduction = number(reduction_percent(no_ic, ic), "z.0f", " %")
@@ -106,7 +105,9 @@ def windows_sentence(residuals: pd.DataFrame) -> str:
     pairs = residuals[["window", "condition"]].drop_duplicates()
     for window, condition in pairs.itertuples(index=False):
         conditions.setdefault(window, []).append(condition)
-    parts = [f"{described(name)} ({', '.join(own)})" for name, own in conditions.items()]
+    parts = [
+        f"{described(name)} ({', '.join(of_window)})" for name, of_window in conditions.items()
+    ]
     if not parts:
         return ""
     unlike = (
@@ -126,9 +127,11 @@ def recordings_sentence(residuals: pd.DataFrame, design: Design) -> str:
     once = residuals.drop_duplicates(["subject", "condition"]).set_index("condition")
     parts = []
     for condition in design.in_order(once.index):
-        own = once.loc[[condition]]
-        recordings = numbers(own["n_recordings"], "recording")
-        parts.append(f"{condition} {recordings} and {numbers(own['n_cycles'], 'gait cycle')}")
+        of_condition = once.loc[[condition]]
+        recordings = numbers(of_condition["n_recordings"], "recording")
+        parts.append(
+            f"{condition} {recordings} and {numbers(of_condition['n_cycles'], 'gait cycle')}"
+        )
     equal = f"each {'gait cycle' if design.weigh == 'cycle' else 'recording'} is equal"
     return f"Per subject: {join_names(parts)}; {equal}."
 
@@ -139,13 +142,13 @@ def repeated_values(residuals: pd.DataFrame, joints: pd.DataFrame) -> pd.DataFra
     RMS residuals, and the peaks of joints as means of both sides.
     """
     names = [*TRIAL_COLUMNS, "compensated"]
-    own = residuals.rename(columns={"axis": "name", "rms": "value"})
+    of_residuals = residuals.rename(columns={"axis": "name", "rms": "value"})
     peaks = joints[joints["percent"].notna()]
     quantity = peaks["joint"] + " " + peaks["direction"] + ", " + peaks["quantity"]
     keys = [*names, "name", "unit"]
     peaks = peaks.assign(name=quantity).groupby(keys, sort=False)["value"].mean().reset_index()
-    known = [values for values in (own[[*keys, "value"]], peaks) if len(values)]
-    return pd.concat(known, ignore_index=True)
+    present = [values for values in (of_residuals[[*keys, "value"]], peaks) if len(values)]
+    return pd.concat(present, ignore_index=True)
 
 
 def reliability_tables(found: pd.DataFrame, design: Design) -> list[Table]:
@@ -242,9 +245,10 @@ def plan_markdown(verdicts: Sequence[Verdict], design: Design) -> str:
     return (
         f"{markdown_table(heads, rows)}\n\n"
         f"Subjects needed to show that a residual is {within_margin(design)}{by}, with\n"
-        f"{100 * POWER:g} % power at {100 * CONFIDENCE:g} % simultaneous confidence{together}, if "
-        "the true difference is zero;\nin brackets, if it is the one observed (–: that one exceeds "
-        f"the margin). From the variance between {most}\nsubjects, which is itself uncertain.\n"
+        f"{100 * LIMITS.power:g} % power at {100 * CONFIDENCE:g} % simultaneous confidence"
+        f"{together}, if the true difference is zero;\nin brackets, if it is the one observed (–: "
+        f"that one exceeds the margin). From the variance between {most}\nsubjects, which is "
+        "itself uncertain.\n"
     )
 
 
@@ -258,4 +262,4 @@ def _planned(verdict: Verdict, design: Design) -> str:
 
 
 def _count(subjects: int | None) -> str:
-    return f">{MAX_SUBJECTS}" if subjects is None else str(subjects)
+    return f">{LIMITS.most_subjects}" if subjects is None else str(subjects)

@@ -41,17 +41,6 @@ if TYPE_CHECKING:
 
 MAX_POINTS: Final = 3000
 """Of a drawn channel: finer ones are drawn as the extremes of as many intervals."""
-MAX_SPANS: Final = 100
-"""Of a channel, whose beginnings are drawn."""
-FORCES: Final = (
-    "Forces on the feet and pelvis residuals; lines: foot strikes, dotted: foot offs, shaded: "
-    "counted."
-)
-JOINTS: Final = (
-    "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot strike. "
-    "Internal moments by body mass, positive in the direction (+) in which the angle grows. "
-    "Healthy: Pinzone et al. (2014)."
-)
 
 
 def write_trial_page(
@@ -109,7 +98,7 @@ def write_trial_page(
     path, of_study = Path(path), result.name
     name = str(of_study) if result.key else result.source.stem
     bands = explanation.budget.bands if explanation is not None else None
-    found: list[Block] = [] if explanation is None else [*causes(name, explanation)]
+    of_causes: list[Block] = [] if explanation is None else [*causes(name, explanation)]
     viewer = ["hbm", "view", str(path.with_suffix(".parquet"))]
     if study:
         viewer = ["hbm", "view", str(path.parent.parent), "--subject", of_study.subject]
@@ -121,13 +110,17 @@ def write_trial_page(
     blocks: dict[str, Sequence[Block]] = {
         "Residuals": [
             markup("headline.html", sentences=[*verdict_lines(result)]),
-            Drawn(FORCES, shown),
+            Drawn(
+                "Forces on the feet and pelvis residuals; lines: foot strikes, dotted: foot offs, "
+                "shaded: counted.",
+                shown,
+            ),
             *worst_table(result, shlex.join(viewer)),
             *result_tables(result),
         ],
         "Warnings": [*_warnings(result), *_doubted(result, plates)],
         "Gait": [*gait_table(result), *_joints(result)],
-        "Causes": found or [f"Not explained yet: {command} finds the causes."],
+        "Causes": of_causes or [f"Not explained yet: {command} finds the causes."],
         "Provenance": [
             Table("How the result was made", ("Item", "Finding"), provenance(result.notes)),
             Table("Settings", ("Setting", "Value"), settings),
@@ -177,7 +170,12 @@ def _joints(result: TrialResult) -> Iterator[Drawn]:
     if curves:
         title = "Joints of the legs, mean ± SD"
         figure = joint_figure(curves, title, healthy=healthy_bands())
-        yield Drawn(JOINTS, drawing(figure))
+        text = (
+            "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot "
+            "strike. Internal moments by body mass, positive in the direction (+) in which the "
+            "angle grows. Healthy: Pinzone et al. (2014)."
+        )
+        yield Drawn(text, drawing(figure))
 
 
 def findings_table(result: TrialResult) -> Table | None:
@@ -216,8 +214,8 @@ def _warnings(result: TrialResult) -> Iterator[Block]:
 
 def doubted_plates(result: TrialResult) -> set[int]:
     """Give the numbers of plates that findings are of."""
-    every = (one for finding in result.findings for one in (finding, *finding.rivals))
-    return {number for finding in every for number in finding.plates}
+    candidates = (one for finding in result.findings for one in (finding, *finding.rivals))
+    return {number for finding in candidates for number in finding.plates}
 
 
 def _doubted(result: TrialResult, plates: Iterable[Plate]) -> Iterator[Drawn]:
@@ -242,7 +240,7 @@ def plate_figure(plates: Sequence[Plate], findings: Sequence[Finding]) -> Figure
             panel.fill_between(time, low, high, color=colour, lw=0.6, label=label)
             for fault in faults:
                 if (fault.plate, fault.channel) == (plate.number, WRENCH_COMPONENTS[k]):
-                    for begins_s, _ in fault.spans_s[:MAX_SPANS]:
+                    for begins_s, _ in fault.spans_s[:100]:  # more lines would fill the panel
                         panel.axvline(begins_s, color=colour, lw=0.8, ls=":", zorder=1)
         panel.set_xlabel("time (s)")
 
@@ -253,5 +251,5 @@ def _extremes(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Give time, minimum and maximum of at most `MAX_POINTS` intervals."""
     step = max(1, -(-len(time) // MAX_POINTS))
     starts = np.arange(0, len(time), step)
-    low, high = (each.reduceat(value, starts) for each in (np.fmin, np.fmax))
+    low, high = (extreme.reduceat(value, starts) for extreme in (np.fmin, np.fmax))
     return time[starts], low, high

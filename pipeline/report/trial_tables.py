@@ -1,7 +1,6 @@
 """What is said of one trial, on its page and in the terminal: verdict, residuals, quality."""
 
 from collections.abc import Iterable
-from typing import Final
 
 import numpy as np
 
@@ -16,8 +15,6 @@ from pipeline.trial.joints import joint_spans
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import reference_of, residual_rows, threshold_rows, worst_cycles
 from pipeline.trial.result import TrialResult
-
-MAX_WORST: Final = 5
 
 
 def verdict_lines(result: TrialResult) -> Iterable[str]:
@@ -58,7 +55,7 @@ def verdict_lines(result: TrialResult) -> Iterable[str]:
 
 def worst_table(result: TrialResult, command: str) -> Iterable[Table]:
     """Show the gait cycles with the largest residuals, and what opens the viewer there."""
-    worst = worst_cycles(result)[:MAX_WORST]
+    worst = worst_cycles(result)[:5]
     reference = reference_of(residual_rows(result))[0].lower()
     rows = [
         (

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spelling import listed, written
 from pipeline.config.schema import NOUNS, TrialName
 from pipeline.io.write import read_csv
@@ -29,21 +30,15 @@ if TYPE_CHECKING:
     from pipeline.run.load import Results
     from pipeline.run.provenance import Provenance, TrialState
 
-MAX_MARKER_RMS_MM: Final = 20.0
-MAX_MARKER_PEAK_MM: Final = 40.0
-"""OpenSim's guideline for inverse kinematics: RMS error below 2 cm, largest below 4 cm."""
-MAX_GAP_PERCENT: Final = 10.0
-"""No published limit: above a tenth, much of a marker's path is interpolated or unknown."""
+QUALITY: Final = read_numbers("pipeline.report", "thresholds.toml", "quality")
 NOT_KNOWN: Final[Check] = ("none", "–", "")
 """What no trial has is not shown."""
-SCALE_PERCENT: Final = 100.0
-"""Of a mean square, up to which shares are drawn: intervals of what is unknown reach far beyond."""
 LIMITS: Final = {
     "force_percent": f"{100 * MAX_FORCE_SHARE:g}",
     "moment_percent": f"{100 * MAX_MOMENT_SHARE:g}",
-    "marker_rms_mm": f"{MAX_MARKER_RMS_MM:g}",
-    "marker_peak_mm": f"{MAX_MARKER_PEAK_MM:g}",
-    "gap_percent": f"{MAX_GAP_PERCENT:g}",
+    "marker_rms_mm": f"{QUALITY.marker_error:g}",
+    "marker_peak_mm": f"{QUALITY.marker_peak:g}",
+    "gap_percent": f"{QUALITY.marker_gaps:g}",
     "delay_ms": f"{1000 * MAX_DELAY_S:g}",
 }
 
@@ -93,10 +88,10 @@ def corrections_table(study: "Study | None", headline: "pd.DataFrame") -> Table 
     if study is None or not study.file.corrections:
         return None
     rows = []
-    for each in study.file.corrections:
-        effect = f"{each.residual} {each.before:.1f} → {each.after:.1f}"
-        held_out = f"{written(each.held_out_percent, 'z.0f')} %"
-        rows.append((each.cause, each.setting, str(each.trials), effect, held_out))
+    for made in study.file.corrections:
+        effect = f"{made.residual} {made.before:.1f} → {made.after:.1f}"
+        held_out = f"{written(made.held_out_percent, 'z.0f')} %"
+        rows.append((made.cause, made.setting, str(made.trials), effect, held_out))
     before = study.folder / study.file.corrections[0].source / "residuals.csv"
     legend = "The results before the corrections are missing."
     with suppress(OSError, KeyError, ValueError):
@@ -119,8 +114,8 @@ def quality_table(
     rated: Mapping[str, Mapping[str, tuple[Check, ...]]], links: Mapping[str, str]
 ) -> Table:
     """Show what `trial_quality` says of every trial, with links to pages."""
-    every = next(iter(rated.values()))
-    shown = [item for item in every if any(own[item] != (NOT_KNOWN,) for own in rated.values())]
+    criteria, of_trials = next(iter(rated.values())), rated.values()
+    shown = [c for c in criteria if any(checks[c] != (NOT_KNOWN,) for checks in of_trials)]
     heads = ("Trial", *shown)
     rows: list[tuple[str | Sequence[Check], ...]] = [
         (name, *(checks[item] for item in shown)) for name, checks in rated.items()
@@ -175,12 +170,12 @@ def _compensation(trial: TrialResult) -> Iterator[Check]:
 
 def _marker_error(markers: Sequence[Any]) -> Check:
     """Rate the distance of markers from the model by OpenSim's guideline."""
-    overall, seen = markers[-1], [row for row in markers[:-1] if not isnan(row.rms_mm)]
-    if not seen:
+    overall, known = markers[-1], [row for row in markers[:-1] if not isnan(row.rms_mm)]
+    if not known:
         return "fail", "unknown", ""
-    worst = max(seen, key=lambda row: row.rms_mm)
-    rating = "pass" if overall.peak_mm <= MAX_MARKER_PEAK_MM else "check"
-    if overall.rms_mm >= MAX_MARKER_RMS_MM:
+    worst = max(known, key=lambda row: row.rms_mm)
+    rating = "pass" if overall.peak_mm <= QUALITY.marker_peak else "check"
+    if overall.rms_mm >= QUALITY.marker_error:
         rating = "fail"
     detail = f"{worst.marker} {worst.rms_mm:.1f}, peak {overall.peak_mm:.0f}"
     return rating, f"{overall.rms_mm:.1f} mm", detail
@@ -190,7 +185,7 @@ def _marker_gaps(markers: Sequence[Any]) -> Check:
     """Rate for how much of the trial markers are missing."""
     worst = max(markers[:-1], key=lambda row: row.missing_percent)
     percent = worst.missing_percent
-    rating = "check" if percent > MAX_GAP_PERCENT else "pass"
+    rating = "check" if percent > QUALITY.marker_gaps else "pass"
     detail = f"{worst.marker} {percent:.1f} %" if percent else ""
     return rating, f"{markers[-1].missing_percent:.1f} %", detail
 
@@ -221,9 +216,10 @@ def causes(name: str, explanation: "Explanation") -> tuple[Text, Table]:
 
     title, axes, rows = budget_table(explanation.budget)
     shares = [cell for _, cells in rows for cell in cells if isinstance(cell, Share)]
-    # one scale for all cells, which holds 0 and 100 %; what is beyond ends at the border
-    low = max(min(0.0, *(share.percent - share.half for share in shares)), -SCALE_PERCENT)
-    high = min(max(100.0, *(share.percent + share.half for share in shares)), 2 * SCALE_PERCENT)
+    # one scale for all cells, which holds 0 and 100 %; what is beyond -100 and 200 %, as intervals
+    # of what is unknown are, ends at the border
+    low = max(min(0.0, *(share.percent - share.half for share in shares)), -100.0)
+    high = min(max(100.0, *(share.percent + share.half for share in shares)), 200.0)
 
     def drawn(share: Share) -> Interval:
         ends = share.percent - share.half, share.percent, share.percent + share.half, 0.0, 100.0

@@ -20,19 +20,19 @@ from pipeline.statistics.verdict import Verdict, judged_conditions, verdicts
 
 def variant_results(folder: Path, study: Study) -> dict[str, Results]:
     """Gather the results of each variant, of trials that are as the study states them now."""
-    found = {}
-    for variant, own in study.variants.items():
+    of_variants = {}
+    for variant, varied in study.variants.items():
         if not any((variant_folder(folder, variant) / "trials").glob("*.parquet")):
             continue
         results = collect(variant_folder(folder, variant))
         current = {
             name
             for name, trial in results.trials.items()
-            if name in own.trials and trial.key == trial_key(own, name) and not trial.shortage
+            if name in varied.trials and trial.key == trial_key(varied, name) and not trial.shortage
         }
         if current:
-            found[variant] = select_trials(results, current)
-    return found
+            of_variants[variant] = select_trials(results, current)
+    return of_variants
 
 
 def variant_residuals(of_variants: Mapping[str, Results], design: Design) -> pd.DataFrame:
@@ -72,8 +72,8 @@ def choices(of_variants: Mapping[str, Results], design: Design) -> tuple[str, li
             answers.setdefault((verdict.axis, verdict.condition), set()).add(verdict.answer)
     depend = [cell for cell, different in answers.items() if len(different) > 1]
     if not depend:
-        every = f"all {len(answers)} comparisons" if len(answers) > 1 else "the comparison"
-        return f"No: the answer of {every} is the same under all {len(judged)} variants.", tables
+        what = f"all {len(answers)} comparisons" if len(answers) > 1 else "the comparison"
+        return f"No: the answer of {what} is the same under all {len(judged)} variants.", tables
     named = join_names([f"{axis} {condition}" for axis, condition in depend])
     lead = f"Yes, in {len(depend)} of {len(answers)} comparisons the answer differs: {named}."
     return lead, tables
@@ -82,9 +82,9 @@ def choices(of_variants: Mapping[str, Results], design: Design) -> tuple[str, li
 def _table(found: Mapping[str, Sequence[Verdict]], condition: str, design: Design) -> Table:
     """Show the difference of each residual from its reference under each variant."""
     rows = []
-    for variant, own in found.items():
+    for variant, of_variant in found.items():
         cells = []
-        for verdict in (each for each in own if each.condition == condition):
+        for verdict in (v for v in of_variant if v.condition == condition):
             difference = number(verdict.difference, "+z.1f")
             between = interval(verdict.low, verdict.high)
             answer = label(verdict.answer, condition, design)

@@ -15,7 +15,7 @@ from pipeline.statistics.comparison import MIXED_ANOVA, MIXED_MODEL, RM_ANOVA
 from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.table_3 import number
 from pipeline.statistics.verdict import (
-    MAX_SUBJECTS,
+    LIMITS,
     Answer,
     Verdict,
     headlines,
@@ -33,10 +33,6 @@ from pipeline.trial.residuals import (
     rows_of,
 )
 
-MAX_AXIS_PERCENT: Final = 100.0
-"""Longest half-axis of the graphs [% of the reference]; larger differences end at the border."""
-HALF_WIDTH_PERCENT: Final = 48
-"""Half of a graph's width; the rest is room for the symbol of the mean."""
 STYLES: Final[dict[Answer, tuple[str, str]]] = {
     "within margin": ("✔", "pass"),
     "above": ("✖", "fail"),
@@ -45,9 +41,6 @@ STYLES: Final[dict[Answer, tuple[str, str]]] = {
     "no data": ("–", "none"),
 }
 """Answer -> symbol, class in the style sheet."""
-SHORT: Final[dict[Answer, str]] = {"within margin": "yes", "above": "no"}
-"""Answer -> the word for it, where it differs."""
-OF_VARIANCE: Final = (RM_ANOVA, MIXED_ANOVA, MIXED_MODEL)
 NO_COMPENSATION: Final = (
     "There is no compensation to assess: the trials were processed with the plates as measured "
     "only. State treadmill.calibration in study.toml and run the study again."
@@ -82,7 +75,8 @@ def verdict_values(
     margin = 100 * design.margin
     bounds = [abs(x) for v in found for x in (v.low_percent, v.high_percent)]
     reach = max([2 * margin, *filter(isfinite, bounds)])
-    reach = min(reach, max(MAX_AXIS_PERCENT, margin))
+    # a half-axis of 100 % of the reference at most: larger differences end at the border
+    reach = min(reach, max(100.0, margin))
     rows = []
     for axis, direction in zip(AXES, DIRECTIONS, strict=True):
         of_axis = {v.condition: v for v in found if v.axis == axis}
@@ -109,7 +103,8 @@ def _paragraph(
     """Write the primary analysis as a paper has it: estimates, F tests, subjects, exclusions."""
     sentences = [*headlines(found, design)]
     effect = ":".join(design.factors)
-    of_effect = tests[tests["test"].isin(OF_VARIANCE) & (tests["effect"] == effect)]
+    of_variance = tests["test"].isin((RM_ANOVA, MIXED_ANOVA, MIXED_MODEL))
+    of_effect = tests[of_variance & (tests["effect"] == effect)]
     of_effect = of_effect[of_effect["p_corrected"].notna()].drop_duplicates("axis")
     if len(of_effect):
         weakest = max(rows_of(of_effect), key=lambda row: (row.p_corrected, -row.effect_size))
@@ -202,22 +197,23 @@ def _why_none(residuals: pd.DataFrame, design: Design) -> str:
 def _cell(v: Verdict, reach: float, most: int, design: Design) -> dict[str, Any]:
     """Give symbol, label, class, lines and graph of a verdict."""
     symbol, css_class = STYLES[v.answer]
-    cell = {"symbol": symbol, "label": SHORT.get(v.answer, v.answer), "class": css_class}
+    words = {"within margin": "yes", "above": "no"}
+    cell = {"symbol": symbol, "label": words.get(v.answer, v.answer), "class": css_class}
     lines = []
     if v.n:
         lines = [f"{v.ic:.1f} {v.unit}"]
         if not isnan(v.no_ic) and design.compensated:
             lines = [f"{number(v.no_ic, '.1f')} → {lines[0]}"]
         lines[0] += f", {v.written_percent()}"
-    known = v.n and not isnan(v.high)
+    has_interval = v.n and not isnan(v.high)
     if v.measurement:
         lines.append(f"measurement {interval(*v.measurement)} {v.unit}")
-    if known:
+    if has_interval:
         lines += [f"n = {v.n}"] * (v.n < most)
         lines += [f"{v.paired} of {v.n} subjects in both"] * (v.paired < v.n)
-    if known and v.answer == "inconclusive":
+    if has_interval and v.answer == "inconclusive":
         cell["label"] += f": {_needed(v)}"
-    return cell | {"lines": lines, "graph": _graph(v, reach, design) if known else None}
+    return cell | {"lines": lines, "graph": _graph(v, reach, design) if has_interval else None}
 
 
 def interval(low: float, high: float, form: str = "+z.1f") -> str:
@@ -228,7 +224,7 @@ def interval(low: float, high: float, form: str = "+z.1f") -> str:
 def _needed(verdict: Verdict) -> str:
     """Say how many subjects would decide a comparison that is inconclusive."""
     if verdict.needed is None:
-        return f"needs over {MAX_SUBJECTS} subjects"
+        return f"needs over {LIMITS.most_subjects} subjects"
     return f"needs {verdict.needed} subjects" + " if equal" * (verdict.needed <= verdict.n)
 
 
@@ -240,8 +236,9 @@ def _graph(v: Verdict, reach: float, design: Design) -> dict[str, str]:
         "mean": v.percent(v.difference),
         "high": v.high_percent,
     }
+    half = 48  # of the width in percent; the rest is room for the symbol of the mean
     graph = {
-        name: f"{50 + HALF_WIDTH_PERCENT * max(-1.0, min(1.0, percent / reach)):.2f}%"
+        name: f"{50 + half * max(-1.0, min(1.0, percent / reach)):.2f}%"
         for name, percent in places.items()
     }
-    return graph | {"width": f"{2 * HALF_WIDTH_PERCENT * 100 * design.margin / reach:.2f}%"}
+    return graph | {"width": f"{2 * half * 100 * design.margin / reach:.2f}%"}

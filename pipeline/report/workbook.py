@@ -25,10 +25,6 @@ from pipeline.report.joints import subject_values
 from pipeline.statistics.design import Design
 
 FILE: Final = "columns.csv"
-WORKBOOK: Final = "study.xlsx"
-CURVES: Final = {"cycles": ("axis",), "joint_cycles": ()}
-"""Table of gait cycles -> what else its rows are of."""
-TRIAL: Final = [*TrialName._fields, "session", "compensated", "side"]
 
 
 def write_wide_tables(
@@ -59,10 +55,10 @@ def write_wide_tables(
         ("residuals_wide.csv", residuals, residuals["axis"], "rms"),
         ("joints_wide.csv", of_joints, names, "value"),
     ):
-        own = table.assign(name=name)[table["condition"].isin(design.conditions)]
-        own["column"] = (own["name"] + " " + design.cells_of(own)).str.replace(" ", "_")
-        order = own["column"].drop_duplicates()
-        wide = own.pivot(index="subject", columns="column", values=value)[order]
+        rows = table.assign(name=name)[table["condition"].isin(design.conditions)]
+        rows["column"] = (rows["name"] + " " + design.cells_of(rows)).str.replace(" ", "_")
+        order = rows["column"].drop_duplicates()
+        wide = rows.pivot(index="subject", columns="column", values=value)[order]
         write_csv(people.merge(wide, on="subject", how="left"), folder / file)
 
 
@@ -103,9 +99,10 @@ def write_workbook(results: Path, out: Path) -> list[Path]:
         sheet.freeze_panes = "A2"
         for row in ([*table], *table.itertuples(index=False, name=None)):
             sheet.append([_cell(sheet, value) for value in row])
-    with whole_file(out / WORKBOOK) as temporary:
+    path = out / "study.xlsx"
+    with whole_file(path) as temporary:
         workbook.save(temporary)
-    return [*(out / name for name in tables), out / WORKBOOK]
+    return [*(out / name for name in tables), path]
 
 
 def _cell(sheet: Worksheet, value: Any) -> Any:
@@ -119,9 +116,10 @@ def _cell(sheet: Worksheet, value: Any) -> Any:
 
 def _mean_curves(results: Path) -> Iterator[tuple[str, pd.DataFrame]]:
     """Average the curves of each trial over its gait cycles."""
-    for name, others in CURVES.items():
+    trial = [*TrialName._fields, "session", "compensated", "side"]
+    for name, others in (("cycles", ["axis"]), ("joint_cycles", [])):
         cycles = read_parquet(results / f"{name}.parquet")
-        keys = [*TRIAL, *others, "percent"]
+        keys = [*trial, *others, "percent"]
         of_trials = cycles.groupby(keys, sort=False, dropna=False, observed=True)
         yield f"{name}_mean.csv", of_trials.mean().drop(columns="cycle").reset_index()
 
@@ -145,10 +143,10 @@ def write_columns(folder: Path) -> None:
 
 def described(file: str, column: str) -> tuple[str, str]:
     """Give unit and meaning of a column; a KeyError where the dictionary lacks it."""
-    known = {**_dictionary()["every table"], **_dictionary()[file]}
-    for pattern in sorted(known, key=".*".__eq__):  # what matches any column is last
+    columns = {**_dictionary()["every table"], **_dictionary()[file]}
+    for pattern in sorted(columns, key=".*".__eq__):  # what matches any column is last
         if match := re.fullmatch(pattern, column):
-            unit, meaning = known[pattern]
+            unit, meaning = columns[pattern]
             words = {name: text.replace("_", " ") for name, text in match.groupdict().items()}
             return unit, meaning.format(**words)
     raise KeyError(f"{file}: {column}")

@@ -73,8 +73,6 @@ SECTIONS: Final = {
 MAX_PAGES: Final = 60
 """Trials of a study whose pages are written unasked; drawing them takes longer than its report."""
 NO_PAGES: Final = "No pages of single trials were written: hbm report RESULTS --pages writes them."
-TYPED_WIDTH_MM: Final = 180.0
-"""Width of figures whose formats are typed, if the study states none: two columns of a journal."""
 Announce = Callable[..., None]
 
 
@@ -181,11 +179,11 @@ def write_report(
     windows = f"{windows} {recordings_sentence(results.residuals, design)}".strip()
     below = "\n".join(filter(None, (windows, missing)))
     write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
-    found = verdicts(results.residuals, design, measurement, compared)
+    judged = verdicts(results.residuals, design, measurement, compared)
     tables |= {**curve_tables(curves), "statistics": tests, "table_3": table}
-    for file, shown in {**tables, "plan": plan_table(found, design)}.items():
+    for file, shown in {**tables, "plan": plan_table(judged, design)}.items():
         write_csv(shown, folder / f"{file}.csv")
-    write_text(plan_markdown(found, design), folder / "plan.md")
+    write_text(plan_markdown(judged, design), folder / "plan.md")
     write_columns(folder)
     if study is not None:
         announce("hashing the study's files")
@@ -198,7 +196,8 @@ def write_report(
     of_study_figures = dict(study_figures(results, over_cycles, tests, design, curves))
     look = PAGE if study is None else study.file.figures
     if formats:
-        update = {"formats": formats, "width_mm": look.width_mm or TYPED_WIDTH_MM}
+        # two columns of a journal, if the study states no width
+        update = {"formats": formats, "width_mm": look.width_mm or 180.0}
         look = look.model_copy(update=update)
     tasks = [
         delayed(_draw)(folder / "figures" / name, draw, look)
@@ -212,7 +211,7 @@ def write_report(
     paragraphs = methods(results, tests, design, study, curves=bool(curves))
     of_study = {} if study is None else groups(study.file, study.subjects)
     stated = study is not None and study.file.comparison is not None
-    verdict = verdict_values(found, results.residuals, tests, states, design, stated=stated)
+    verdict = verdict_values(judged, results.residuals, tests, states, design, stated=stated)
     of_residuals = residual_tables(
         results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
     )
@@ -309,11 +308,11 @@ def _all_subjects(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:
     """Add the study's subjects without any result, so that statistics name them, and groups."""
     if study is None:
         return subjects
-    known = set(subjects["subject"])
+    with_results = set(subjects["subject"])
     absent = [
         {"subject": name, **person.person.model_dump()}
         for name, person in study.subjects.items()
-        if name not in known
+        if name not in with_results
     ]
     people = pd.DataFrame([*subjects.to_dict("records"), *absent], columns=subjects.columns)
     of_study = groups(study.file, study.subjects)

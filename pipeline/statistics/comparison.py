@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.statistics.design import ALPHA, COMPENSATION, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.mixed import (
@@ -31,10 +32,7 @@ RM_ANOVA: Final = "RM-ANOVA"
 MIXED_ANOVA: Final = "mixed ANOVA"
 MIXED_MODEL: Final = "mixed model"
 """Names of the tests without and with a between-subject group."""
-MIN_SUBJECTS_FRIEDMAN: Final = 3
-"""Below, the chi-square approximation does not hold."""
-MIN_CELLS_FRIEDMAN: Final = 3
-"""Two cells are a pair."""
+LIMITS: Final = read_numbers("pipeline.statistics", "thresholds.toml", "friedman")
 ALL_CELLS: Final = "all cells"
 Row = dict[str, Any]
 EMPTY: Final[Row] = {
@@ -184,6 +182,7 @@ def _anova(cells: pd.DataFrame, between: pd.DataFrame, design: Design) -> Iterat
     """
     complete, missing = _complete(cells.join(between))
     n, names = len(complete), [str(name) for name in between]
+    # what is the same for all subjects has no effect that could be estimated
     varying = [name for name in names if complete[name].nunique() > 1]
     same = [f"{name} not used: the same for all subjects" for name in names if name not in varying]
     covariates = [name for name in varying or names if name != design.group]
@@ -235,8 +234,9 @@ def _f_test(term: GlmTerm) -> tuple[Row, str]:
         sphericity = f"sphericity not rejected; Greenhouse-Geisser p = {term.p_gg:.3g}"
     else:
         sphericity = f"sphericity rejected, Mauchly p = {term.mauchly_p:.3g}"
-    share = 1.0 if spherical else term.epsilon
-    df = share * term.df1, share * term.df2
+    # Greenhouse and Geisser: both degrees of freedom times epsilon
+    factor = 1.0 if spherical else term.epsilon
+    df = factor * term.df1, factor * term.df2
     low, high = partial_eta_squared_interval(term.f, *df)
     values = {
         "statistic_name": "F",
@@ -269,25 +269,26 @@ def _friedman(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
     if len(design.factors) > 1:
         tested = {ALL_CELLS: list(design.cells), **tested}
     for effect, columns in tested.items():
-        if len(columns) < MIN_CELLS_FRIEDMAN:
+        # two cells are a pair, which Wilcoxon's test compares
+        if len(columns) < 3:
             continue
         complete, missing = _complete(cells[columns])
         n = len(complete)
-        if n < MIN_SUBJECTS_FRIEDMAN:
-            yield _too_few("Friedman", effect, n, MIN_SUBJECTS_FRIEDMAN, missing)
+        if n < LIMITS.fewest_subjects:
+            yield _too_few("Friedman", effect, n, LIMITS.fewest_subjects, missing)
         elif (complete.nunique(axis=1) == 1).all():
             reason = "not computed: every subject has the same value in all cells"
             yield _row("Friedman", effect, n, reason, missing)
         else:
-            found = pingouin.friedman(complete).iloc[0]
+            test = pingouin.friedman(complete).iloc[0]
             values = {
                 "statistic_name": "chi2",
-                "statistic": float(found["Q"]),
-                "df1": float(found["ddof1"]),
+                "statistic": float(test["Q"]),
+                "df1": float(test["ddof1"]),
                 "effect_size_name": "Kendall's W",
-                "effect_size": float(found["W"]),
+                "effect_size": float(test["W"]),
             }
-            values |= _uncorrected(float(found["p_unc"]))
+            values |= _uncorrected(float(test["p_unc"]))
             yield _row("Friedman", effect, n, limitation * (effect == ALL_CELLS), missing, **values)
 
 
@@ -302,23 +303,24 @@ def _pairs(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
         if n < MIN_SUBJECTS:
             yield _too_few("planned pair", effect, n, MIN_SUBJECTS, missing)
             continue
-        found = compare_paired((complete[first] - complete[second]).to_numpy())
-        no_t = "not computed: all differences are equal" * isnan(found.t)
-        no_w = "not computed: all differences are zero" * isnan(found.w)
+        pair = compare_paired((complete[first] - complete[second]).to_numpy())
+        no_t = "not computed: all differences are equal" * isnan(pair.t)
+        no_w = "not computed: all differences are zero" * isnan(pair.w)
+        # all differences of one sign: 2 of 2^n sign patterns, times the pairs of Bonferroni
         smallest = min(1.0, len(design.pairs) * 2.0 ** (1 - n))
         limit = f"smallest possible p with {n} subjects: {smallest:.3g}" * (smallest > ALPHA)
-        of_t = {"statistic_name": "t", "statistic": found.t, "df1": n - 1}
-        of_w = {"statistic_name": "W", "statistic": found.w}
-        g = _size("Hedges' g", found.g)
-        biserial = _size("rank-biserial", IntervalEstimate(found.rank_biserial))
+        of_t = {"statistic_name": "t", "statistic": pair.t, "df1": n - 1}
+        of_w = {"statistic_name": "W", "statistic": pair.w}
+        g = _size("Hedges' g", pair.g)
+        biserial = _size("rank-biserial", IntervalEstimate(pair.rank_biserial))
         for name, values, p, notes in (
-            ("paired t", of_t | g, found.p_t, (no_t,)),
-            ("Wilcoxon exact", of_w | biserial, found.p_exact, (no_w, limit)),
-            ("Wilcoxon asymptotic", of_w | biserial, found.p_asymptotic, (no_w,)),
+            ("paired t", of_t | g, pair.p_t, (no_t,)),
+            ("Wilcoxon exact", of_w | biserial, pair.p_exact, (no_w, limit)),
+            ("Wilcoxon asymptotic", of_w | biserial, pair.p_asymptotic, (no_w,)),
         ):
             row = _row(name, effect, n, *notes, missing, p_uncorrected=p, **values)
             tests.setdefault(name, []).append(row)
-        for size in (_size("mean difference", found.mean), _size("Cohen's dz", found.dz)):
+        for size in (_size("mean difference", pair.mean), _size("Cohen's dz", pair.dz)):
             estimates.append(_row("estimate", effect, n, missing, **size))
     for rows in tests.values():
         yield from _with_corrections(rows, len(design.pairs))
@@ -377,11 +379,12 @@ def _corrected(p: Array, planned: int) -> dict[str, Array]:
     """Correct for all planned pairs, also where one of them could not be tested."""
     import pingouin
 
-    every = np.ones(planned)
-    every[: len(p)] = np.nan_to_num(p, nan=1.0)
+    # a pair without a test counts as one with p = 1
+    of_planned = np.ones(planned)
+    of_planned[: len(p)] = np.nan_to_num(p, nan=1.0)
     return {
         f"{name} x{planned}": np.where(
-            np.isnan(p), np.nan, pingouin.multicomp(every, method=method)[1][: len(p)]
+            np.isnan(p), np.nan, pingouin.multicomp(of_planned, method=method)[1][: len(p)]
         )
         for name, method in (("Bonferroni", "bonf"), ("Holm", "holm"))
     }

@@ -11,32 +11,15 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
+from hbm.numbers import read_numbers
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask
 from pipeline.statistics.design import ALPHA, CONFIDENCE
 from pipeline.statistics.mixed import random_effects
 
-MAX_EXACT: Final = 12
-"""Subjects of whom all sign flips are tried: 2,048 that differ in the size of t."""
-DRAWN: Final = 5_000
-"""Sign flips that are drawn where there are more subjects."""
-MIN_SUBJECTS: Final = 6
-"""With fewer, the smallest p that there can be is above 0.05."""
-MIN_WITH_BOTH: Final = 4
-"""Subjects with both conditions; with fewer, bands hold less often than they state."""
-MIN_IN_GROUP: Final = 6
-"""Subjects in each group; with five and ten, of whom the five vary twice as much, 6.6 % of studies
-without a difference show one (tests/validation/curves.md)."""
-ROUNDS: Final = 3
-"""Of fits and their working covariance."""
-MIN_ERROR: Final = 1e-6
-"""Smallest error of a single curve in the working covariance, by all of its variance."""
+LIMITS: Final = read_numbers("pipeline.statistics", "thresholds.toml", "curves")
 ROUNDING: Final = 1e-9
 """Relative; smaller differences are none."""
-SEPARATE: Final = 1e-6
-"""Of the difference; where another column is the same, each takes half."""
-SAME_COLUMNS: Final = 1e-11
-"""Smallest share of the largest eigenvalue: rounding leaves 1e-14, `MIN_ERROR` 1e-8 or more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +141,9 @@ def compare_conditions(
         return None
     first = (rows["cell"] == rows["cell"].iloc[0]).to_numpy()
     nuisance = _between(rows["subject"], between)
-    return _compare(curves, rows, first - 0.5, nuisance, [first | True], MIN_WITH_BOTH, null=True)
+    # half of the difference to either side of the mean, so that the mean is over both conditions
+    sides, everyone = first - 0.5, first | True
+    return _compare(curves, rows, sides, nuisance, [everyone], LIMITS.fewest_paired, null=True)
 
 
 def compare_groups(
@@ -191,8 +176,8 @@ def compare_groups(
     cells = rows["cell"].unique()
     of_row, complete = rows["subject"].map(group), np.ones(len(rows), bool)
     if len(cells) == 1 and between is not None:
-        stated = between.dropna(axis=1, how="all").reindex(rows["subject"])
-        complete = stated.notna().all(axis=1).to_numpy()
+        covariates = between.dropna(axis=1, how="all").reindex(rows["subject"])
+        complete = covariates.notna().all(axis=1).to_numpy()
     enters = of_row.notna().to_numpy() & complete
     curves, rows, of_row = curves[enters], rows[enters], of_row[enters]
     second = (of_row == of_row.max()).to_numpy()
@@ -200,7 +185,8 @@ def compare_groups(
     if len(cells) == 2:  # the difference between groups of the difference between cells
         cell = (rows["cell"] == cells[0]).to_numpy() - 0.5
         sides, others = sides * cell, np.column_stack([others, sides, cell])
-    return _compare(curves, rows, sides, others, [second, ~second], MIN_IN_GROUP, null=False)
+    groups = [second, ~second]
+    return _compare(curves, rows, sides, others, groups, LIMITS.fewest_in_group, null=False)
 
 
 def _between(subjects: "pd.Series[Any]", between: pd.DataFrame | None) -> Array:
@@ -209,6 +195,7 @@ def _between(subjects: "pd.Series[Any]", between: pd.DataFrame | None) -> Array:
     if between is not None:
         of_rows = between.dropna(axis=1, how="all").reindex(subjects)
         unknown = of_rows.isna().any(axis=1).to_numpy()
+        # a subject with a mean of its own tells nothing of groups and covariates
         columns += [(subjects == name).to_numpy(float) for name in subjects[unknown].unique()]
         for _, values in of_rows.items():
             if pd.api.types.is_numeric_dtype(values):  # in any unit
@@ -232,23 +219,23 @@ def _compare(
 ) -> CurveComparison | None:
     """Fit and test; in each of the groups, at least so many subjects have every cell."""
     people, subject = np.unique(rows["subject"], return_inverse=True)
-    if len(people) < MIN_SUBJECTS:
+    if len(people) < LIMITS.fewest_subjects:
         return None
     cell = np.unique(rows["cell"], return_inverse=True)[1]
     signs, effects = _signs(len(people)), random_effects(rows)
     shape = curves.shape[1]
     difference, error = np.full((2, shape), np.nan)
     largest = np.zeros((2, len(signs)))  # |t| over the cycle, without and with a difference
-    known, entered = np.isfinite(curves), np.zeros(len(rows), bool)
+    is_known, has_entered = np.isfinite(curves), np.zeros(len(rows), bool)
     # instants at which the same curves are known have one model
-    for pattern in np.unique(known, axis=1).T:
-        of = (known == pattern[:, None]).all(axis=0)
+    for pattern in np.unique(is_known, axis=1).T:
+        of = (is_known == pattern[:, None]).all(axis=0)
         shown = curves[np.ix_(pattern, of)]
         counts = np.zeros((len(people), cell.max() + 1), int)
         np.add.at(counts, (subject[pattern], cell[pattern]), 1)
         some, complete = counts.max(axis=1) > 0, counts.min(axis=1) > 0
         with_all = min(complete[np.unique(subject[of_group])].sum() for of_group in groups)
-        if some.sum() < MIN_SUBJECTS or with_all < least:
+        if some.sum() < LIMITS.fewest_subjects or with_all < least:
             continue
         model = _Model(
             shown,
@@ -256,14 +243,15 @@ def _compare(
             subject[pattern],
             [effect[pattern] for effect in effects],
             # where all subjects have equally many curves, their weights are equal
-            1 if np.ptp(counts[some]) == 0 else ROUNDS,
+            1 if np.ptp(counts[some]) == 0 else 3,
         )
         if not model.separate:
             continue
-        entered |= pattern
+        has_entered |= pattern
         varies = model.error > ROUNDING * np.abs(shown).max()
         difference[of], error[of] = model.difference, np.where(varies, model.error, np.nan)
         if varies.any():
+            # the largest |t| over the cycle corrects for all instants together
             for k, residuals in enumerate((model.without_difference, model.errors)):
                 reached = model.largest_t(residuals[:, varies], signs[:, some])
                 largest[k] = np.maximum(largest[k], reached)
@@ -273,11 +261,12 @@ def _compare(
     # the observed signs are the first of those without a difference, and reach their own t
     reached = np.sort(largest[0, 1:]) if null else of_band
     beyond = len(reached) - np.searchsorted(reached, np.nan_to_num(t) * (1 - ROUNDING))
+    # the observed signs count too, so that p is never zero
     p = np.where(np.isfinite(t), (beyond + 1) / (len(reached) + 1), 1.0)
     half = error * of_band[int(np.ceil(CONFIDENCE * len(of_band))) - 1]
     bands = difference, difference - half, difference + half, p
-    in_groups = tuple(len({*subject[entered & of_group]}) for of_group in groups)
-    return CurveComparison(*bands, in_groups, len({*effects[2][entered]}))
+    in_groups = tuple(len({*subject[has_entered & of_group]}) for of_group in groups)
+    return CurveComparison(*bands, in_groups, len({*effects[2][has_entered]}))
 
 
 class _Model:
@@ -303,6 +292,7 @@ class _Model:
             self.weights = self.spread @ columns.T @ inverse
             self.residuals = curves - columns @ (self.weights @ curves)
             self.covariance = covariance
+            # from the residuals the covariance of the next round
             if rounds > 1:
                 projection = inverse - inverse @ columns @ self.weights
                 covariance = _covariance(inverse @ self.residuals, projection, alike)
@@ -311,7 +301,8 @@ class _Model:
     @property
     def separate(self) -> bool:
         """Whether the difference can be told from the effects of the other columns."""
-        return abs(float(self.weights[0] @ self.columns[:, 0]) - 1.0) < SEPARATE
+        # weights of an estimable coefficient give its column 1; of two equal columns each takes 0.5
+        return abs(float(self.weights[0] @ self.columns[:, 0]) - 1.0) < 1e-6
 
     def scores_of(self, residuals: Array, k: int = 0) -> Array:
         """Give what each subject adds to a coefficient, (N, T)."""
@@ -333,13 +324,14 @@ class _Model:
     @cached_property
     def inflation(self) -> Array:
         """One by one minus the leverage of each subject, (N,): residuals vary less than errors."""
-        own = self.of_subject * self.weights[0]
-        errors = np.einsum("sr,rq,sq->s", own, self.covariance, own)
+        # variance of each subject's score by errors, V, and by residuals, V - X (X'V⁻¹X)⁻¹ X'
+        weights = self.of_subject * self.weights[0]
+        errors = np.einsum("sr,rq,sq->s", weights, self.covariance, weights)
         fitted = self.columns @ self.spread @ self.columns.T
-        left = errors - np.einsum("sr,rq,sq->s", own, fitted, own)
+        remaining = errors - np.einsum("sr,rq,sq->s", weights, fitted, weights)
         # a subject who determines a coefficient alone has no residual
-        alone = left <= ROUNDING * errors
-        return np.where(alone, 0.0, errors / np.where(alone, 1.0, left))
+        is_alone = remaining <= ROUNDING * errors
+        return np.where(is_alone, 0.0, errors / np.where(is_alone, 1.0, remaining))
 
     @cached_property
     def errors(self) -> Array:
@@ -354,6 +346,7 @@ class _Model:
     def largest_t(self, residuals: Array, signs: Array) -> Array:
         """Give the largest |t| over all instants of each sign flip, (K,), the model fitted anew."""
         scores, inflation = self.scores_of(residuals), self.inflation[:, None]
+        # what a unit of each coefficient adds to each subject's score
         parts = self.of_subject @ (self.weights[0][:, None] * self.columns)
         moving = np.flatnonzero(np.abs(parts).max(axis=0) > ROUNDING * np.abs(parts).max())
         parts = parts[:, moving]
@@ -365,13 +358,15 @@ class _Model:
         crossed = np.stack([signs @ (inflation * part[:, None] * scores) for part in parts.T])
         products = np.tensordot(parts.T @ (inflation * parts), fitted, axes=1)
         squares = squares - (fitted * (2 * crossed - products)).sum(axis=0)
+        # the difference of a flip is the sum of its scores, its error that of what remains
         t = np.abs(signs @ scores) / np.sqrt(np.maximum(squares, smallest))
         return np.asarray(t.max(axis=1))
 
 
 def _inverse(products: Array) -> Array:
     """Invert the products of columns, (P, P), of which some may tell the same."""
-    return np.asarray(np.linalg.pinv(products, SAME_COLUMNS, hermitian=True))
+    # rounding leaves eigenvalues of 1e-14 of the largest, the smallest error of a curve 1e-8
+    return np.asarray(np.linalg.pinv(products, 1e-11, hermitian=True))
 
 
 def _covariance(weighted: Array, projection: Array, alike: Array) -> Array:
@@ -381,6 +376,7 @@ def _covariance(weighted: Array, projection: Array, alike: Array) -> Array:
     inverse covariance without the fixed effects, (R, R). ``alike`` says of each component which
     curves have it in common: subjects first, each curve by itself last, (K, R, R).
     """
+    # by its size at each instant: one working covariance for all
     size = np.sqrt(np.mean(weighted**2, axis=0))
     scaled = weighted[:, size > 0] / size[size > 0]
     if not scaled.size:
@@ -389,14 +385,16 @@ def _covariance(weighted: Array, projection: Array, alike: Array) -> Array:
     changed = projection @ alike
     expected = np.einsum("jab,kba->jk", changed, changed)
     observed = np.einsum("rt,krs,st->k", scaled, alike, scaled, optimize=True) / scaled.shape[1]
+    # no variance is negative; each curve has an error of its own, else the inverse does not exist
     components = scipy.optimize.nnls(expected, observed)[0]
-    components[-1] = max(components[-1], MIN_ERROR * components.sum())
+    components[-1] = max(components[-1], 1e-6 * components.sum())
     return np.asarray(np.tensordot(components, alike, axes=1), float)
 
 
 def _signs(subjects: int) -> Array:
     """Give sign flips, (K, N), first the observed signs; those of all subjects are as good."""
-    if subjects <= MAX_EXACT:
+    # all flips of twelve subjects are 2,048 that differ in |t|; of more, 5,000 are drawn
+    if subjects <= 12:
         return np.array([(1.0, *others) for others in product((1.0, -1.0), repeat=subjects - 1)])
-    drawn = np.random.default_rng(0).choice((1.0, -1.0), size=(DRAWN, subjects))
+    drawn = np.random.default_rng(0).choice((1.0, -1.0), size=(5_000, subjects))
     return np.vstack([np.ones(subjects), drawn[1:]])

@@ -128,8 +128,8 @@ class Design:
             The same without spans in conditions of which another trial counts gait cycles; the
             conditions of the design are one in this respect.
         """
-        own = residuals["condition"].isin(self.conditions)
-        compared = residuals["condition"].where(~own, "design")
+        is_of_design = residuals["condition"].isin(self.conditions)
+        compared = residuals["condition"].where(~is_of_design, "design")
         walking = set(compared[residuals["window"] != "span"])
         return residuals[~((residuals["window"] == "span") & compared.isin(walking))]
 
@@ -153,8 +153,8 @@ def in_words(design: Design) -> str:
         return f"{design.reference} is compared {how}"
     *first, last = design.others
     names, verb = (f"{', '.join(first)} and {last}", "are") if first else (last, "is")
-    each = f", each {how}" * design.compensated
-    return f"{names} {verb} compared with {design.reference}{each}"
+    both = f", each {how}" * design.compensated
+    return f"{names} {verb} compared with {design.reference}{both}"
 
 
 def design_of(

@@ -5,7 +5,7 @@ The only module that uses statsmodels, which is imported when something is teste
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -15,9 +15,6 @@ from pipeline.statistics.design import CONFIDENCE
 
 if TYPE_CHECKING:
     from statsmodels.regression.linear_model import RegressionResults
-
-NO_ERROR: Final = 1e-24
-"""Error sum of squares, relative to that of the response, up to which it is rounding: (1e-12)²."""
 
 
 def anova(data: pd.DataFrame, response: str, factors: Sequence[str]) -> pd.DataFrame:
@@ -53,8 +50,9 @@ def anova(data: pd.DataFrame, response: str, factors: Sequence[str]) -> pd.DataF
     """
     from statsmodels.stats.anova import anova_lm
 
-    found = anova_lm(_fit(data, response, factors), typ=3).drop("Intercept")
-    ss, df = found["sum_sq"].to_numpy(), found["df"].to_numpy().round().astype(int)
+    table = anova_lm(_fit(data, response, factors), typ=3).drop("Intercept")
+    ss, df = table["sum_sq"].to_numpy(), table["df"].to_numpy().round().astype(int)
+    # partial: of an effect and the error alone; the error, last, has none
     eta_squared = np.append(ss[:-1] / (ss[:-1] + ss[-1]), np.nan)
     return pd.DataFrame(
         {
@@ -62,8 +60,8 @@ def anova(data: pd.DataFrame, response: str, factors: Sequence[str]) -> pd.DataF
             "ss": ss,
             "df": df,
             "ms": ss / df,
-            "f": found["F"].to_numpy(),
-            "p": found["PR(>F)"].to_numpy(),
+            "f": table["F"].to_numpy(),
+            "p": table["PR(>F)"].to_numpy(),
             "partial_eta_squared": eta_squared,
         }
     )
@@ -102,12 +100,14 @@ def compare_levels(
     levels = np.unique(data[factor].to_numpy())
     margins = np.zeros((len(levels), len(fit.params)))
     margins[:, 0] = 1  # all other effects sum to zero over their levels
-    own = fit.params.index.str.startswith(_coded(factors.index(factor)))
-    margins[:, own] = np.vstack([np.eye(len(levels) - 1), -np.ones(len(levels) - 1)])
+    # effect coding: the last level is minus the sum of the others
+    of_factor = fit.params.index.str.startswith(_coded(factors.index(factor)))
+    margins[:, of_factor] = np.vstack([np.eye(len(levels) - 1), -np.ones(len(levels) - 1)])
     means = margins @ fit.params.to_numpy()
 
     first, second = np.array(list(combinations(range(len(levels)), 2))).T
     test = fit.t_test(margins[first] - margins[second])
+    # Bonferroni: the error of all pairs together is that of one interval
     low, high = test.conf_int(alpha=(1 - CONFIDENCE) / len(first)).T
     p = np.atleast_1d(test.pvalue)
     return pd.DataFrame(
@@ -163,6 +163,7 @@ def _fit(data: pd.DataFrame, response: str, factors: Sequence[str]) -> "Regressi
     if trials <= coefficients:
         raise ValueError(f"{trials} trials are too few for {coefficients} coefficients")
     fit = model.fit()
-    if fit.ssr <= NO_ERROR * np.sum(y**2):
+    # errors of 1e-12 of the values are rounding
+    if fit.ssr <= 1e-24 * np.sum(y**2):
         raise ValueError("the effects explain every value: there is no error to test against")
     return fit

@@ -38,6 +38,7 @@ def mean_covariance(
     people = list(subjects)
     values = [(subject, *cell) for cell in cells for subject in people]
     count = len(cells), len(people)
+    # errors that subjects share are in the covariances between subjects, which do not average out
     block = covariance.loc[values, values].to_numpy().reshape(*count, *count)
     return np.asarray(block.mean(axis=(1, 3)))
 
@@ -50,8 +51,8 @@ def deviation(covariance: Array, weights: Sequence[float]) -> float:
     >>> deviation(np.array([[9.0, 0.0], [0.0, 16.0]]), (1.0, -1.0))
     5.0
     """
-    shares = np.asarray(weights)
-    return float(np.sqrt(max(shares @ covariance @ shares, 0.0)))
+    w = np.asarray(weights)
+    return float(np.sqrt(max(w @ covariance @ w, 0.0)))
 
 
 def half_interval(sd: float) -> float:

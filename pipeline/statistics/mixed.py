@@ -26,16 +26,10 @@ from pipeline.statistics.rm_glm import effect_coded
 
 MAX_RATIO: Final = 1e6
 """Of a random effect's variance to that of the error; beyond, rounding hides the error."""
-STARTS: Final = (0.0, 0.5, 5.0, 200.0)
-"""Such ratios from which the optimum is sought: the criterion can have several minima."""
-BEST_STARTS: Final = 3
-"""Of all combinations of `STARTS`, from which the search begins."""
 ZERO_RATIO: Final = 1e-7
 """A smaller ratio is a variance of zero."""
 MAX_SLOPE: Final = 1e-6
 """Of the criterion at its minimum, by the logarithm of 1 + ratio."""
-MIN_SPREAD: Final = 1e-12
-"""Of values within their cells, to the largest value: less is rounding."""
 Weights = tuple[float, float]
 """Of the means of two cells in a sum of both."""
 DIFFERENCE: Final = (1.0, -1.0)
@@ -85,6 +79,7 @@ class MixedModel:
 
     def df(self, weights: Array) -> float:
         """Give the degrees of freedom of a linear combination of the coefficients, (P,)."""
+        # Satterthwaite: 2 V² by the variance of V, which follows the estimated variances
         variance, slopes = weights @ self.covariance @ weights, self.sensitivity @ weights @ weights
         return float(2 * variance**2 / (slopes @ self.uncertainty @ slopes))
 
@@ -102,6 +97,7 @@ class MixedModel:
         has as many degrees of freedom, that its mean and variance are those of an F distribution.
         """
         count = len(contrasts)
+        # A1 and A2 of the paper: how far the estimated variances move the statistic
         inverse = np.linalg.inv(contrasts @ self.covariance @ contrasts.T)
         changes = inverse @ contrasts @ self.sensitivity @ contrasts.T
         traces = np.trace(changes, axis1=1, axis2=2)
@@ -120,6 +116,7 @@ class MixedModel:
             scale = df * by_mean / (df - 2)
             if not df > 2:
                 raise ValueError(f"too few subjects for {count + 1} levels")
+        # Wald's statistic with the covariance that allows for few subjects
         estimate = contrasts @ self.coefficients
         adjusted = contrasts @ self.adjusted @ contrasts.T
         f = scale / count * estimate @ np.linalg.solve(adjusted, estimate)
@@ -193,6 +190,7 @@ class CellComparison:
         if beyond(ratio) >= 0:  # nothing varies
             return ratio, ratio
         ends = []
+        # at the estimate the sum is zero; each end is bracketed by doubling steps away from it
         for sign in (-1, 1):
             step = 1e-3
             while beyond(ratio + sign * step) < 0:
@@ -263,7 +261,8 @@ def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> M
     if np.linalg.matrix_rank(fixed) < columns:
         raise ValueError("a combination of levels has no value")
     rest = values - fixed @ np.linalg.lstsq(fixed, values, rcond=None)[0]
-    if count <= columns or not np.ptp(rest) > MIN_SPREAD * np.abs(values).max():
+    # a spread of 1e-12 of the largest value is rounding
+    if count <= columns or not np.ptp(rest) > 1e-12 * np.abs(values).max():
         raise ValueError("nothing varies within the cells")
     y, x, alike = _by_subject(values, fixed, [*effects, np.arange(count)])  # the last is the error
     # an effect counts if a level of it repeats, and no effect before it has the same levels
@@ -273,6 +272,7 @@ def fit_mixed(values: Array, fixed: Array, effects: Sequence[NDArray[Any]]) -> M
         if same.sum() > count and not any(np.array_equal(same, alike[j]) for j in range(k))
     ]
     ratios = _likeliest(y, x, alike[counting], count)
+    # at a variance of zero the model is that without the effect
     above_zero = ratios > ZERO_RATIO
     kept = [*np.array(counting, int)[above_zero], len(effects)]
     model = _corrected(np.append(ratios[above_zero], 1.0), y, x, alike[kept], count)
@@ -289,6 +289,7 @@ def _by_subject(
     Values (S, M, 1), fixed effects (S, M, P), and for each random effect 1 where two values have
     the same level, else 0, (K, S, M, M).
     """
+    # values of different subjects are independent: a covariance matrix for each is enough
     subject = np.unique(effects[0], return_inverse=True)[1]
     order = np.argsort(subject, kind="stable")
     counts = np.bincount(subject)
@@ -297,6 +298,7 @@ def _by_subject(
     shape = len(counts), counts.max()
     y, x = np.zeros((*shape, 1)), np.zeros((*shape, fixed.shape[1]))
     y[block, row, 0], x[block, row] = values[order], fixed[order]
+    # -1 where a block is filled up: alike to nothing
     level = np.full((len(effects), *shape), -1)
     for k, effect in enumerate(effects):
         level[k, block, row] = np.unique(effect, return_inverse=True)[1][order]
@@ -315,11 +317,13 @@ def _criterion(logs: Array, y: Array, x: Array, alike: Array, count: int) -> tup
 
     By the logarithms of 1 + ratio, (K,), by which it is curved alike near zero and far from it.
     """
+    # generalised least squares of the fixed effects with these ratios
     weight = _inverse(np.expm1(logs), alike)
     weighted_x = weight @ x
     precision = np.einsum("smp,smq->pq", x, weighted_x)
     rest = y - x @ np.linalg.solve(precision, np.einsum("smp,smo->po", weighted_x, y))
     weighted = weight @ rest
+    # (n - p) log of the squares, log |X'WX| and log |V| = -log |W|
     squares, freedom = float(np.sum(rest * weighted)), count - x.shape[2]
     value = freedom * np.log(squares) + np.linalg.slogdet(precision)[1]
     value -= np.linalg.slogdet(weight)[1].sum()
@@ -340,7 +344,8 @@ def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
         return _criterion(logs, y, x, alike, count)
 
     most = np.log1p(10 * MAX_RATIO)
-    starts = [np.log1p(ratios) for ratios in product(STARTS, repeat=len(alike))]
+    # the criterion can have several minima: the best three starts of a coarse grid
+    starts = [np.log1p(r) for r in product((0.0, 0.5, 5.0, 200.0), repeat=len(alike))]
     starts.sort(key=lambda logs: criterion(logs)[0])
     ends = [
         scipy.optimize.minimize(
@@ -351,7 +356,7 @@ def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
             bounds=[(0, most)] * len(alike),
             options={"ftol": 0.0, "gtol": MAX_SLOPE / 10},
         )
-        for start in starts[:BEST_STARTS]
+        for start in starts[:3]
     ]
     best = np.asarray(min(ends, key=lambda end: end.fun).x)
     # the search ends where rounding hides a fall of the criterion; its slopes are more exact
@@ -359,9 +364,9 @@ def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
 
     def with_inside(logs: Array) -> Array:
         """Give the logarithms, with others of the variances that are not zero."""
-        every = best.copy()
-        every[inside] = np.clip(logs, 0, most)
-        return every
+        result = best.copy()
+        result[inside] = np.clip(logs, 0, most)
+        return result
 
     def slopes_inside(logs: Array) -> Array:
         """Give the slopes by them."""
@@ -380,6 +385,7 @@ def _likeliest(y: Array, x: Array, alike: Array, count: int) -> Array:
 
 def _corrected(ratios: Array, y: Array, x: Array, alike: Array, count: int) -> MixedModel:
     """Give the model with given variances by that of the error, the last, and its correction."""
+    # generalised least squares, with the error's variance from what it leaves
     weight = _inverse(ratios[:-1], alike[:-1])
     precision = np.einsum("smp,smq->pq", x, weight @ x)
     coefficients = np.linalg.solve(precision, np.einsum("smp,smo->p", weight @ x, y))
@@ -448,6 +454,7 @@ def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparis
     effects = random_effects(cells)
     means = np.column_stack([cells["cell"] == name for name in (first, second)]).astype(float)
     model = fit_mixed(cells["value"].to_numpy(float), means, effects)
+    # what cells have in common between recordings and within one, and what each has alone
     of_subject, of_cell, of_recording, error = model.variances
     both, apart = np.ones((2, 2)), np.eye(2)  # what is in both cells, and what is in one
     counts = cells.groupby(["subject", "cell"]).size()
@@ -458,7 +465,7 @@ def compare_cells(values: pd.DataFrame, first: str, second: str) -> CellComparis
         within=of_recording * both + error * apart,
         subjects=len(np.unique(effects[0])),
         recordings=len(np.unique(effects[2])),
-        repeats=float(1 / (1 / counts).mean()),
+        repeats=float(1 / (1 / counts).mean()),  # harmonic: errors of means go with 1 / count
         model=model,
     )
 
@@ -472,6 +479,7 @@ def judging_comparison(values: pd.DataFrame, first: str, second: str) -> CellCom
     cells = values[values["cell"].isin((first, second)) & np.isfinite(values["value"])]
     if cells.empty or is_incomplete_or_repeated(cells, (first, second)):
         return compare_cells(cells, first, second)
+    # pairs of single recordings: the covariance over subjects holds all that varies
     table = cells.pivot(index="subject", columns="cell", values="value")
     pairs = table[[first, second]].to_numpy(float)
     spread = np.full((2, 2), nan) if len(pairs) < MIN_SUBJECTS else np.cov(pairs.T)
@@ -531,6 +539,7 @@ def effects_of_factors(values: pd.DataFrame, design: Design) -> Iterator[tuple[s
     levels = {COMPENSATION: "compensated", design.factor: "condition"}
     factors = {name: levels[name] for name in design.factors}
     rows = values[np.isfinite(values["value"])]
+    # subjects of no stated group do not enter
     if design.group is not None and "group" in values:
         factors[design.group] = "group"
         rows = rows.dropna(subset="group")
@@ -542,6 +551,7 @@ def effects_of_factors(values: pd.DataFrame, design: Design) -> Iterator[tuple[s
         for term in terms
     ]
     model = fit_mixed(rows["value"].to_numpy(float), np.hstack(blocks), random_effects(rows))
+    # each term is tested by its own columns of coefficients, the intercept first
     ends = np.cumsum([block.shape[1] for block in blocks])
     for term, start, end in zip(terms[1:], ends, ends[1:], strict=False):
         yield ":".join(term), model.test(np.eye(ends[-1])[start:end])

@@ -9,11 +9,6 @@ import scipy
 from hbm.spatial import Array
 from pipeline.statistics.design import TAIL
 
-DIFFERENCE_DIGITS = 12
-"""Differences that agree to this many digits of the largest are ties; the rest is rounding."""
-MAX_ABS_T = 1e4
-"""Beyond it SciPy's noncentral t distribution returns NaN."""
-
 
 @dataclass(frozen=True, slots=True)
 class IntervalEstimate:
@@ -78,8 +73,9 @@ def compare_paired(differences: Array) -> PairedComparison:
     are all equal is undefined: NaN.
     """
     differences = np.asarray(differences, float)
+    # differences that agree to twelve digits of the largest are ties: the rest is rounding
     size = np.abs(differences).max() or 1.0
-    rounded = np.round(differences, DIFFERENCE_DIGITS - ceil(log10(size)))
+    rounded = np.round(differences, 12 - ceil(log10(size)))
     n, mean, sd = len(differences), float(differences.mean()), float(differences.std(ddof=1))
     t = p_t = nan
     if np.ptp(rounded) > 0:
@@ -87,6 +83,7 @@ def compare_paired(differences: Array) -> PairedComparison:
         p_t = float(2 * scipy.stats.t.sf(abs(t), n - 1))
     half = float(scipy.stats.t.isf(TAIL, n - 1)) * sd / sqrt(n)
     dz = _cohens_dz(t, n)
+    # Hedges' exact factor with n - 1 degrees of freedom; by logarithms, as gamma functions overflow
     bias = exp(lgamma((n - 1) / 2) - lgamma((n - 2) / 2)) / sqrt((n - 1) / 2) if n > 2 else nan
     return PairedComparison(
         mean=IntervalEstimate(mean, mean - half, mean + half),
@@ -101,7 +98,8 @@ def compare_paired(differences: Array) -> PairedComparison:
 def _cohens_dz(t: float, n: int) -> IntervalEstimate:
     """Give Cohen's dz of a paired t statistic."""
     dz = t / sqrt(n)
-    if not abs(t) < MAX_ABS_T:
+    # SciPy's noncentral t distribution returns NaN beyond
+    if not abs(t) < 1e4:
         return IntervalEstimate(dz)
 
     def bound(level: float) -> float:
@@ -113,6 +111,7 @@ def _cohens_dz(t: float, n: int) -> IntervalEstimate:
             below = float(scipy.stats.nct.cdf(abs(t), n - 1, delta))
             return (1.0 if isnan(below) else below) - level  # SciPy's NaN is nearly 1
 
+        # t of a true effect dz has noncentrality dz √n
         noncentrality = scipy.optimize.brentq(beyond, lowest, highest)
         return float(np.copysign(1, t) * noncentrality / sqrt(n))
 
@@ -127,6 +126,7 @@ def _signed_ranks(differences: Array) -> dict[str, float]:
     positive = ranks[differences > 0].sum()
     w = min(positive, ranks.sum() - positive)
     cumulative = np.cumsum(_rank_sums(ranks))
+    # each sign is a fair coin: mean half of the ranks, variance a quarter of their squares
     z = (w - ranks.sum() / 2) / sqrt(np.sum(ranks**2) / 4)
     return {
         "w": float(w),
@@ -138,6 +138,7 @@ def _signed_ranks(differences: Array) -> dict[str, float]:
 
 def _rank_sums(ranks: Array) -> Array:
     """Give the probability of each sum of positive ranks, in steps of one half from zero."""
+    # ranks of ties are whole or half numbers; each rank is added to the sum or not, by even odds
     probability = np.ones(1)
     for doubled in np.round(2 * ranks).astype(int):
         longer = np.append(probability, np.zeros(doubled))

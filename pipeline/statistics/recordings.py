@@ -50,15 +50,16 @@ def pool_recordings(residuals: pd.DataFrame, weigh: Weigh = "cycle") -> pd.DataF
     if not residuals.duplicated([*CELL_COLUMNS]).any():
         return residuals.assign(n_recordings=1)[[*POOLED_COLUMNS]].reset_index(drop=True)
     rows = []
-    for cell, own in residuals.groupby([*CELL_COLUMNS], sort=False):
+    for cell, of_cell in residuals.groupby([*CELL_COLUMNS], sort=False):
         row: dict[str, object] = dict(zip(CELL_COLUMNS, cell, strict=True))
-        row["window"] = " and ".join(own["window"].unique())
-        weights = recording_weights(own, weigh)
-        if own["expected"].notna().any():  # recordings whose markers show all add nothing
-            own = own.fillna({"expected": 0.0})
-        row |= {name: root_mean_square(own[name].to_numpy(), weights) for name in MEAN_SQUARES}
-        row["n_recordings"] = len(own)
-        rows.append({**row, "n_cycles": own["n_cycles"].sum(), "n_frames": own["n_frames"].sum()})
+        row["window"] = " and ".join(of_cell["window"].unique())
+        weights = recording_weights(of_cell, weigh)
+        if of_cell["expected"].notna().any():  # recordings whose markers show all add nothing
+            of_cell = of_cell.fillna({"expected": 0.0})
+        row |= {name: root_mean_square(of_cell[name].to_numpy(), weights) for name in MEAN_SQUARES}
+        row["n_recordings"] = len(of_cell)
+        row |= {name: of_cell[name].sum() for name in ("n_cycles", "n_frames")}
+        rows.append(row)
     return pd.DataFrame(rows, columns=POOLED_COLUMNS)
 
 
@@ -77,6 +78,7 @@ def subject_means(
     """
     keys = ["condition", "compensated", "subject", *within, "percent"]
     levels = ["side"] * of_sides + ["recording"] * (weigh == "recording")
+    # first within a recording of a side, then over recordings, then over sides
     means = cycles.groupby([*keys, *levels], sort=False, observed=True)[[*columns]].mean()
     for count in reversed(range(len(levels))):
         means = means.groupby([*keys, *levels[:count]], sort=False, observed=True).mean()
@@ -93,7 +95,8 @@ def recording_weights(residuals: pd.DataFrame, weigh: Weigh) -> Array:
     cells = residuals.groupby([*CELL_COLUMNS], sort=False)
     weight = pd.Series(1.0, residuals.index)
     if weigh == "cycle":
-        alike = cells["window"].transform("nunique") == 1
-        alike &= cells["n_cycles"].transform("min") > 0
-        weight = residuals["n_cycles"].where(alike, residuals["n_frames"]).astype(float)
+        # cycles count only within one kind of window; steps and cycles differ in length
+        is_counted = cells["window"].transform("nunique") == 1
+        is_counted &= cells["n_cycles"].transform("min") > 0
+        weight = residuals["n_cycles"].where(is_counted, residuals["n_frames"]).astype(float)
     return (weight / weight.groupby(cells.ngroup()).transform("sum")).to_numpy(float)

@@ -8,17 +8,12 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.statistics.design import MIN_SUBJECTS, TAIL
 
+LIMITS: Final = read_numbers("pipeline.statistics", "thresholds.toml", "reliability")
 KEYS: Final = ["condition", "compensated", "name", "unit"]
-MIN_VALUES: Final = 5
-"""Of an intraclass correlation."""
-COLUMNS: Final = (
-    *KEYS,
-    *("repeated", "n_subjects", "n_repeats", "mean", "sd_within", "icc", "icc_low", "icc_high"),
-    *("sem", "smallest_detectable_change"),
-)
 
 
 def reliability(values: pd.DataFrame) -> pd.DataFrame:
@@ -66,6 +61,7 @@ def reliability(values: pd.DataFrame) -> pd.DataFrame:
     """
     rows, is_repeated = [], values.duplicated([*KEYS, "subject"], keep=False)
     for key, repeated in values[is_repeated].groupby(KEYS, sort=False):
+        # sessions where two subjects have several, since those include what changes between days
         sessions = repeated.groupby("subject")["session"].nunique()
         of_sessions = bool((sessions > 1).sum() >= MIN_SUBJECTS)
         unit = "session" if of_sessions else "recording"
@@ -75,14 +71,21 @@ def reliability(values: pd.DataFrame) -> pd.DataFrame:
             repeats = [value.to_numpy(float) for value in of_subjects]
             count = min(map(len, repeats))
             rows.append((*key, unit, len(repeats), count, *_of_repeats(repeats, count)))
-    return pd.DataFrame(rows, columns=COLUMNS)
+    columns = (
+        *KEYS,
+        *("repeated", "n_subjects", "n_repeats", "mean", "sd_within", "icc", "icc_low", "icc_high"),
+        *("sem", "smallest_detectable_change"),
+    )
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _of_repeats(repeats: Sequence[Array], count: int) -> tuple[float, ...]:
     """Give the numbers of one value, from the mean on, of the repeats of each subject."""
+    # variances of subjects are pooled by their degrees of freedom
     freedoms = [len(values) - 1 for values in repeats]
     within = sqrt(np.average([values.var(ddof=1) for values in repeats], weights=freedoms))
     mean = float(np.mean([values.mean() for values in repeats]))
+    # the correlation takes as many repeats of each subject: the first ones
     table = np.array([values[:count] for values in repeats])
     icc, low, high = _agreement(table)
     sem = float(table.std(ddof=1)) * sqrt(max(1 - icc, 0.0))
@@ -95,12 +98,13 @@ def _agreement(table: Array) -> tuple[float, float, float]:
     NaN without variance, and of two repeats of two subjects.
     """
     n, k = table.shape
-    if table.size < MIN_VALUES or not table.std() > 0:
+    if table.size < LIMITS.fewest_values or not table.std() > 0:
         return nan, nan, nan
     # mean squares of subjects, of repeats and of the error
     subjects, repeats = table.mean(axis=1, keepdims=True), table.mean(axis=0, keepdims=True)
     error = np.sum((table - subjects - repeats + table.mean()) ** 2) / ((n - 1) * (k - 1))
     of_subjects, of_repeats = k * subjects.var(ddof=1), n * repeats.var(ddof=1)
+    # absolute agreement: a difference between the repeats of all subjects counts as disagreement
     total = of_subjects + (k - 1) * error + k * (of_repeats - error) / n
     icc = (of_subjects - error) / total
     if not icc < 1:  # all repeats of a subject are equal
@@ -109,6 +113,7 @@ def _agreement(table: Array) -> tuple[float, float, float]:
     a, b = k * icc / (n * (1 - icc)), 1 + k * icc * (n - 1) / (n * (1 - icc))
     parts = np.array([a * of_repeats, b * error])
     df = parts.sum() ** 2 / (parts**2 / [k - 1, (n - 1) * (k - 1)]).sum()
+    # the bounds put F of the subjects at either tail
     rest = k * of_repeats + (k * n - k - n) * error
     high_f, low_f = scipy.stats.f.isf(TAIL, n - 1, df), scipy.stats.f.isf(TAIL, df, n - 1)
     low = n * (of_subjects - high_f * error) / (high_f * rest + n * of_subjects)

@@ -14,10 +14,6 @@ from pipeline.statistics.design import CONFIDENCE
 
 ROUNDING: Final = 1e-12
 """What is smaller than this fraction of the values is rounding, not data."""
-MAX_NONCENTRALITY: Final = 1e6
-"""Beyond it SciPy's noncentral F distribution becomes slow, and NaN in the end."""
-FAR: Final = 20.0
-"""Times the critical value: with an F so large the power is 1 to six decimals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,15 +123,17 @@ def repeated_measures_glm(
     for size in range(len(factors) + 1):
         for within in combinations(factors, size):
             contrasts = cells @ orthonormal_contrasts(levels, [name in within for name in factors])
+            # ordinary least squares of the subjects' contrasts on the between variables
             coefficients = inverse @ design.T @ contrasts
             residuals = contrasts - design @ coefficients
             error = residuals.T @ residuals
             if np.trace(error) < rounding:
                 error[:] = 0
-            for name, own in columns.items():
+            for name, of_term in columns.items():
                 if within or name:
-                    beta = coefficients[own]
-                    ss = np.trace(beta.T @ np.linalg.solve(inverse[own, own], beta))
+                    # type III: what the fit loses without the term's columns, by Wald's form
+                    beta = coefficients[of_term]
+                    ss = np.trace(beta.T @ np.linalg.solve(inverse[of_term, of_term], beta))
                     terms.append(_term(within, name, ss, error, len(beta), df_error))
     return tuple(terms)
 
@@ -147,6 +145,7 @@ def effect_coded(name: str, column: Array) -> Array:
         column = column.astype(float)
         block = (column - column.mean())[:, None]
     else:
+        # the last level is minus one in all columns, so that effects sum to zero
         group = (column[:, None] == np.unique(column)).astype(float)
         block = group[:, :-1] - group[:, -1:]
     if block.size == 0 or np.ptp(block) == 0:
@@ -161,6 +160,7 @@ def orthonormal_contrasts(levels: Sequence[int], tested: Sequence[bool]) -> Arra
     """
     matrix = np.ones((1, 1))
     for level, is_tested in zip(levels, tested, strict=True):
+        # the first column of Q is the mean over the levels, the others are contrasts
         basis, _ = np.linalg.qr(np.hstack([np.ones((level, 1)), np.eye(level)[:, 1:]]))
         matrix = np.kron(matrix, basis[:, 1:] if is_tested else basis[:, :1])
     return np.asarray(matrix)
@@ -174,6 +174,7 @@ def _term(
     ss_error = np.trace(error)
     df1, df2 = rank * d, df_error * d
     f = (ss / df1) / (ss_error / df2) if ss_error > 0 else nan
+    # Greenhouse and Geisser: tr(E)² / (d tr(E²)), 1 where all contrasts vary alike
     epsilon = ss_error**2 / (d * np.sum(error**2)) if ss_error > 0 else nan
     w, p_sphericity = _mauchly(error, df_error)
     return GlmTerm(
@@ -199,9 +200,11 @@ def _mauchly(error: Array, df: int) -> tuple[float, float]:
     d = len(error)
     if d < 2 or df < d or np.trace(error) <= 0:
         return nan, nan
+    # W is 1 where the contrasts vary alike and are uncorrelated
     w = float(np.linalg.det(error / (np.trace(error) / d)))
     if w <= ROUNDING:  # a contrast does not vary at all
         return 0.0, 0.0
+    # Box's expansion of -df ρ log W: χ² and a second term of the order of 1/df²
     rho = 1 - (2 * d**2 + d + 2) / (6 * d * df)
     cubic = (d + 2) * (d - 1) * (d - 2) * (2 * d**3 + 6 * d**2 + 3 * d + 2)
     second = cubic / (288 * (d * df * rho) ** 2)
@@ -222,8 +225,9 @@ def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> flo
     critical = scipy.stats.f.isf(alpha, df1, df2)
     # SciPy 1.17's sf fails at f = 0
     below = float(scipy.stats.ncf.cdf(critical, df1, df2, f * df1))
-    far = isfinite(f) and f > FAR * critical  # where SciPy 1.17 gives NaN for some F
-    return 1.0 if isnan(below) and far else 1 - below
+    # with an F so large the power is 1 to six decimals, where SciPy 1.17 gives NaN for some F
+    is_far = isfinite(f) and f > 20.0 * critical
+    return 1.0 if isnan(below) and is_far else 1 - below
 
 
 def partial_eta_squared_interval(
@@ -252,8 +256,10 @@ def partial_eta_squared_interval(
         """Find the noncentrality that puts F at a level."""
         if scipy.stats.f.cdf(f, df1, df2) <= level:
             return 0.0
-        if f * df1 > MAX_NONCENTRALITY:  # only the error varies
+        # SciPy's noncentral F becomes slow beyond, and NaN in the end; there only the error varies
+        if f * df1 > 1e6:
             return float(f * df1 / df2 * scipy.stats.chi2.isf(level, df2))
+        # bracket the root: the probability below F falls as noncentrality rises
         highest = 10 * (f + 10) * (df1 + 1)
         while scipy.stats.ncf.cdf(f, df1, df2, highest) > level:
             highest *= 2
@@ -263,8 +269,8 @@ def partial_eta_squared_interval(
 
     def bound(level: float) -> float:
         """Give η² at a level."""
-        found = noncentrality(level)
-        return 1 / (1 + df2 / found) if found else 0.0  # rounded too, it grows with λ
+        at_level = noncentrality(level)
+        return 1 / (1 + df2 / at_level) if at_level else 0.0  # rounded too, it grows with λ
 
     tail = (1 - confidence) / 2
     return bound(1 - tail), bound(tail)

@@ -16,23 +16,13 @@ from pipeline.statistics.measurement import (
     mean_covariance,
 )
 
-MEANS: Final = {"no_ic": False, "ic": True}
-"""Name of a mean in its columns -> whether compensated."""
 DIFFERENCES: Final = (
     ("no_ic_minus_baseline_no_ic", False, False),
     ("ic_minus_baseline_no_ic", True, False),
     ("ic_minus_baseline_ic", True, True),
 )
 """Name of the column; whether the condition is compensated, and the reference."""
-COMPENSATED: Final = (
-    *("mean_ic", "ic_minus_baseline_no_ic", "ic_minus_baseline_ic", "reduction_percent"),
-    *("p_t", "p_wilcoxon"),
-)
-MEASURED_ALONE: Final = ("no_ic_minus_baseline_no_ic",)
-"""Columns that are printed only with, and only without compensation."""
 MEASUREMENT: Final = "measurement_sd_"
-MARKDOWN_WIDTH: Final = 100
-"""Characters in a line of text."""
 
 
 def reduction_percent(uncompensated: float, compensated: float) -> float:
@@ -90,19 +80,18 @@ def table_3(
     rows: list[dict[str, object]] = []
     for (axis, unit), group in residuals.groupby(["axis", "unit"], sort=False):
         rms = group.pivot(index="subject", columns=["compensated", "condition"], values="rms")
-        wanted = pd.MultiIndex.from_product([[False, True], design.conditions])
-        rms = rms.reindex(columns=wanted)
+        rms = rms.reindex(columns=pd.MultiIndex.from_product([[False, True], design.conditions]))
         tests = statistics[statistics["axis"] == axis]
         corrected = tests["correction"].astype(str).str.lower().str.startswith(design.correction)
         for condition in design.conditions:
-            own = rms[[(variant, condition) for variant in design.variants]].dropna()
-            no_ic, ic = rms[False, condition][own.index], rms[True, condition][own.index]
+            complete = rms[[(variant, condition) for variant in design.variants]].dropna().index
+            no_ic, ic = rms[False, condition][complete], rms[True, condition][complete]
             row = {
                 "axis": axis,
                 "unit": unit,
                 "condition": condition,
-                "n": len(own),
-                "without": ", ".join(map(str, rms.index.difference(own.index))),
+                "n": len(complete),
+                "without": ", ".join(map(str, rms.index.difference(complete))),
                 "mean_no_ic": no_ic.mean(),
                 "sd_no_ic": no_ic.std(),
                 "mean_ic": ic.mean(),
@@ -121,7 +110,7 @@ def table_3(
                 for suffix, pair in pairs.items():
                     row[name + suffix] = p.get(pair, nan)
             if measurement is not None:
-                row |= _measurement_sds(measurement[str(axis)], rms, own.index, condition, design)
+                row |= _measurement_sds(measurement[str(axis)], rms, complete, condition, design)
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -137,11 +126,12 @@ def _measurement_sds(
             return nan
         return deviation(mean_covariance(covariance, subjects, cells), (1.0, -1.0)[: len(cells)])
 
-    found = {f"mean_{name}": sd(rms.loc[complete], (condition, ic)) for name, ic in MEANS.items()}
+    variants = {"mean_no_ic": False, "mean_ic": True}
+    sds = {name: sd(rms.loc[complete], (condition, ic)) for name, ic in variants.items()}
     for name, first, second in DIFFERENCES:
         of_two = sd(rms, (condition, first), (design.reference, second))
-        found[name] = nan if condition == design.reference else of_two
-    return {f"{MEASUREMENT}{name}": value for name, value in found.items()}
+        sds[name] = nan if condition == design.reference else of_two
+    return {f"{MEASUREMENT}{name}": value for name, value in sds.items()}
 
 
 Column = tuple[str, list[str]]
@@ -169,7 +159,13 @@ def printed_columns(table: pd.DataFrame, design: Design) -> list[Column]:
         "p_wilcoxon": "Wilcoxon: IC − no IC",
         "p_wilcoxon_baseline": f"Wilcoxon: {minus}{unless}",
     }
-    left_out = MEASURED_ALONE if design.compensated else COMPENSATED
+    # columns of the other kind of study: as measured alone, or with compensation
+    left_out = {
+        *("mean_ic", "ic_minus_baseline_no_ic", "ic_minus_baseline_ic", "reduction_percent"),
+        *("p_t", "p_wilcoxon"),
+    }
+    if design.compensated:
+        left_out = {"no_ic_minus_baseline_no_ic"}
     names = [f"{r['axis']} ({r['unit']})" if r["condition"] == first else "" for r in rows]
     return [
         ("Residual", names),
@@ -192,7 +188,9 @@ def _printed(row: Mapping[Hashable, Any], name: str) -> str:
     is_mean = name.startswith("mean_")
     form, lowest = (".1f", 0.0) if is_mean else ("+z.1f", -inf)
     text = mean_sd(row[name], row[f"sd_{name[5:]}"]) if is_mean else number(row[name], form)
+    # an RMS is not negative, however uncertain; a difference may be
     half = half_interval(row.get(f"{MEASUREMENT}{name}", nan))
+
     if isnan(half):
         return text
     low, high = max(row[name] - half, lowest), row[name] + half
@@ -231,7 +229,7 @@ def table_3_markdown(table: pd.DataFrame, design: Design = EXPERIMENT_3) -> str:
     """Render `table_3` as Markdown, with a legend below."""
     heads, cells = zip(*printed_columns(table, design), strict=True)
     lines = markdown_table(heads, list(zip(*cells, strict=True)))
-    return f"{lines}\n\n{fill(table_3_legend(table, design), MARKDOWN_WIDTH)}\n"
+    return f"{lines}\n\n{fill(table_3_legend(table, design), 100)}\n"
 
 
 def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

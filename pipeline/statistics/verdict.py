@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from hbm.spelling import join_names
 from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
@@ -26,17 +27,9 @@ from pipeline.statistics.mixed import (
 )
 from pipeline.statistics.table_3 import number
 
-POWER: Final = 0.8
-"""By convention (Cohen 1988)."""
+LIMITS: Final = read_numbers("pipeline.statistics", "thresholds.toml", "plan")
 PLANNED_RECORDINGS: Final = (1, 2, 3, 5, 10)
 """Per subject and condition, for which a study is planned."""
-MAX_SUBJECTS: Final = 1000
-"""No gait study has more; beyond, the answer is that it cannot be shown."""
-MAX_NONCENTRALITY: Final = 1e3
-"""The power is 1 long before; SciPy's noncentral t distribution becomes NaN beyond."""
-SAME_MEAN: Final = 1e-6
-"""Two means that differ less, relatively, weigh subjects alike."""
-NO_EXACT_TEST: Final = "no exact test of so few can become significant"
 Answer = Literal["within margin", "above", "inconclusive", "no interval", "no data"]
 
 
@@ -171,6 +164,7 @@ def verdicts(
             pair = (design.compensated, condition), (False, design.reference)
             both = rms.reindex(columns=cells).dropna(subset=[*pair])
             names = design.judged(condition), design.reference_cell
+            # without single recordings a mixed model has nothing to add to subjects with both cells
             used = values if recordings is not None else values[values["subject"].isin(both.index)]
             verdict = Verdict(axis, unit, condition, "no data", paired=len(both))
             if both.empty:
@@ -194,6 +188,7 @@ def verdicts(
             if measurement is not None:
                 of_pair = (condition, design.compensated), (design.reference, False)
                 covariance = mean_covariance(measurement[axis], both.index, of_pair)
+                # of the difference, and of how far the residual exceeds the margin
                 half, of_excess = (
                     half_interval(deviation(covariance, (1.0, -factor)))
                     for factor in (1.0, 1 + design.margin)
@@ -214,12 +209,13 @@ def _without_compensation(values: pd.DataFrame, verdict: Verdict, design: Design
     judged, measured = (values[values["cell"] == cell] for cell in cells)
     with_it, without = (rows.groupby("subject")["value"].mean() for rows in (judged, measured))
     # a mixed model of unequal numbers of recordings, or of missing cells, weighs subjects unequally
-    alike = len(judged) == len(measured) and np.isclose(with_it.mean(), verdict.ic, rtol=SAME_MEAN)
-    return float(without.mean()) if alike else nan
+    is_alike = len(judged) == len(measured) and np.isclose(with_it.mean(), verdict.ic, rtol=1e-6)
+    return float(without.mean()) if is_alike else nan
 
 
 def _verdict(unjudged: Verdict, compared: CellComparison, design: Design) -> Verdict:
     """Judge a comparison of a residual with its reference."""
+    # Bonferroni over the planned pairs
     alpha = (1 - CONFIDENCE) / max(len(design.pairs), 1)
     most = 1 + design.margin
     baseline, difference = float(compared.means[1]), compared.difference
@@ -230,6 +226,7 @@ def _verdict(unjudged: Verdict, compared: CellComparison, design: Design) -> Ver
         """Give the subjects who would show that the residual is within the margin."""
         if compared.subjects < MIN_SUBJECTS:
             return None
+        # the test is of ic - (1 + margin) baseline below zero, one side of the interval
         room = design.margin * baseline - true_difference
         return subjects_needed(compared.spread((1.0, -most), recordings), room, alpha / 2)
 
@@ -294,8 +291,9 @@ def noninferiority_power(n: Array, sd: float, room: float, alpha: float) -> Arra
     >>> print(f"{noninferiority_power(np.array([9]), sd=1.0, room=1.0, alpha=0.025)[0]:.3f}")
     0.748
     """
+    # the power is 1 long before a noncentrality of 1,000, from which on SciPy gives NaN
     with np.errstate(divide="ignore", over="ignore"):  # subjects who all agree
-        noncentrality = np.minimum(np.divide(room, sd) * np.sqrt(n), MAX_NONCENTRALITY)
+        noncentrality = np.minimum(np.divide(room, sd) * np.sqrt(n), 1e3)
     return np.asarray(scipy.stats.nct.sf(scipy.stats.t.isf(alpha, n - 1), n - 1, noncentrality))
 
 
@@ -316,9 +314,10 @@ def subjects_needed(sd: float, room: float, alpha: float) -> int | None:
     """
     if room <= 0:
         return None
-    n = np.arange(2.0, MAX_SUBJECTS + 1)
-    enough = noninferiority_power(n, sd, room, alpha) >= POWER
-    return int(n[enough.argmax()]) if enough.any() else None
+    # power rises with the number of subjects: the first that is enough
+    n = np.arange(2.0, LIMITS.most_subjects + 1)
+    is_enough = noninferiority_power(n, sd, room, alpha) >= LIMITS.power
+    return int(n[is_enough.argmax()]) if is_enough.any() else None
 
 
 def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
@@ -353,7 +352,8 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
             sentences.append(_headline(of_condition, design))
     if _are_few(compared, design):
         subjects = max(v.n for v in compared)
-        sentences.append(f"{subjects} subjects are a demonstration: {NO_EXACT_TEST}.")
+        reason = "no exact test of so few can become significant"
+        sentences.append(f"{subjects} subjects are a demonstration: {reason}.")
     return tuple(sentences)
 
 
@@ -369,9 +369,9 @@ def open_questions(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> t
     open_margins = []
     for condition in (*design.others, design.reference):
         of_condition = [v for v in compared if v.condition == condition]
-        if named := [v.axis for v in of_condition if v.open_margin]:
-            every = "all residuals" if 1 < len(named) == len(of_condition) else join_names(named)
-            open_margins.append(f"{every} in {condition}")
+        if axes := [v.axis for v in of_condition if v.open_margin]:
+            names = "all residuals" if 1 < len(axes) == len(of_condition) else join_names(axes)
+            open_margins.append(f"{names} in {condition}")
     if open_margins:
         sentences.append(
             f"For {', and '.join(open_margins)}, errors of usual size alone could turn the "
@@ -383,6 +383,7 @@ def open_questions(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> t
 
 def _are_few(compared: Sequence[Verdict], design: Design) -> bool:
     """Whether no exact test of so few subjects can become significant."""
+    # the smallest p of sign flips of n subjects is 2 / 2^n, times the pairs of Bonferroni
     subjects = max((v.n for v in compared), default=0)
     return len(design.pairs) * 2.0 ** (1 - subjects) > 1 - CONFIDENCE
 

@@ -16,6 +16,7 @@ from hbm.body import FEET, shoe_inertia
 from hbm.coordinates import FIXED_TO, MOVING, PARENT, SIDES, UP
 from hbm.ik.tracking import solve_ik
 from hbm.model import Body
+from hbm.numbers import read_numbers
 from hbm.plausibility.motion import TRUNK
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
@@ -25,7 +26,7 @@ from pipeline.explain.cause import Altered, Cause, Prior, change_of, priors
 from pipeline.explain.causes.plates import with_added
 from pipeline.trial.chain import Chain, needed_wrench
 
-ARMS: Final = ("upper_arm", "forearm", "hand")
+LIMITS: Final = read_numbers("pipeline.explain", "thresholds.toml", "body")
 LONG_BONES: Final = ("thigh", "shank")
 """Segments whose inertia lies between two joint centres that may be wrong."""
 
@@ -36,20 +37,14 @@ PARTS: Final[Mapping[str, tuple[tuple[str, ...], str, str]]] = {
     "thighs": (("thigh",), "thigh_mass", "xyz"),
     "shanks": (("shank",), "limb_mass", "xyz"),
     "feet": (("foot",), "foot_mass", "xyz"),
-    "arms": (ARMS, "limb_mass", "x"),
+    "arms": (("upper_arm", "forearm", "hand"), "limb_mass", "x"),
 }
 """Part of the body -> its segments, limbs without their side; what is known of its mass; and the
 axes along which its centre of mass matters: more than 0.3 N or 0.1 N·m in a recording of walking,
 as for all causes here. The segments of a part move almost together and cannot be distinguished."""
 
-SMALL: Final = 0.1
-"""Of a standard deviation: so small that squares do not matter, and far above rounding."""
-
 LEAST_MASS: Final = 0.1
 """Of a segment's own, which a size drawn at random may undercut."""
-
-LIGHT_SHOE: Final = 0.5
-"""Usual size of a shoe's mass at most, by the foot's: that of children."""
 
 AXES: Final = dict(zip("xyz", np.eye(3), strict=True))
 JOINTS: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
@@ -69,39 +64,41 @@ def body_causes(chain: Chain) -> Iterator[Cause]:
         too: markers keep their places, and the inverse kinematics finds other coordinates. Sizes
         say by how much the body that is used is wrong.
     """
-    known, every = priors(), chain.body.segments
-    heavier = change_of("body", partial(_with_share, names=tuple(every)))
-    yield Cause("body mass", "inertia", known["body_mass"], heavier)
+    prior_of, inertias = priors(), chain.body.segments
+    heavier = change_of("body", partial(_with_share, names=tuple(inertias)))
+    yield Cause("body mass", "inertia", prior_of["body_mass"], heavier)
     for part, (segments, kind, axes) in PARTS.items():
         of_sides = {f"{side}_{segment}" for side in SIDES for segment in segments}
-        names = tuple(name for name in every if name in of_sides.union(segments))
+        names = tuple(name for name in inertias if name in of_sides.union(segments))
         heavier = change_of("body", partial(_with_share, names=names))
-        yield Cause(f"{part}: mass", "inertia", known[kind], heavier)
+        yield Cause(f"{part}: mass", "inertia", prior_of[kind], heavier)
         for letter in axes:
-            prior = known["limb_center" if len(names) > len(segments) else f"trunk_center_{letter}"]
+            is_limb = len(names) > len(segments)
+            prior = prior_of["limb_center" if is_limb else f"trunk_center_{letter}"]
             moved = change_of("body", partial(_with_center, names=names, by=AXES[letter]))
             yield Cause(f"{part}: centre of mass along {letter}", "inertia", prior, moved)
         if segments[0] in LONG_BONES:
             wider = change_of("body", partial(_with_gyration, names=names))
-            yield Cause(f"{part}: radii of gyration", "inertia", known["gyration"], wider)
-    shoe = known["stated_shoe_mass" if chain.shoes_are_known else "shoe_mass"]
-    shoe = replace(shoe, size=min(shoe.size, LIGHT_SHOE * every[FEET[0]].mass))
+            yield Cause(f"{part}: radii of gyration", "inertia", prior_of["gyration"], wider)
+    # children wear lighter shoes than adults, for whom the usual size is
+    shoe = prior_of["stated_shoe_mass" if chain.shoes_are_known else "shoe_mass"]
+    shoe = replace(shoe, size=min(shoe.size, LIMITS.largest_shoe * inertias[FEET[0]].mass))
     yield Cause("shoes: missing mass", "shoes", shoe, change_of("body", _without_shoes))
     joints = {f"{s} {joint}": f"{s}_{segment}" for joint, segment in JOINTS.items() for s in SIDES}
     for name, segment in {**joints, "lumbar joint": "thorax"}.items():
-        prior = known[f"{name.removesuffix(' joint').split()[-1]}_center"]
+        prior = prior_of[f"{name.removesuffix(' joint').split()[-1]}_center"]
         for letter, axis in AXES.items():
             altered = partial(_with_joint, segment=segment, by=axis)
             yield _of_geometry(chain, f"{name}: centre along {letter}", prior, altered)
     for side, letter in SIDES.items():
         altered = partial(_with_axis, coordinate=f"{letter}KneeFlexion")
-        yield _of_geometry(chain, f"{side} knee: axis about z", known["knee_axis"], altered)
+        yield _of_geometry(chain, f"{side} knee: axis about z", prior_of["knee_axis"], altered)
 
 
 def _with_segments(body: Body, segments: Mapping[str, Inertia]) -> Body:
     """Give the body with some segments of other inertia."""
-    every = {**body.segments, **segments}
-    return replace(body, segments=every, mass=sum(part.mass for part in every.values()))
+    inertias = {**body.segments, **segments}
+    return replace(body, segments=inertias, mass=sum(part.mass for part in inertias.values()))
 
 
 def _with_share(body: Body, share: float, *, names: Sequence[str]) -> Body:
@@ -113,6 +110,7 @@ def _with_share(body: Body, share: float, *, names: Sequence[str]) -> Body:
     rest = sum(part.mass for part in body.segments.values()) - mass
     scaled = {}
     for name, part in body.segments.items():
+        # the same shape with another density: the tensor changes with the mass
         factor = max(1 + share if name in names else 1 - share * mass / rest, LEAST_MASS)
         scaled[name] = Inertia(factor * part.mass, part.center, factor * part.tensor)
     return _with_segments(body, scaled)
@@ -123,6 +121,7 @@ def _without_shoes(body: Body, mass_kg: float) -> Body:
     feet = {}
     for foot in FEET:
         taken_kg = min(mass_kg, (1 - LEAST_MASS) * body.segments[foot].mass)
+        # a negative mass puts a shoe on
         ball, length = body.offsets[foot.replace("foot", "toes")], body.lengths[foot]
         shoe = shoe_inertia(ball, length, abs(taken_kg), 0.0)
         feet[foot] = body.segments[foot] - shoe if taken_kg > 0 else body.segments[foot] + shoe
@@ -141,6 +140,7 @@ def _with_center(body: Body, distance: float, *, names: Sequence[str], by: Array
 
 def _with_gyration(body: Body, share: float, *, names: Sequence[str]) -> Body:
     """Make radii of gyration larger by a share."""
+    # moments of inertia are those of masses at the radius of gyration: I = m k²
     parts, factor = body.segments, (1 + share) ** 2
     wider = {name: replace(parts[name], tensor=factor * parts[name].tensor) for name in names}
     return _with_segments(body, wider)
@@ -152,7 +152,8 @@ def _of_geometry(chain: Chain, name: str, prior: Prior, altered: Altered) -> Cau
     Coordinates change in proportion to its size: as they do for a small one, found from those of
     the chain. Sizes agree with those from other starts to 1e-8 of their deviations.
     """
-    small = SMALL * prior.size
+    # a tenth of a deviation: squares of it do not matter, and rounding is far below it
+    small = 0.1 * prior.size
     q = solve_ik(altered(chain.body, small), chain.markers, near=chain.q).q
     follow = np.where(np.isnan(chain.q), np.nan, np.nan_to_num((q - chain.q) / small))
 
@@ -173,18 +174,21 @@ def _with_joint(body: Body, distance: float, *, segment: str, by: Array) -> Body
     """
     step = distance * by
     offsets = dict(body.offsets)
+    # the segment's own joint moves in its parent; those distal to it stay where they are in the lab
     for other, parent in PARENT.items():
         if other == segment:
             offsets[other] = offsets[other] + step
         elif parent == segment:
             offsets[other] = offsets[other] - step
-    on_it = np.array([segment == carrier for carrier in body.marker_segment])
-    markers = body.marker_position - on_it[:, None] * step
+    # the segment's axes begin at the joint: what is fixed in it moves by as much the other way
+    is_carried = np.array([segment == carrier for carrier in body.marker_segment])
+    markers = body.marker_position - is_carried[:, None] * step
     segments = dict(body.segments)
     _shift(segments, segment, -_share_of_way(body, segment, otherwise=1.0) * step)
     for name, carrier in FIXED_TO.items():
         if carrier == segment:
             _shift(segments, name, -step)
+    # the joint is the distal end of the parent, whose centre of mass follows in proportion
     parent = PARENT[segment]
     _shift(segments, parent, _share_of_way(body, parent, otherwise=0.0) * step)
     return replace(body, offsets=offsets, marker_position=markers, segments=segments)
@@ -201,6 +205,7 @@ def _share_of_way(body: Body, segment: str, otherwise: float) -> float:
     if not segment.endswith(LONG_BONES):
         return otherwise
     distal = next(body.offsets[s] for s, parent in PARENT.items() if parent == segment)
+    # projection of the centre of mass on the line between the joints
     return float(body.segments[segment].center @ distal / (distal @ distal))
 
 
@@ -225,15 +230,12 @@ class Tissue:
     damping: float
 
 
-TRUNK_TISSUE: Final = Tissue(share=0.5, frequency_hz=4.5, damping=0.5)
-THIGH: Final = Tissue(share=0.6, frequency_hz=9.0, damping=0.5)
-SHANK: Final = Tissue(share=0.6, frequency_hz=12.0, damping=0.5)
 TISSUES: Final[Mapping[str, Mapping[str, Tissue]]] = {
-    "pelvis": {"pelvis": TRUNK_TISSUE},
-    "trunk": {"mid_trunk": TRUNK_TISSUE, "thorax": TRUNK_TISSUE},
+    "pelvis": {"pelvis": Tissue(0.5, 4.5, 0.5)},
+    "trunk": dict.fromkeys(("mid_trunk", "thorax"), Tissue(0.5, 4.5, 0.5)),
     "legs": {
-        **{f"{side}_thigh": THIGH for side in SIDES},
-        **{f"{side}_shank": SHANK for side in SIDES},
+        **{f"{side}_thigh": Tissue(0.6, 9.0, 0.5) for side in SIDES},
+        **{f"{side}_shank": Tissue(0.6, 12.0, 0.5) for side in SIDES},
     },
 }
 """Part of the body -> its segments and their tissue. The masses on springs of Liu and Nigg (2000, J
@@ -244,10 +246,6 @@ shank above thigh, damped the more the more active they are (Wakeling and Nigg 2
 90:412). Of the trunk, the viscera are an eighth of the body's mass at least (9 kg: Minetti and
 Belli 1994, J Biomech 27:97). The numbers lie between these; damping below that of the running model
 is assumed for walking, as resonances of standing people are seen at all."""
-
-DIRECTIONS: Final = {"vertical": np.diag([0.0, 0.0, 1.0]), "horizontal": np.diag([1.0, 1.0, 0.0])}
-TISSUE_STEP: Final = 0.1
-"""Of frequency and damping ratio, for differences."""
 
 
 def soft_tissue_causes(chain: Chain) -> Iterator[Cause]:
@@ -260,21 +258,23 @@ def soft_tissue_causes(chain: Chain) -> Iterator[Cause]:
         multiple of the published one, which is therefore about one and not zero; and by which share
         its frequency and damping differ from the published ones, to first order.
     """
-    known = priors()
+    prior_of, step = priors(), 0.1
+    more, less = 1 + step, 1 - step
+    directions = {"vertical": np.diag([0.0, 0.0, 1.0]), "horizontal": np.diag([1.0, 1.0, 0.0])}
     for part, tissues in TISSUES.items():
         courses = [(tissue, *_course(chain, name)) for name, tissue in tissues.items()]
-        for direction, along in DIRECTIONS.items():
+        for direction, along in directions.items():
+            # mass is linear; frequency and damping are not, so central differences
             total = partial(_tissue_wrench, courses, chain.time, along)
-            more, less = 1 + TISSUE_STEP, 1 - TISSUE_STEP
             wrenches = {
                 "mass": total(),
-                "frequency": (total(stiffer=more) - total(stiffer=less)) / (2 * TISSUE_STEP),
-                "damping": (total(damped=more) - total(damped=less)) / (2 * TISSUE_STEP),
+                "frequency": (total(stiffer=more) - total(stiffer=less)) / (2 * step),
+                "damping": (total(damped=more) - total(damped=less)) / (2 * step),
             }
             for kind, wrench in wrenches.items():
                 change = change_of("soft_tissue", partial(with_added, wrench=wrench))
                 name = f"soft tissue of {part}: {kind} of {direction} motion"
-                yield Cause(name, "soft_tissue", known[f"tissue_{kind}"], change)
+                yield Cause(name, "soft_tissue", prior_of[f"tissue_{kind}"], change)
 
 
 def _tissue_wrench(
@@ -322,22 +322,28 @@ def oscillator_wrench(
     `hbm.signals.filtering.oscillation` gives ``d``. It adds ``m d̈``, and what it needs acts ``d``
     beside its place.
     """
+    # in axes of its anchor the mass is driven by minus the anchor's acceleration
     drive = -(pull - [0, 0, GRAVITY_MPS2]) @ along
     frames = np.arange(len(drive))
+    # an oscillator needs its drive throughout; in gaps the residual is unknown anyway
     for column in drive.T:
-        seen = np.isfinite(column)
-        column[:] = np.interp(frames, frames[seen], column[seen])
+        is_known = np.isfinite(column)
+        column[:] = np.interp(frames, frames[is_known], column[is_known])
+    # from rest, in equilibrium with the first frame
     drive -= drive[0]
+    # about the lab origin: its force at its place, and all that it needs at its displacement
+
     shift, force = oscillation(drive, time, frequency_hz, damping)
     return np.hstack([force, np.cross(place, force) + np.cross(shift, pull + force)])
 
 
 def _course(chain: Chain, segment: str) -> tuple[float, Array, Array]:
     """Give mass [kg], course (T, 3) [m] and pull (T, 3) [m/s²] of a segment's centre of mass."""
-    own = chain.body.segments[segment]
+    inertia = chain.body.segments[segment]
     k = MOVING.index(FIXED_TO.get(segment, segment))
     rotation, origin = segment_frames(chain.body, chain.filtered.value)
-    unit = Inertia(1.0, own.center, np.zeros((3, 3)))
+    # the wrench of a point mass of 1 kg there has its acceleration less gravity as force
+    unit = Inertia(1.0, inertia.center, np.zeros((3, 3)))
     only = {name: unit if name == segment else NO_INERTIA for name in chain.body.segments}
     needed = needed_wrench(replace(chain.body, segments=only), chain.filtered)
-    return own.mass, origin[:, k] + rotation[:, k] @ own.center, needed[:, :3]
+    return inertia.mass, origin[:, k] + rotation[:, k] @ inertia.center, needed[:, :3]

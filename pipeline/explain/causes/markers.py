@@ -29,12 +29,7 @@ more than 6 %, on feet and arms by less."""
 HARMONICS: Final = 4
 """Of the gait cycle: joint angles, which the skin follows (Bonci et al. 2014, J Biomech 47:2354),
 have less than a twentieth of their variance above."""
-DECREASE: Final = 1.5
-"""Harmonic h is as large as the first by h to minus this power; those of the hip's angle fall
-faster, those of the ankle's more slowly."""
 BELOW_TRUNK: Final = ("pelvis", *LIMBS["right leg"], *LIMBS["left leg"])
-TURNS: Final = {"bend": FORWARD, "lean": LEFT, "twist": UP}
-"""What a trunk does -> the axis of the thorax about which it turns."""
 STEP: Final = 0.001
 """Displacement that the inverse kinematics is linearised by [m or rad]."""
 
@@ -65,7 +60,7 @@ def marker_causes(chain: Chain, spans: Sequence[tuple[float, float]] | Array) ->
     and so does the skin of shanks, feet, head and arms: they belong to what no cause describes, as
     does what differs between cycles.
     """
-    phase, known = 2 * np.pi * cycle_phase(chain.time, spans), priors()
+    phase, prior_of = 2 * np.pi * cycle_phase(chain.time, spans), priors()
     throughout = np.ones(len(phase))
     frames = segment_frames(chain.body, chain.q)
     for segment in CLUSTERS:
@@ -74,21 +69,25 @@ def marker_causes(chain: Chain, spans: Sequence[tuple[float, float]] | Array) ->
             continue
         name = segment.replace("_", " ")
         rotation, origin = (values[:, MOVING.index(segment)] for values in frames)
+        # from the segment's origin, in lab axes
         lever = chain.markers.position[:, columns] - origin[:, None]
         for axis, letter in zip(np.moveaxis(rotation, 2, 0), "xyz", strict=True):
             moved = _displacement(chain, columns, np.broadcast_to(axis[:, None], lever.shape))
             title = f"{name}: markers' place along {letter}"
-            yield _cause(title, "markers", known["marker_place"], moved, throughout)
+            yield _cause(title, "markers", prior_of["marker_place"], moved, throughout)
             if segment in ON_SKIN:
-                prior = known[f"skin_{segment.split('_')[-1]}"]
+                prior = prior_of[f"skin_{segment.split('_')[-1]}"]
                 yield from _series(f"{name}: skin along {letter}", "skin", prior, moved, phase)
         if segment == "thorax":
+            # a small turn about the long axis moves each marker by axis × lever
             turned = _displacement(chain, columns, np.cross(rotation[:, None, :, 2], lever))
-            yield from _series(f"{name}: skin about z", "skin", known["skin_turn"], turned, phase)
+            prior = prior_of["skin_turn"]
+            yield from _series(f"{name}: skin about z", "skin", prior, turned, phase)
+    # a part without markers moves coordinates, but no marker
     for group, name, kind, q in _unseen(chain, frames[0]):
         moved = _Moved(q, lambda markers, step: markers)
-        yield _cause(name, group, known[kind], moved, throughout)
-        yield from _series(name, group, known[kind], moved, phase)
+        yield _cause(name, group, prior_of[kind], moved, throughout)
+        yield from _series(name, group, prior_of[kind], moved, phase)
 
 
 class _Moved(NamedTuple):
@@ -133,8 +132,10 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
     """
     start, stop = np.transpose(spans)
     duration = np.median(stop - start)
+    # a gap between two cycles holds a whole number of cycles that were not found
     missing = np.append(0, np.round((start[1:] - stop[:-1]) / duration))
     number = np.arange(len(start)) + np.cumsum(missing)
+    # linear within each cycle and gap, of median speed beyond the first and the last
     knots = np.column_stack([start, stop]).ravel()
     inside = np.interp(time, knots, np.column_stack([number, number + 1]).ravel())
     beyond = np.minimum(time - knots[0], 0) + np.maximum(time - knots[-1], 0)
@@ -143,7 +144,8 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
 
 def _series(name: str, group: str, first: Prior, moved: _Moved, phase: Array) -> Iterator[Cause]:
     """Give the terms of a Fourier series of a displacement: as measured, or by its first one."""
-    decreasing = tuple(first.size / h**DECREASE for h in range(1, HARMONICS + 1))
+    # between the hip's angle, whose harmonics fall faster, and the ankle's, of which they do slower
+    decreasing = tuple(first.size / h**1.5 for h in range(1, HARMONICS + 1))
     for h, size in enumerate(first.harmonics or decreasing, start=1):
         prior = replace(first, size=size, usual=size)
         for wave, course in (("sine", np.sin(h * phase)), ("cosine", np.cos(h * phase))):
@@ -153,19 +155,20 @@ def _series(name: str, group: str, first: Prior, moved: _Moved, phase: Array) ->
 def _unseen(chain: Chain, rotation: Array) -> Iterator[tuple[str, str, str, Array]]:
     """Give group, name, kind of prior and change of q per radian, (T, 46), of what is not shown."""
     segment_of = chain.body.segment_of
-    seen = {segment_of[name] for name in chain.markers.names if name in segment_of}
-    if seen <= {*BELOW_TRUNK}:
+    marked = {segment_of[name] for name in chain.markers.names if name in segment_of}
+    if marked <= {*BELOW_TRUNK}:
         # head and arms follow the trunk, which turns about the lumbar joint
         pelvis, thorax = (rotation[:, MOVING.index(name)] for name in ("pelvis", "thorax"))
         carried = pelvis.transpose(0, 2, 1) @ thorax
-        for name, axis in TURNS.items():
+        for name, axis in {"bend": FORWARD, "lean": LEFT, "twist": UP}.items():
+            # about an axis of the thorax: what the three lumbar angles change by per radian
             q = np.zeros((len(carried), N_Q))
             more, less = (carried @ rotation_about(axis, step) for step in (STEP, -STEP))
             angles = [three_angles(turned, TRUNK.start) for turned in (more, less)]
             q[:, TRUNK] = np.subtract(*angles) / (2 * STEP)
             yield "unseen_trunk", f"trunk without markers: {name}", f"unseen_{name}", q
     for side, letter in SIDES.items():
-        if seen.isdisjoint(LIMBS[f"{side} arm"][1:]):
+        if marked.isdisjoint(LIMBS[f"{side} arm"][1:]):
             q = np.zeros((len(rotation), N_Q))
             q[:, INDEX[f"{letter}ShoulderFlexion"]] = 1.0
             yield "unseen_arms", f"{side} arm without markers: flexion", "unseen_arm", q

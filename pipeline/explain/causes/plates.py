@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.signals.resampling import delayed
 from hbm.signals.samples import mean_rate_hz, stretches
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
@@ -18,18 +19,7 @@ from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.platform import plate_marker_delay
 
-MIN_SWING_S: Final = 0.2
-EDGE_S: Final = 0.05
-"""Of an unloaded stretch at either end, in which the filter of a calibration smears the load."""
-MIN_SWINGS: Final = 3
-"""Below them nothing shows how much one differs from another."""
-IN_LAB: Final = (
-    *("forward force", "sideways force", "vertical force"),
-    *("roll moment", "pitch moment", "yaw moment"),
-)
-"""Components of a wrench by axes of the lab."""
-MIN_PARALLEL: Final = 0.9
-"""Cosine of the angle between an axis of a plate and of the lab that are called parallel."""
+LIMITS: Final = read_numbers("pipeline.explain", "thresholds.toml", "plates")
 UNKNOWN: Final = 1e12
 """Variance of a response that no calibration examined."""
 
@@ -75,9 +65,13 @@ def plate_causes(chain: Chain, delay: tuple[float, float] = (np.nan, np.nan)) ->
 
 def components_in_lab(plate: Plate) -> dict[int, str]:
     """Give what components of a plate's wrench are in the lab, where it is parallel to the lab."""
+    names = (
+        *("forward force", "sideways force", "vertical force"),
+        *("roll moment", "pitch moment", "yaw moment"),
+    )
     cosines = np.abs(plate.rotation)
-    along = {int(i): int(axis) for axis, i in np.argwhere(cosines > MIN_PARALLEL)}
-    return {3 * kind + i: IN_LAB[3 * kind + axis] for kind in (0, 1) for i, axis in along.items()}
+    along = {int(i): int(axis) for axis, i in np.argwhere(cosines > LIMITS.parallel_cosine)}
+    return {3 * kind + i: names[3 * kind + axis] for kind in (0, 1) for i, axis in along.items()}
 
 
 def of_plate(plate: int, altered: Altered) -> Change:
@@ -96,12 +90,14 @@ def _responses() -> Iterator[tuple[str, str, str, Sequence[tuple[int, int]], Alt
     """
     axes = np.eye(6)
     for i, component in enumerate(WRENCH_COMPONENTS):
+        # (i, j) of a gain matrix is what component j of the load adds to component i
         gain = partial(_with_gain, gain=np.diag(axes[i]))
         yield f"gain of {component}", "gain", "gain", [(i, i)], gain, i
     for i, component in enumerate(WRENCH_COMPONENTS[:2]):
         talk = partial(_with_gain, gain=np.outer(axes[i], axes[2]))
         yield f"Fz in {component}", "gain", "cross_talk", [(i, 2)], talk, i
     for i, letter in enumerate("xyz"):
+        # a step along i changes moments j and k by forces k and j; a turn about i mixes j and k
         j, k = (i + 1) % 3, (i + 2) % 3
         moved, turned = partial(_moved, by=axes[i, :3]), partial(_turned, about=axes[i, :3])
         yield f"place along {letter}", "place", "place", [(3 + j, k), (3 + k, j)], moved, -1
@@ -120,6 +116,7 @@ def response_error(chain: Chain, plate: Plate) -> Array:
         return np.full((6, 6), np.sqrt(UNKNOWN))
     unknown = [name not in calibration.examined for name in WRENCH_COMPONENTS]
     variance = np.where(unknown, UNKNOWN, np.minimum(calibration.standard_error**2, UNKNOWN))
+    # from the calibration's axes to the plate's: variances turn by squared direction cosines
     square = np.kron(np.eye(2), plate.rotation**2)
     return np.asarray(np.sqrt(square.T @ variance @ square))
 
@@ -131,8 +128,7 @@ def zeros(chain: Chain, k: int) -> Sequence[Prior]:
     only without these the treadmill's calibration: zeros drift, and may be set anew, from one
     recording to the next.
     """
-    known = priors()
-    usual = [known["zero_force"]] * 3 + [known["zero_moment"]] * 3
+    usual = [priors()["zero_force"]] * 3 + [priors()["zero_moment"]] * 3
     threshold_n = chain.settings.contact_threshold_n
     swing = swing_zero(chain.time, chain.wrenches[k], chain.plates[k], threshold_n)
     if swing is not None:
@@ -189,36 +185,39 @@ def swing_zero(
     vertical = wrench[:, :3] @ plate.rotation[2]
     free = np.abs(vertical) < threshold_n
     step_s = float(np.median(np.diff(time)))
-    edge, shortest = round(EDGE_S / step_s), round(MIN_SWING_S / step_s)
+    # at the ends of an unloaded stretch the filter of a calibration smears the load
+    edge, shortest = round(LIMITS.edge / step_s), round(LIMITS.shortest_swing / step_s)
     means = [
         wrench[start + edge : stop - edge].mean(axis=0)
         for start, stop in stretches(free)
         if stop - start >= shortest
     ]
-    if len(means) < MIN_SWINGS:
+    if len(means) < LIMITS.fewest_swings:
         return None
-    known = priors()
-    same = np.repeat([known["swing_zero_force"].size, known["swing_zero_moment"].size], 3)
+    # what all swings have alike without being a zero does not show in their spread
+    common = [priors()[f"swing_zero_{kind}"].size for kind in ("force", "moment")]
+    same = np.repeat(common, 3)
     error = np.std(means, axis=0, ddof=1) / np.sqrt(len(means))
     return np.mean(means, axis=0), np.hypot(error, same)
 
 
 def _measured_delay(chain: Chain) -> Prior | None:
     """Give the delay of the plates by their calibration or the platform's motion, if possible."""
-    known, laboratory = priors(), chain.lab.laboratory
+    prior_of, laboratory = priors(), chain.lab.laboratory
     if laboratory.plates is not None:
         calibrations = [laboratory.plates.calibrations.of(p.number) for p in chain.plates]
         if all(one is not None and one.delay_s is not None for one in calibrations):
-            return known["calibrated_delay"]
+            return prior_of["calibrated_delay"]
     platform = laboratory.treadmill.platform
     if platform is not None and platform.markers and chain.accelerations:
         assert chain.platform is not None
         readings = chain.accelerations[0][:, : len(chain.lab.models[0].acceleration_mean)]
         late = plate_marker_delay(chain.platform, readings, mean_rate_hz(chain.time))
         if late is not None:
-            least = known["calibrated_delay"].size
+            # the estimate's error, what sensors differ by, and what a calibrated delay may be wrong
+            least = prior_of["calibrated_delay"].size
             size = np.linalg.norm([late.standard_error, chain.lab.sensors_apart_s, least])
-            return known["delay"].narrowed(float(size), late.seconds)
+            return prior_of["delay"].narrowed(float(size), late.seconds)
     return None
 
 

@@ -19,11 +19,6 @@ from pipeline.explain.causes.plates import of_plate, with_added
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.platform import in_lab
 
-SHARE: Final = 0.95
-MOST: Final = 12
-"""Of the variance that the models may leave, and directions that are given for it at most."""
-THINNED_HZ: Final = 20.0
-"""Rate that shows what passes the 6 Hz of a trial."""
 UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -38,28 +33,29 @@ def compensation_causes(chain: Chain) -> Iterator[Cause]:
         and per plate the size and delay of what was predicted of its belt. Nothing where nothing
         was subtracted.
     """
-    known = priors()
+    prior_of = priors()
     if chain.accelerations:
         for number, (along, added) in enumerate(principal_directions(chain), start=1):
             # the plate and component to which most is added, 1 N·m counting as 10 N
-            sizes = [np.sqrt(np.nanmean(each**2, axis=0)) * [1, 1, 1, 10, 10, 10] for each in added]
+            sizes = [np.sqrt(np.nanmean(w**2, axis=0)) * [1, 1, 1, 10, 10, 10] for w in added]
             plate, component = divmod(int(np.argmax(sizes)), 6)
             where = f"{WRENCH_COMPONENTS[component]} of plate {chain.plates[plate].number}"
             title = f"compensation: direction {number}, mostly {where}"
-            change, usual = partial(_subtracted, more=added), known["inertia_model"]
+            change, usual = partial(_subtracted, more=added), prior_of["inertia_model"]
             yield Cause(title, "compensation", usual, change, of_platform=True, along=along)
         late = _sensors_delay(chain)
         yield Cause("accelerometers delayed", "compensation", late, _late_sensors, True)
     belts = chain.lab.laboratory.belts if chain.belts else ()
     for k, model in enumerate(belts):
-        name, share = f"plate {chain.plates[k].number}", known["belt_model"]
-        left = model.rms_compensated / model.rms_measured
-        if np.isfinite(left):
-            share = replace(share, size=float(left))
+        name, size = f"plate {chain.plates[k].number}", prior_of["belt_model"]
+        # by the calibration: what the model left of the moment that it was fitted to
+        remaining = model.rms_compensated / model.rms_measured
+        if np.isfinite(remaining):
+            size = replace(size, size=float(remaining))
         larger = of_plate(k, partial(with_added, wrench=-chain.belts[k]))
         later = partial(_late_belt, plate=k)
-        yield Cause(f"{name}: size of its belt's moment", "compensation", share, larger)
-        yield Cause(f"{name}: belt speed delayed", "compensation", known["belt_delay"], later)
+        yield Cause(f"{name}: size of its belt's moment", "compensation", size, larger)
+        yield Cause(f"{name}: belt speed delayed", "compensation", prior_of["belt_delay"], later)
 
 
 def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
@@ -91,29 +87,33 @@ def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
     """
     factor, rate_hz = _root(chain.lab.correlation), mean_rate_hz(chain.time)
     slow = chain.settings.cutoff_hz <= SLOW_HZ
-    step = max(int(rate_hz / THINNED_HZ), 1)
+    # 20 frames a second show what passes the 6 Hz of a trial
+    step = max(int(rate_hz / 20.0), 1)
     residual = chain.residual
     weight = 1 / np.sqrt(np.nanmean(residual**2, axis=0))
     signals, effects = [], []
     rows = np.split(factor, len(chain.lab.models))
-    for k, (model, felt) in enumerate(zip(chain.lab.models, chain.accelerations, strict=True)):
-        basis = _basis(model, felt, rate_hz)
+    for k, (model, readings) in enumerate(zip(chain.lab.models, chain.accelerations, strict=True)):
+        basis = _basis(model, readings, rate_hz)
         signals.append(_scaled(model, basis, slow))
+        # t frames, a axes of the residual, c components, m independent errors, s signals
         passed = _scaled(model, chain.low_pass(basis)[::step], slow)
         to_residual = _to_residual(chain, k)[::step] * weight[:, None]
         effects.append(np.einsum("tac,cm,tsc->msta", to_residual, rows[k], passed, optimize=True))
+    # errors that plates share add up; a row for each error and signal
     whole = np.sum(effects, axis=0)
-    known = np.isfinite(whole).all(axis=(0, 1, 3)) & np.isfinite(residual[::step]).all(axis=1)
-    table = whole[:, :, known].reshape(whole.shape[0] * whole.shape[1], -1)
+    is_known = np.isfinite(whole).all(axis=(0, 1, 3)) & np.isfinite(residual[::step]).all(axis=1)
+    table = whole[:, :, is_known].reshape(whole.shape[0] * whole.shape[1], -1)
     total = float(np.sum(table**2))
     if not total:
         return []
-    most = min(MOST, min(table.shape) - 1)
+    most = min(12, min(table.shape) - 1)
     vectors, values, _ = scipy.sparse.linalg.svds(table, most, rng=np.random.default_rng(0))
     order = np.argsort(-values)
     explained = np.cumsum(values[order] ** 2) / total
     directions = []
-    for n in order[: int(np.searchsorted(explained, SHARE)) + 1]:
+    for n in order[: int(np.searchsorted(explained, 0.95)) + 1]:
+        # from independent errors back to the components of the plates
         sizes = factor @ vectors[:, n].reshape(whole.shape[:2])
         of_plates = np.split(sizes, len(signals))
         pairs = zip(signals, of_plates, strict=True)
@@ -122,22 +122,25 @@ def principal_directions(chain: Chain) -> list[tuple[Array, list[Array]]]:
     return directions
 
 
-def _basis(model: InertiaModel, felt: Array, rate_hz: float) -> Array:
+def _basis(model: InertiaModel, readings: Array, rate_hz: float) -> Array:
     """Give the signals of which a model's errors are made, (T, S)."""
-    design = np.column_stack([felt, np.ones(len(felt))])
+    design = np.column_stack([readings, np.ones(len(readings))])
     if model.model_error is None:
         return design
-    motion = model.model_error.motion(felt[:, : len(model.sensor_noise)], rate_hz)
-    known = np.isfinite(motion).all(axis=1, keepdims=True)
-    quadrature = np.imag(scipy.signal.hilbert(np.where(known, motion, 0.0), axis=0))
-    return np.hstack([design, motion, np.where(known, quadrature, np.nan)])
+    motion = model.model_error.motion(readings[:, : len(model.sensor_noise)], rate_hz)
+    is_known = np.isfinite(motion).all(axis=1, keepdims=True)
+    # a quarter of a period later: with the motion itself it makes any small gain and delay
+    quadrature = np.imag(scipy.signal.hilbert(np.where(is_known, motion, 0.0), axis=0))
+    return np.hstack([design, motion, np.where(is_known, quadrature, np.nan)])
 
 
 def _scaled(model: InertiaModel, basis: Array, slow: bool) -> Array:
     """Give what one standard deviation of each of a model's errors adds, (T, S, 6)."""
+    # correlated errors of the gains of each component become independent ones
     gains = basis[:, : len(model.gain)]
-    parts = [np.stack([gains @ _root(each) for each in model.covariance], axis=2)]
+    parts = [np.stack([gains @ _root(covariance) for covariance in model.covariance], axis=2)]
     if model.model_error is not None:
+        # half of the variance for the motion, half for its quadrature
         size = np.sqrt(np.tile(model.model_error.per_energy[int(slow)], (2, 1)) / 2)
         parts.append(basis[:, len(model.gain) :, None] * size)
     return np.concatenate(parts, axis=1)
@@ -145,6 +148,7 @@ def _scaled(model: InertiaModel, basis: Array, slow: bool) -> Array:
 
 def _root(covariance: Array) -> Array:
     """Give a square root of a covariance, which may be singular."""
+    # by eigenvalues: Cholesky's factor needs all of them above zero
     variance, directions = np.linalg.eigh(covariance)
     return np.asarray(directions * np.sqrt(np.maximum(variance, 0)))
 
@@ -153,7 +157,8 @@ def _to_residual(chain: Chain, plate: int) -> Array:
     """Give what a wrench of a plate, in its own axes, is in the residual, (T, 6, 6)."""
     units = [np.tile(unit, (len(chain.time), 1)) for unit in np.eye(6)]
     moved = [in_lab([unit], [chain.plates[plate]], chain.platform)[0] for unit in units]
-    return np.stack([shift_wrench(one, chain.filtered.value[:, :3]) for one in moved], axis=2)
+    # about the pelvis origin, where the residual is
+    return np.stack([shift_wrench(unit, chain.filtered.value[:, :3]) for unit in moved], axis=2)
 
 
 def _sensors_delay(chain: Chain) -> Prior:
@@ -168,13 +173,14 @@ def _sensors_delay(chain: Chain) -> Prior:
 
 def _subtracted(chain: Chain, size: float, *, more: Sequence[Array]) -> Chain:
     """Subtract more than was subtracted, by a wrench per plate times a size."""
-    left = [wrench - size * own for wrench, own in zip(chain.wrenches, more, strict=True)]
-    return chain.changed(wrenches=tuple(left))
+    rest = [wrench - size * added for wrench, added in zip(chain.wrenches, more, strict=True)]
+    return chain.changed(wrenches=tuple(rest))
 
 
 def _late_sensors(chain: Chain, delay_s: float) -> Chain:
     """Make the accelerometers later [s]."""
-    later = tuple(delayed(chain.time, felt, delay_s) for felt in chain.accelerations)
+    later = tuple(delayed(chain.time, readings, delay_s) for readings in chain.accelerations)
+    # the zeros, last in the gain, are the same before and after
     added = [
         (after - before) @ model.gain[:-1]
         for model, before, after in zip(chain.lab.models, chain.accelerations, later, strict=True)
@@ -186,6 +192,7 @@ def _late_belt(chain: Chain, delay_s: float, *, plate: int) -> Chain:
     """Make the channel of a belt's speed later [s]."""
     later = list(chain.belts)
     later[plate] = delayed(chain.time, later[plate], delay_s)
+    # what was predicted of the belt has been subtracted: the change of it is subtracted too
     less = with_added(chain.wrenches[plate], -1.0, wrench=later[plate] - chain.belts[plate])
     wrenches = [less if k == plate else wrench for k, wrench in enumerate(chain.wrenches)]
     return chain.changed(wrenches=tuple(wrenches), belts=tuple(later))
@@ -229,8 +236,9 @@ def _of_pose(title: str, kind: str, altered: Altered, *, moving: bool = True) ->
 
 def _late(pose: PlatformPose, delay_s: float, *, time: Array) -> PlatformPose:
     """Make the pose later [s]; the ends are held, gaps stay where they are."""
-    known = time[np.flatnonzero(np.isfinite(pose.position).all(axis=1))]
-    later = interpolate_pose(pose, time, np.clip(time - delay_s, known[0], known[-1]))
+    known_s = time[np.flatnonzero(np.isfinite(pose.position).all(axis=1))]
+    later = interpolate_pose(pose, time, np.clip(time - delay_s, known_s[0], known_s[-1]))
+    # frames that are unknown before or after the delay stay as they were
     gap = np.asarray(np.isnan(later.position + pose.position).any(axis=1, keepdims=True))
     return PlatformPose(
         np.where(gap[:, None], pose.rotation, later.rotation),
@@ -246,6 +254,7 @@ def _sway(pose: PlatformPose, size: float) -> PlatformPose:
 def _pitch(pose: PlatformPose, size: float, *, center: Array) -> PlatformPose:
     """Take the platform to be pitched farther [rad], about a lateral axis through a point."""
     turn = rotation_about(LEFT, size)
+    # a turn about a point c moves the origin by c - R c
     moved = pose.position + pose.rotation @ (center - turn @ center)
     return PlatformPose(pose.rotation @ turn, moved)
 
@@ -262,11 +271,12 @@ def _larger_pitch(pose: PlatformPose, share: float) -> PlatformPose:
     frames.
     """
     plane = [0, 2]
-    known = np.isfinite(pose.position).all(axis=1)
+    is_known = np.isfinite(pose.position).all(axis=1)
+    # (I - R) p = position, two rows for each frame
     still = np.eye(3) - pose.rotation
-    rows = still[known][:, plane][:, :, plane].reshape(-1, 2)
+    rows = still[is_known][:, plane][:, :, plane].reshape(-1, 2)
     point = np.zeros(3)
-    point[plane] = np.linalg.lstsq(rows, pose.position[known][:, plane].ravel())[0]
+    point[plane] = np.linalg.lstsq(rows, pose.position[is_known][:, plane].ravel())[0]
     turn = rotation_about(LEFT, share * pose.pitch)
     in_plane = point - pose.rotation @ turn @ point
     return PlatformPose(pose.rotation @ turn, pose.position * LEFT + in_plane)
@@ -274,6 +284,7 @@ def _larger_pitch(pose: PlatformPose, share: float) -> PlatformPose:
 
 def _turned(pose: PlatformPose, angle: float) -> PlatformPose:
     """Take the platform's axes of motion to be turned about the vertical [rad]."""
+    # the same motion seen in turned axes: T R T' and T p
     turn = rotation_about(UP, angle)
     return PlatformPose(turn @ pose.rotation @ turn.T, pose.position @ turn.T)
 

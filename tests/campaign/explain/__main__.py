@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from hbm.spatial import WRENCH_COMPONENTS
-from pipeline.explain.budget import TOLD
+from pipeline.explain.budget import LIMITS
 from pipeline.explain.cause import OF_PERSON
 from tests.campaign.explain.faults import ALWAYS_THERE, KINDS
 from tests.campaign.explain.trial import Outcome, Plan, carried_out, planned
@@ -67,7 +67,7 @@ def coverage(sizes: pd.DataFrame) -> pd.DataFrame:
     kinds = {
         "absent": sizes.true.abs() <= NOTHING * sizes.usual,
         "of the body": of_person,
-        "of instruments, told": sizes.deviation < TOLD * sizes.usual,
+        "of instruments, told": sizes.deviation < LIMITS.deviation_of_fault * sizes.usual,
     }
     kind = np.select(list(kinds.values()), list(kinds), "of instruments, not told")
     held = 100.0 * ((sizes["size"] - sizes.true).abs() <= INSIDE * sizes.deviation)

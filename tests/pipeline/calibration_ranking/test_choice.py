@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from compensation import fit_belt
 from pipeline.calibration_ranking.ranking import (
-    SMALLEST_DIFFERENCE,
+    LIMITS,
     as_good,
     ranked,
     taken_away,
@@ -65,7 +65,7 @@ def test_thousandths_of_a_newton_make_no_difference_whatever_their_p():
 
 
 def test_what_leaves_a_tenth_of_a_newton_more_anywhere_is_not_as_good():
-    left = {"a": [1.0] * 8, "b": [1.05] * 8, "c": [1.0] * 7 + [1 + 1.01 * SMALLEST_DIFFERENCE]}
+    left = {"a": [1.0] * 8, "b": [1.05] * 8, "c": [1.0] * 7 + [1 + 1.01 * LIMITS.least_difference]}
     assert as_good(ranking_of(left)) == ["a", "b"]
 
 
@@ -102,7 +102,7 @@ def test_a_large_difference_without_significance_is_undecided():
     rng = np.random.default_rng(1)
     pairs = effects_of(lambda *_: 50 * rng.lognormal(0, 0.5))
     two = pairs[pairs["factor"] != "kind"]
-    assert (two["difference"].abs() > SMALLEST_DIFFERENCE).all()
+    assert (two["difference"].abs() > LIMITS.least_difference).all()
     assert set(two["verdict"]) == {"undecided"}
     assert (best_levels(pairs)[["Fx", "My"]] == "undecided").all(axis=None)
 
@@ -110,7 +110,7 @@ def test_a_large_difference_without_significance_is_undecided():
 def test_a_small_difference_with_a_wide_interval_is_undecided():
     """Scores of 5 N that scatter by half of it show nothing to 0.1 N, however small the mean."""
     pairs = pd.concat([effects_of(lambda *_: 5.0, noise=0.5, seed=seed) for seed in range(10)])
-    small = pairs[pairs["difference"].abs() < SMALLEST_DIFFERENCE]
+    small = pairs[pairs["difference"].abs() < LIMITS.least_difference]
     assert len(small) > 2
     assert set(small["verdict"]) == {"undecided"}
 
