@@ -155,6 +155,7 @@ def build_body(
     present = chosen.present(static_markers.names)
     segment, landmark = chosen.segment | present.segment, present.landmark
     used = list(present.segment)
+    # single jumps would hide the stillest second
     static_markers, jumps = without_jumps(static_markers, used)
     frames, speed = _select_frames(static_markers, used, window_s)
     calibration = _take(static_markers, used, frames)
@@ -173,6 +174,7 @@ def build_body(
             f"{error}; give a static recording{wanted} (--static), or rename markers (--rename); "
             f"the set is {chosen.name}{others}"
         ) from error
+    # a wrong unit of length shows in the legs, whatever the mass says
     by_legs_m = float(_stature(anatomy).mean())
     if not MIN_STATURE_M <= by_legs_m <= MAX_STATURE_M:
         raise ImplausibleLegs(
@@ -180,14 +182,18 @@ def build_body(
             f"{MIN_STATURE_M} to {MAX_STATURE_M} m: their unit is wrong"
         )
     stature_m = by_legs_m if height_m is None else height_m
+    # markers of segments whose joints are unknown cannot be placed on the skeleton
     unlocated = _unlocated_segments(anatomy)
     at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
+    # without trunk markers the trunk still has its mass: upright, by stature
     if "thorax" not in anatomy.frames:
         stand_trunk(anatomy, stature_m, sex)
     shape = shape_of(anatomy, table, stature_m, at, segment)
     markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
     segments = tuple(segment[name] for name in markers)
+    # a coordinate that carries no marked segment is locked in neutral
     shown = {i for s in set(segments) for i in support(LAST_Q[s])}
+    # skin moves against bone while the subject moves: positions are then fitted below
     still = speed < MAX_STILL_SPEED_MPS
     posture = "standing still" if still else f"moving at {speed:.2f} m/s"
     pose = Note.of(
@@ -204,6 +210,7 @@ def build_body(
         notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
     lengths = {s: float(distance(*ends[:2])) for s, ends in shape.ends.items()}
     overrides = dict(overrides or {})
+    # a shoe is worn in addition: its mass is a part of the body's
     if shoe_mass_kg:
         notes.append(Note.of("shoes_stated", mass_kg=shoe_mass_kg, sole_height_m=sole_height_m))
         for foot in FEET:
@@ -234,6 +241,7 @@ def build_body(
         notes=tuple(notes),
         landmark_rules=landmark_rules,
     )
+    # mass whose place no marker shows adds to the residual: said once, here
     if unseen := mass_not_shown(body, undetermined(body, markers)[1]):
         body = replace(body, notes=(*notes, *unseen))
     if not still:
@@ -297,6 +305,7 @@ def _inertias(
             part = PART_OF.get(s, s).removeprefix("right_").removeprefix("left_")
             inertias[s] = segment_inertia(table[part], mass, *ends[s])
         else:
+            # de Leva's foot includes the toes: what these get, the foot loses
             foot = s.replace("toes", "foot")
             inertias[foot] = replace(inertias[foot], mass=inertias[foot].mass - TOES_KG)
             tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
@@ -319,7 +328,9 @@ def shoe_inertia(ball: Array, length: float, mass_kg: float, sole_height_m: floa
     mass_kg, sole_height_m
         Mass and thickness of the sole.
     """
+    # level direction of the foot, in the foot's frame
     along = unit(ball * [1.0, 1.0, 0.0])
+    # from the ball back to the middle of the foot, and down to half the sole's thickness
     middle = ball + (0.5 - BALL_PER_FOOT) * length * along
     middle[2] = ball[2] - BALL_ABOVE_SOLE * length - sole_height_m / 2
     # of a rod along the foot: m L² / 12 about the two axes across it
@@ -329,6 +340,7 @@ def shoe_inertia(ball: Array, length: float, mass_kg: float, sole_height_m: floa
 
 def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: set[str]) -> Body:
     """Move markers that are not landmarks to their mean position on the fitted skeleton."""
+    # frames that the skeleton fits show where each marker is on its segment on average
     motion = solve_ik(body, calibration)
     if not motion.converged.any():
         raise ValueError(
@@ -338,10 +350,11 @@ def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: s
     rotation, origin = segment_frames(body, motion.q[motion.converged])
     tracked = set(calibration.names) - landmarks
     tracking = [k for k, name in enumerate(body.markers) if name in tracked]
-    own = [MOVING.index(body.marker_segment[k]) for k in tracking]
+    on = [MOVING.index(body.marker_segment[k]) for k in tracking]
     names = [body.markers[k] for k in tracking]
     measured = _take(calibration, names, np.flatnonzero(motion.converged)).position
-    local = np.einsum("tkji,tkj->tki", rotation[:, own], measured - origin[:, own]).mean(axis=0)
+    # p_local = Rᵀ (p − o), averaged over the frames
+    local = np.einsum("tkji,tkj->tki", rotation[:, on], measured - origin[:, on]).mean(axis=0)
     position = body.marker_position.copy()
     position[tracking] = local
     return replace(body, marker_position=position)
@@ -361,6 +374,7 @@ def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[No
     columns = {name: markers.names.index(name) for name in names}
     for name in (name for name in names if not farthest[columns[name]] < MAX_JUMP_M / 2):
         path = position[:, columns[name]]
+        # steps over gaps are judged too, between samples that are known
         frames = np.flatnonzero(~np.isnan(path[:, 0]))
         if len(frames) < 3 or np.abs(np.diff(path[frames], axis=0)).max() < MAX_JUMP_M / 2:
             continue
@@ -426,10 +440,11 @@ def _select_frames(
             f"from {time[0]:g} to {time[-1]:g} s"
         )
     paths = np.moveaxis(markers.position, 0, -1)[[markers.names.index(name) for name in used]]
-    seen = ~np.isnan(paths[:, 0, window].T)
-    complete = window[seen[:, seen.any(axis=0)].all(axis=1)]
+    visible = ~np.isnan(paths[:, 0, window].T)
+    # all joints are needed in the same frame; a marker that is never seen is no obstacle
+    complete = window[visible[:, visible.any(axis=0)].all(axis=1)]
     if not len(complete):
-        rarest = used[int(np.argmin(np.where(seen.any(axis=0), seen.sum(axis=0), np.inf)))]
+        rarest = used[int(np.argmin(np.where(visible.any(axis=0), visible.sum(axis=0), np.inf)))]
         raise ValueError(
             f"no frame from {time[window[0]]:.2f} to {time[window[-1]]:.2f} s shows all "
             f"calibration markers at once; {rarest} is missing most often; choose another window"
@@ -437,9 +452,10 @@ def _select_frames(
     speed = _speed(paths, time)
     if window_s is None:
         complete = _stillest(complete, speed, time)
+    # evenly spread frames are as good as all
     spread = np.unique(np.linspace(0, len(complete) - 1, MAX_FRAMES).round().astype(int))
-    known = speed[complete][~np.isnan(speed[complete])]
-    return complete[spread], float(np.mean(known)) if len(known) else 0.0
+    known_speeds = speed[complete][~np.isnan(speed[complete])]
+    return complete[spread], float(np.mean(known_speeds)) if len(known_speeds) else 0.0
 
 
 def _speed(paths: Array, time: Array) -> Array:
@@ -447,25 +463,29 @@ def _speed(paths: Array, time: Array) -> Array:
     speed = np.full(len(time), np.nan)
     if len(time) < 2:
         return speed
+    # over an interval, since noise of single frames is no motion
     step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(time) - 1)
-    ways = np.sqrt(((paths[..., step:] - paths[..., :-step]) ** 2).sum(axis=1))
-    count = np.count_nonzero(~np.isnan(ways), axis=0)
-    mean = np.nansum(ways, axis=0) / (time[step:] - time[:-step]) / np.maximum(count, 1)
+    distances = np.sqrt(((paths[..., step:] - paths[..., :-step]) ** 2).sum(axis=1))
+    count = np.count_nonzero(~np.isnan(distances), axis=0)
+    # mean over the visible markers [m/s]; at the middle of each interval
+    mean = np.nansum(distances, axis=0) / (time[step:] - time[:-step]) / np.maximum(count, 1)
     speed[step // 2 : step // 2 + len(mean)] = np.where(count > 0, mean, np.nan)
     return speed
 
 
 def _stillest(complete: Indices, speed: Array, time: Array) -> Indices:
     """Keep the complete frames of the stillest second; all of them if the subject never stands."""
-    known = complete[~np.isnan(speed[complete])]
-    if not len(known):
+    frames = complete[~np.isnan(speed[complete])]
+    if not len(frames):
         return complete
-    total = np.concatenate([[0.0], np.cumsum(speed[known])])
-    starts, stops = np.arange(len(known)), np.searchsorted(time[known], time[known] + WINDOW_S)
+    # mean speed of every window of a second, by differences of the running sum
+    total = np.concatenate([[0.0], np.cumsum(speed[frames])])
+    starts, stops = np.arange(len(frames)), np.searchsorted(time[frames], time[frames] + WINDOW_S)
     count = stops - starts
+    # windows that gaps leave half empty are not compared
     mean = np.where(2 * count >= count.max(), (total[stops] - total[starts]) / count, np.inf)
     best = int(np.argmin(mean))
     if mean[best] >= MAX_STILL_SPEED_MPS:
         return complete
-    begin = time[known[best]]
+    begin = time[frames[best]]
     return np.asarray(complete[(time[complete] >= begin) & (time[complete] < begin + WINDOW_S)])

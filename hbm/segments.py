@@ -60,6 +60,7 @@ def _table(sex: str) -> dict[str, Array]:
     text = files("hbm").joinpath("de_leva_1996.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     raw = {row["segment"]: row for row in rows if row["sex"] == sex}
+    # rounded percentages do not quite add up to 100: fractions of their own sum
     total = sum(float(row["mass_pct"]) * (2 if s in PAIRED else 1) for s, row in raw.items())
     units = np.array([total, *4 * [100.0], 1000.0])
     stature = np.array([*5 * [1.0], SAMPLE_STATURE_M[sex]])
@@ -141,6 +142,7 @@ class Inertia:
         mass = self.mass + sign * other.mass
         if mass == 0:
             return self
+        # common centre of mass, then each tensor about it: I + m (c² 1 − c cᵀ) = I − m [c]×²
         center = (self.mass * self.center + sign * other.mass * other.center) / mass
         tensor = np.zeros((3, 3))
         for part, factor in ((self, 1.0), (other, sign)):
@@ -183,9 +185,11 @@ def segment_inertia(
     length = float(np.linalg.norm(along))
     if length == 0:
         raise ValueError("a segment's two ends coincide; check its landmarks")
+    # longitudinal axis through both ends, medio-lateral as near as can be
     z = along / length
     x = unit(cross(lateral, z))
     axes = np.column_stack([x, cross(z, x), z])
+    # I = A diag(m (k L)²) Aᵀ
     moments = part.mass * mass * (part.gyration * length) ** 2
     return Inertia(part.mass * mass, proximal + part.center * along, axes * moments @ axes.T)
 
@@ -271,6 +275,7 @@ def _require_physical(tensor: Array) -> None:
             f"inertia_kg_m2 must be at most {MAX_MOMENT_KG_M2:g} kg·m², got {moments[2]:g}; no "
             "segment of a person has more"
         )
+    # of any rigid body: Ixx + Iyy − Izz = 2 Σ m z² ≥ 0
     if moments[2] > moments[0] + moments[1] + slack:
         raise ValueError("inertia_kg_m2 has a principal moment above the sum of the other two")
 
@@ -390,17 +395,19 @@ def apply_overrides(
     stated = {s: o.mass_kg for s, o in overrides.items() if o.mass_kg is not None}
     worn = sum(o.worn.mass for o in overrides.values() if o.worn)
     table = sum(part.mass for s, part in inertias.items() if s not in stated)
+    # the total mass is measured: what is stated or worn is taken from the other segments
     rest = mass - sum(stated.values()) - worn
     if table and not rest > 0:
         raise ValueError(
             f"the overrides weigh {mass - rest:.2f} kg, which leaves nothing of {mass:g} kg for "
             "the other segments"
         )
-    share = rest / table if table else 1.0
+    factor_of_rest = rest / table if table else 1.0
     result = {}
     for s, part in inertias.items():
         override = overrides.get(s, SegmentOverride())
-        factor = stated[s] / part.mass if s in stated else share
+        # a tensor that is not stated scales with its mass
+        factor = stated[s] / part.mass if s in stated else factor_of_rest
         center, tensor = override.center_m, override.inertia_kg_m2
         center = part.center if center is None else center
         tensor = factor * part.tensor if tensor is None else tensor

@@ -55,6 +55,7 @@ def _posture_precision() -> Array:
     """Give the inverse variance of every coordinate in human posture, (46,); 0 of the pelvis."""
     parts = [c.segment.removeprefix("right_").removeprefix("left_") for c in TREE]
     angle = [np.radians(POSTURE_SD_DEG.get(part, np.inf)) for part in parts]
+    # the pelvis has no posture: an infinite deviation, no precision
     shoulder = np.array([part == "shoulder" for part in parts])
     return np.where(shoulder, SHOULDER_SD_M, angle) ** -2.0
 
@@ -76,6 +77,7 @@ def neutral_slopes(body: Body) -> Array:
 
 
 def _slopes(moved: Array) -> Array:
+    # central differences: their error is of second order in the step
     return np.asarray((moved[:N_Q] - moved[N_Q:]) / (2 * STEP))
 
 
@@ -85,6 +87,7 @@ def covariance(slope: Array, seen: Mask) -> Array:
     From the markers' slopes along n coordinates, (n, K, 3), and which are seen, (K,); (n, n) [rad
     and m], standard deviations half a turn at most.
     """
+    # inverse of the information: JᵀJ / σ² of the markers, and a flat prior that keeps it regular
     shown = slope[:, seen].reshape(len(slope), -1)
     total = shown @ shown.T / MARKER_SD_M**2 + np.eye(len(slope)) / FLAT_SD**2
     return np.asarray(np.linalg.inv(total))
@@ -97,13 +100,14 @@ def undetermined(body: Body, markers: tuple[str, ...]) -> tuple[Mask, tuple[str,
     Gives the coordinates that a prior holds near neutral, (46,), and the segments whose centre of
     mass the markers alone leave uncertain by more than 5 cm.
     """
-    seen = np.array([name in markers for name in body.markers])
-    spread = covariance(neutral_slopes(body), seen)
+    used = np.array([name in markers for name in body.markers])
+    # propagated to each segment's centre of mass: trace of Jᵀ Σ J
+    spread = covariance(neutral_slopes(body), used)
     rotation, origin = segment_frames(body, NEAR_NEUTRAL)
     unplaced = []
     for s in SEGMENTS:
-        own = MOVING.index(FIXED_TO.get(s, s))
-        slope = _slopes(rotation[:, own] @ body.segments[s].center + origin[:, own])
+        moving = MOVING.index(FIXED_TO.get(s, s))
+        slope = _slopes(rotation[:, moving] @ body.segments[s].center + origin[:, moving])
         if np.trace(slope.T @ spread @ slope) > MAX_PLACE_SD_M**2:
             unplaced.append(s)
     return np.diag(spread) * POSTURE_PRECISION > 1, tuple(unplaced)
@@ -119,8 +123,8 @@ FRAMES_AT_ONCE: Final = 4000
 
 def known_markers(body: Body, markers: Markers) -> list[int]:
     """Give the numbers of the body's markers that are in the trial; a ValueError where none is."""
-    if known := [k for k, name in enumerate(body.markers) if name in markers.names]:
-        return known
+    if in_trial := [k for k, name in enumerate(body.markers) if name in markers.names]:
+        return in_trial
     raise ValueError(
         f"none of the body's markers is in the trial; the body has "
         f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
@@ -133,20 +137,20 @@ class Problem:
     def __init__(
         self, body: Body, markers: Markers, tolerance: float = 1e-6, jobs: int = 1
     ) -> None:
-        known = known_markers(body, markers)
+        in_trial = known_markers(body, markers)
         self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
-        self.names = tuple(body.markers[k] for k in known)
-        self.segment = tuple(body.marker_segment[k] for k in known)
+        self.names = tuple(body.markers[k] for k in in_trial)
+        self.segment = tuple(body.marker_segment[k] for k in in_trial)
         self.attachment = MarkerAttachment(
             np.array([MOVING.index(s) for s in self.segment]),
-            body.marker_position[known],
+            body.marker_position[in_trial],
             np.ones(len(self.names)),
             body.geometry,
             markers.position,
             np.array([markers.names.index(name) for name in self.names]),
         )
         self.start = Start(self.attachment, body.joints)
-        self.slope = neutral_slopes(body)[:, known]
+        self.slope = neutral_slopes(body)[:, in_trial]
         self.prior, self.reference = np.empty(N_Q), np.zeros((1, N_Q))
         position = markers.position[:, self.attachment.column, 0]
         self.hold(np.asarray(np.isfinite(position).any(axis=0)))
@@ -162,15 +166,19 @@ class Problem:
         """
         self.seen, used = seen, seen & (self.attachment.weight > 0)
         variance = np.diag(covariance(self.slope, used))
+        # above 0 the markers leave more uncertainty than posture itself has
         doubt = variance * POSTURE_PRECISION - 1
         moves = np.linalg.norm(self.slope[:, used], axis=2).max(axis=1, initial=0)
+        # a coordinate that moves no marker is no unknown
         self.locked = (POSTURE_PRECISION > 0) & (moves <= MIN_SLOPE_M)
         undetermined = (doubt > 0) | self.locked
+        # the prior in units of a marker's weight; it fades in with the doubt, without a jump
         posture = MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
         self.prior[:] = np.where(undetermined, posture, 0.0)
         self.carriers = OF_CARRIERS & ~self.locked
         self.unseen_trunk = bool(self.locked[TRUNK].all())
         self.weak_trunk = bool((self.prior[TRUNK] * ~self.locked[TRUNK]).any())
+        # what a prior holds counts as observed always, what is locked never
         self.least_pivots = np.full(N_Q, MIN_PIVOT * self.attachment.weight.max())
         self.least_pivots[undetermined] = -np.inf
         self.least_pivots[self.locked] = np.inf
@@ -179,6 +187,7 @@ class Problem:
         """Refer the prior of a trunk that markers show weakly to the lab's vertical."""
         if not self.weak_trunk:
             return
+        # the pelvis of the rigid fits shows where the trunk faces
         fitted = self.rigid_fit(np.arange(len(self.time)))
         self.reference = np.zeros(fitted.shape)
         self.reference[:, TRUNK] = np.nan_to_num(standing_trunk(self.time, fitted))
@@ -190,6 +199,7 @@ class Problem:
     def without(self, segments: Collection[str]) -> "Problem":
         """Give the problem with the markers of some segments without weight."""
         other, weight = copy(self), self.attachment.weight.copy()
+        # without these markers other coordinates are undetermined: priors are set anew
         weight[self.markers_on(segments)] = 0.0
         other.attachment = replace(self.attachment, weight=weight)
         other.prior = np.empty(N_Q)
@@ -225,6 +235,7 @@ class Problem:
         Coordinates that are ``held``, (F, 46), stay at values, (F, 46).
         """
         locked, prior, reference = self.locked, self.prior, self.references(rows)
+        # a prior of so much weight holds a coordinate as a constraint would
         if held is not None:
             locked = locked | held[0]
             prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)

@@ -64,6 +64,8 @@ def nearest_rotation(covariance: Array) -> Array:
     # the cofactors of a row are the cross product of the two other rows; entry by entry in memory
     cofactor = cross(covariance[:, (1, 2, 0)], covariance[:, (2, 0, 1)])
     cofactor = np.asfortranarray(cofactor.reshape(-1, 9))
+    # the largest root of (x² − |B|²)² − 8 det B · x = 4 |cof B|² is the sum of singular values,
+    # the smallest with the sign of det B: so rotations need no decomposition
     norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
     determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
     root = np.sqrt(norm + np.sqrt(3 * size))
@@ -73,10 +75,12 @@ def nearest_rotation(covariance: Array) -> Array:
         value = rest**2 - 8 * determinant * root - size
         np.divide(value, slope, out=step, where=slope > MIN_SLOPE * root**3)
         root -= step
+    # R = ((½(x² − |B|²) + |B|²) B + x cof B − B Bᵀ B) / (½(x² − |B|²) x − det B)
     half = (root**2 - norm) / 2
     scale = half * root - determinant
     square = covariance @ np.swapaxes(covariance, 1, 2) @ covariance
     rotation = (half + norm)[:, None] * flat + root[:, None] * cofactor - square.reshape(-1, 9)
+    # markers on a line or in a point: singular values tell what is left of the rotation
     singular = (scale <= MIN_SCALE * root**3) | (np.abs(step) > MAX_LAST_STEP * root)
     rotation = (rotation / np.where(singular, 1, scale)[:, None]).reshape(-1, 3, 3)
     if singular.any():
@@ -101,6 +105,7 @@ def three_angles(R: Array, first: int) -> Array:
     """
     (i, j, k), (a, b, c) = _axes_and_signs(first)
     sign = 1.0 if (j - i) % 3 == 1 else -1.0  # whether the axes follow the right-hand rule
+    # R = R_i(α) R_j(β) R_k(γ): β from the one entry that is its sine, the others by two entries
     angles = np.empty((len(R), 3))
     angles[:, 0] = a * np.arctan2(-sign * R[:, j, k], R[:, k, k])
     angles[:, 1] = b * np.arcsin(np.clip(sign * R[:, i, k], -1, 1))
@@ -141,10 +146,12 @@ def hinge_angles(covariance: Array, terms: Array, starts: tuple[float, ...]) -> 
     result is kept.
     """
     flat = covariance.reshape(-1, 9)
+    # one hinge: the trace is c₀ + c₁ cos φ + c₂ sin φ, largest at the angle of (c₁, c₂)
     if len(terms) == 1:
         factors = _best_factors(flat @ terms[0].T)
         return _angle(factors)[:, None], (factors @ terms[0]).reshape(-1, 3, 3)
     first, second = terms.reshape(2, 3, 3, 3)
+    # two hinges: the trace is bilinear in (1, cos, sin) of both, improved in turn from each start
     bilinear = (flat @ (first[:, None] @ second).reshape(9, 9).T).reshape(-1, 3, 3)
     transposed = np.swapaxes(bilinear, 1, 2)
     distal = np.stack([np.ones_like(starts), np.cos(starts), np.sin(starts)], axis=-1)
@@ -152,6 +159,7 @@ def hinge_angles(covariance: Array, terms: Array, starts: tuple[float, ...]) -> 
         proximal = _best_factors(distal @ transposed)
         distal = _best_factors(proximal @ bilinear)
     traces = np.vecdot(proximal @ bilinear, distal)
+    # the best of the starts, frame by frame
     best = np.arange(len(covariance)), traces.argmax(axis=1)
     proximal, distal = proximal[best], distal[best]
     rotation = (proximal @ terms[0]).reshape(-1, 3, 3) @ (distal @ terms[1]).reshape(-1, 3, 3)
@@ -171,6 +179,7 @@ def rotation_terms(axes: Array) -> Array:
     Array
         Three matrices per axis, flat, (n, 3, 9).
     """
+    # R = u uᵀ + cos φ (1 − u uᵀ) + sin φ [u]×
     along = axes[:, :, None] * axes[:, None]
     return np.stack([along, np.eye(3) - along, skew(axes)], axis=1).reshape(-1, 3, 9)
 
@@ -227,20 +236,22 @@ class Start:
         Gives coordinates, (F, 46): those without markers are zero; frames with fewer than three
         markers are NaN.
         """
-        seen = np.isfinite(measured[..., 0])
-        position, weights = np.where(seen[..., None], measured, 0.0), seen * weight
+        is_finite = np.isfinite(measured[..., 0])
+        position, weights = np.where(is_finite[..., None], measured, 0.0), is_finite * weight
         R, o, solved = self.pelvis(position, weights)
         q = np.zeros((len(position), N_Q))
         q[:, :3], q[:, 3:6] = o, three_angles(R, 3)
         poses = {"pelvis": (R, o)}
         for s in MOVING[1:]:
             R, o = poses[PARENT[s]]
+            # the joint's place in the parent, which is aligned already
             o = o + R @ self.offsets[s]
-            own, to_parent = self.columns[s], np.swapaxes(R, 1, 2)
-            w, from_joint = weights[:, own], position[:, own] - o[:, None]
+            on_segment, to_parent = self.columns[s], np.swapaxes(R, 1, 2)
+            w, from_joint = weights[:, on_segment], position[:, on_segment] - o[:, None]
             coordinates = slice(FIRST_Q[s], LAST_Q[s] + 1)
-            if self.rotations[s] and len(own):
-                covariance = to_parent @ _cross_covariance(w, from_joint, self.local[own])
+            if self.rotations[s] and len(on_segment):
+                # from here on in the parent's axes, about the joint
+                covariance = to_parent @ _cross_covariance(w, from_joint, self.local[on_segment])
                 covariance, joint = covariance + NEUTRAL_COVARIANCE, self.rotations[s]
                 if len(joint) < 3:
                     starts = FOREARM_STARTS_RAD if s.endswith("forearm") else (0.0,)
@@ -249,9 +260,10 @@ class Start:
                     rotation = nearest_rotation(covariance)
                     angles = three_angles(rotation, joint[0])
                 q[:, coordinates], R = angles, R @ rotation
-            elif len(own):
+            elif len(on_segment):
+                # the shoulder's point moves as far as its markers do on average
                 mean = (to_parent @ _mean(w, from_joint)[..., None])[..., 0]
-                translation = mean - _mean(w, self.local[own])
+                translation = mean - _mean(w, self.local[on_segment])
                 q[:, coordinates] = translation @ self.axis[coordinates].T
                 o = o + (R @ translation[..., None])[..., 0]
             poses[s] = R, o
@@ -265,16 +277,18 @@ class Start:
         solved = np.zeros(frames, bool)
         neutral = {"pelvis": np.zeros(3)}
         for s in MOVING[1:]:
+            # places in the pelvis frame with all joints in neutral
             neutral[s] = neutral[PARENT[s]] + self.offsets[s]
         for segments in ROOT_SEGMENTS:
-            own = np.concatenate([self.columns[s] for s in segments])
-            if len(own) < MIN_ROOT_MARKERS or solved.all():
+            on_segments = np.concatenate([self.columns[s] for s in segments])
+            if len(on_segments) < MIN_ROOT_MARKERS or solved.all():
                 continue
             model = np.concatenate([neutral[s] + self.local[self.columns[s]] for s in segments])
-            todo = ~solved & ((weights[:, own] > 0).sum(axis=1) >= MIN_ROOT_MARKERS)
-            w = weights[todo][:, own]
+            todo = ~solved & ((weights[:, on_segments] > 0).sum(axis=1) >= MIN_ROOT_MARKERS)
+            w = weights[todo][:, on_segments]
             w = w / w.sum(axis=1, keepdims=True)
-            measured = position[todo][:, own]
+            measured = position[todo][:, on_segments]
+            # rotation about the weighted means, then the origin that brings the means together
             center, model_center = np.einsum("tk,tki->ti", w, measured), w @ model
             centered = model - model_center[:, None]
             R[todo] = nearest_rotation(_cross_covariance(w, measured - center[:, None], centered))
@@ -291,5 +305,5 @@ def _cross_covariance(w: Array, measured: Array, model: Array) -> Array:
 def _mean(w: Array, points: Array) -> Array:
     """Give weighted means of points, (F, K, 3) or (K, 3); zero where nothing has weight."""
     total = w.sum(axis=1, keepdims=True)
-    share = w / np.where(total > 0, total, 1)
-    return np.asarray((share[:, None] @ points)[:, 0])
+    fraction = w / np.where(total > 0, total, 1)
+    return np.asarray((fraction[:, None] @ points)[:, 0])

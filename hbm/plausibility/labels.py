@@ -53,10 +53,10 @@ def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
     >>> np.flatnonzero(frozen_frames(trial, trial.names))[[0, -1]].tolist()
     [21, 39]
     """
-    wanted = set(names)
-    own = [k for k, name in enumerate(markers.names) if name in wanted]
-    seen, repeated = _repeated(markers.position[:, own])
-    frozen: Mask = np.asarray((repeated | ~seen).all(axis=1) & seen.any(axis=1))
+    labels = set(names)
+    columns = [k for k, name in enumerate(markers.names) if name in labels]
+    measured, repeated = _repeated(markers.position[:, columns])
+    frozen: Mask = np.asarray((repeated | ~measured).all(axis=1) & measured.any(axis=1))
     result = np.zeros(len(frozen), bool)
     for stretch in _lasting(frozen, markers.time, MIN_FROZEN_S):
         result[stretch] = True
@@ -115,6 +115,7 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
     for name in (name for name in body.markers if name in at):
         segment = segment_of[name]
         for stretch in _lasting(repeated[:, at[name]], markers.time, MIN_CONSTANT_S):
+            # a marker may rest with its segment: another one there, or before it, has to move
             others = [at[o] for o in at if segment_of[o] == segment and o != name]
             others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
             if any(_extent(markers.position[stretch, k]) > MIN_MOTION_M for k in others):
@@ -228,6 +229,7 @@ def sides_exchanged(
         if name.startswith("L") and (right := landmark.get(f"R{name[1:]}"))
         if not segment[left].endswith(CROSSING_SEGMENTS)
     ]
+    # left marker minus right marker along the way to the left: negative when exchanged
     leftward_m = medians_of_known((_between(markers, judged) * to_the_left).sum(axis=1))
     exchanged = leftward_m < -MIN_SEPARATION_M
     if not exchanged.any():
@@ -252,11 +254,13 @@ def _between(markers: Markers, pairs: Sequence[tuple[str, str]]) -> Array:
 
 def _to_the_left(markers: Markers, landmark: Mapping[str, str]) -> Array:
     """Give the horizontal direction to the subject's left, (3, T); NaN where it is unknown."""
+    # middles of left and right markers are the same with exchanged labels
     front, back = ([landmark.get(side + name, "") for side in "LR"] for name in ("ASIS", "PSIS"))
     if not set(back) <= set(markers.names):
         back = 2 * [landmark.get("SACR", "")]
     forward = _between(markers, [*zip(front, back, strict=True)]).mean(axis=0)
     length = np.hypot(forward[0], forward[1])
+    # forward turned by 90° about the vertical
     left = np.stack([-forward[1], forward[0], 0 * length])
     return np.asarray(np.where(length > MIN_FORWARD_M, left, np.nan) / length)
 
@@ -311,6 +315,7 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
         expected[part] = _extrapolated(markers.time, paths[part])
     jump = np.linalg.norm(paths - expected, axis=1)
     jumped: Mask = jump > MIN_JUMP_M
+    # after positions that were repeated every marker jumps
     jumped[:, 1:][:, frozen_frames(markers, names)[:-1]] = False
     # all that jumped, in the order of time, and of them pairs at one instant
     frame, marker = np.nonzero(jumped.T)
@@ -319,30 +324,33 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     for step in range(1, jumped.sum(axis=0).max(initial=0)):
         one = np.flatnonzero(frame[step:] == frame[:-step])
         other = one + step
+        # both labels are where the other one's motion leads
         apart = np.maximum(distance(here[one], there[other]), distance(here[other], there[one]))
         near = apart < MAX_EXCHANGED_SHARE * np.minimum(away[one], away[other])
         changes += zip(one[near].tolist(), other[near].tolist(), strict=True)
-    found: dict[str, list[float]] = {}
+    times_s: dict[str, list[float]] = {}
     for a, b in sorted(changes):
-        own = np.flatnonzero(frame == frame[a])
-        if [own[distance(here[k], there[own]).argmin()] for k in (a, b)] == [b, a]:
+        together = np.flatnonzero(frame == frame[a])
+        # each is the nearest to the other one's place of all that jumped at that instant
+        if [together[distance(here[k], there[together]).argmin()] for k in (a, b)] == [b, a]:
             pair = f"{names[marker[a]]}/{names[marker[b]]}"
-            found.setdefault(pair, []).append(float(markers.time[frame[a]]))
-    if not found:
+            times_s.setdefault(pair, []).append(float(markers.time[frame[a]]))
+    if not times_s:
         return ()
-    times = {"first_s": min(map(min, found.values())), "last_s": max(map(max, found.values()))}
-    return (Note.of("labels_exchanged", pairs=listed(found), **times),)
+    ends = {"first_s": min(map(min, times_s.values())), "last_s": max(map(max, times_s.values()))}
+    return (Note.of("labels_exchanged", pairs=listed(times_s), **ends),)
 
 
 def _extrapolated(time: Array, path: Array) -> Array:
     """Give where markers, (..., T), would be by their last two positions; NaN where unknown."""
     expected = np.full(path.shape, np.nan)
     frames = np.flatnonzero(np.isfinite(path).reshape(-1, len(time)).all(axis=0))
-    at, seen = time[frames], path[..., frames]
+    at, position = time[frames], path[..., frames]
     steps = np.diff(at)
-    share = np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
-    step = seen[..., 1:-1] - seen[..., :-2]
-    expected[..., frames[2:]] = seen[..., 1:-1] + share * step
+    # to the same velocity over a step of another length; not over long gaps
+    ratio = np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
+    step = position[..., 1:-1] - position[..., :-2]
+    expected[..., frames[2:]] = position[..., 1:-1] + ratio * step
     return expected
 
 
@@ -388,6 +396,7 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
     first, second = first[together], second[together]
     pairs = [(body.markers[a], body.markers[b]) for a, b in zip(first, second, strict=True)]
     there = distance(body.marker_position[first], body.marker_position[second])
+    # medians: skin moves markers about where they are in the calibration pose
     change = median_distances(markers, pairs) - there
     large = np.abs(change) > MAX_DISTANCE_CHANGE_M
     notes = []

@@ -145,6 +145,7 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     outside = ((motion.q < LOW) | (motion.q > HIGH)).any(axis=1)  # as they are: few frames
     solved = np.flatnonzero(motion.converged & outside)
     angle = _nearest_to_ranges(motion.q[solved])
+    # an angle that markers do not show is no sign of a wrong label
     beyond = (_excess(angle) > 0) & motion.observed[solved]
     if beyond.any():
         beyond &= ~not_determined(body, motion)[0]
@@ -154,8 +155,8 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     frame, most = excess.argmax(axis=0), excess.max(axis=0)
     worst = [i for i in np.argsort(-most)[:MAX_NAMED] if most[i] > 0]
     extreme_deg = {COORDINATES[i]: np.degrees(angle[frame[i], i]) for i in worst}
-    share = beyond.any(axis=1).sum() / np.count_nonzero(motion.converged)
-    return (Note.of("joint_angles_impossible", share=share, extreme_deg=extreme_deg),)
+    fraction = beyond.any(axis=1).sum() / np.count_nonzero(motion.converged)
+    return (Note.of("joint_angles_impossible", share=fraction, extreme_deg=extreme_deg),)
 
 
 def _limits() -> tuple[Array, Array]:
@@ -180,6 +181,7 @@ def _nearest_to_ranges(q: Array) -> Array:
     """Give equivalent coordinates, (F, 46), that are as little beyond their ranges as can be."""
     best = _within_a_turn(q)
     for joint in (slice(i, i + 3) for i in BALL_JOINTS):
+        # a pose is impossible if both sets of a joint's angles are
         other = _within_a_turn(other_set(best[:, joint]), joint)
         nearer = _excess(other, joint).sum(axis=1) < _excess(best[:, joint], joint).sum(axis=1)
         best[nearer, joint] = other[nearer]
@@ -238,19 +240,21 @@ def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
     of_segment: dict[str, list[int]] = {}
     for name, column in columns.items():
         of_segment.setdefault(segment_of[name], []).append(column)
+    # a segment by all of its markers, each marker by itself
     judged = [(name, [column], MAX_MARKER_ERROR_M) for name, column in columns.items()]
     judged += [
         (segment, several, MAX_SEGMENT_ERROR_M)
         for segment, several in of_segment.items()
         if len(several) >= MIN_MARKERS_OF_SEGMENT
     ]
+    # root mean square over the frames in which a marker is seen
     square, large_m = np.square(motion.marker_error), dict[str, float]()
     number, total = np.isfinite(square).sum(axis=0), np.nansum(square, axis=0)
-    for name, own, limit_m in judged:
-        rms_m = float(np.sqrt(total[own].sum() / number[own].sum()))
+    for name, of_name, limit_m in judged:
+        rms_m = float(np.sqrt(total[of_name].sum() / number[of_name].sum()))
         if rms_m > limit_m:
             large_m[name] = rms_m
-    farthest_m = dict(sorted(large_m.items(), key=lambda each: -each[1])[:MAX_ERRORS_NAMED])
+    farthest_m = dict(sorted(large_m.items(), key=lambda item: -item[1])[:MAX_ERRORS_NAMED])
     return (Note.of("marker_error_large", farthest_m=farthest_m),) if large_m else ()
 
 
@@ -295,10 +299,10 @@ def mass_share(body: Body, segments: Sequence[str]) -> float:
 
 def mass_not_shown(body: Body, segments: tuple[str, ...]) -> tuple[Note, ...]:
     """Say what share of the body's mass these segments are, if it matters."""
-    share = mass_share(body, segments)
-    if share < MIN_SHARE_NOTED:
+    fraction = mass_share(body, segments)
+    if fraction < MIN_SHARE_NOTED:
         return ()
-    return (Note.of("mass_not_shown", segments=segments, share=share),)
+    return (Note.of("mass_not_shown", segments=segments, share=fraction),)
 
 
 def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
@@ -325,12 +329,15 @@ def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
     arms that are held forward in a squat add 6 % of body weight × stature to My.
     """
     segments = unseen_segments(body, motion)
+    # [N] by body weight, [N·m] by body weight × stature
     percent_of = body.mass * GRAVITY_MPS2 / 100 * np.repeat([1.0, body.height_m], 3)
     variance = np.zeros(6)
     for part, percent in SPREAD_PERCENT.items():
         unseen = [segment for segment in part if segment in segments]
-        share = mass_share(body, unseen) / mass_share(body, part)
-        variance += share * np.square(percent_of * percent)
+        # independent parts: variances add, in proportion to the mass that is unseen
+        fraction = mass_share(body, unseen) / mass_share(body, part)
+        variance += fraction * np.square(percent_of * percent)
+    # horizontal forces of a trunk above the pelvis are moments about it too
     covariance = np.diag(variance)
     for moment, force, correlation in LEVERS:
         product = correlation * np.sqrt(variance[moment] * variance[force])

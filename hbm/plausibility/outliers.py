@@ -63,22 +63,26 @@ def solve_without_outliers(
     parts = markers_of_parts(body, motion.markers)
     for _ in range(MAX_ROUNDS):
         error = motion.marker_error
+        # most trials end here, after one solution
         if np.fmax.reduce(error, axis=None, initial=0) <= MIN_EXCESS_M:
             break
-        seen = np.isfinite(error).any(axis=0)
-        usual_m = np.nanmedian(np.where(seen, error, 0.0), axis=0)
+        ever_seen = np.isfinite(error).any(axis=0)
+        # what is usual for a marker includes skin and a wrong calibration pose
+        usual_m = np.nanmedian(np.where(ever_seen, error, 0.0), axis=0)
         more = farthest_outliers(error - 2 * usual_m, parts)
         if not more.any():
             break
         outliers |= more
-        for own in parts[1:]:  # of a limb of which several are outliers, the others tell nothing
-            if len(own):
-                lost = limb_is_lost(outliers[:, own])
+        # of a limb of which several markers are outliers, the others tell nothing
+        for limb in parts[1:]:
+            if len(limb):
+                lost = limb_is_lost(outliers[:, limb])
                 in_between = without_short_gaps(lost, motion.time, MAX_BETWEEN_S)
-                outliers[np.ix_(in_between, own)] = True
+                outliers[np.ix_(in_between, limb)] = True
         columns = [markers.names.index(name) for name in motion.markers]
         position = markers.position.copy()
         position[:, columns] = np.where(outliers[..., None], np.nan, position[:, columns])
+        # an outlier moves its limb: only without it do the other markers show themselves
         solved = Markers(markers.time, markers.names, position)
         motion = solve_ik(body, solved, jobs=jobs)
     return solved, motion, outlier_notes(markers, solved)
@@ -113,21 +117,22 @@ def farthest_outliers(excess_m: Array, parts: Sequence[Indices]) -> Mask:
     >>> farthest_outliers(np.array([0.2, 0.3, np.nan, 0.05]), [np.array([0, 1]), np.array([2, 3])])
     array([False,  True, False, False])
     """
-    found = np.zeros(excess_m.shape, bool)
+    farthest = np.zeros(excess_m.shape, bool)
     if not (excess_m > MIN_EXCESS_M).any():
-        return found
-    for own in parts:
-        if len(own):
-            far = np.nan_to_num(excess_m[..., own], nan=-np.inf)
-            worst = own[far.argmax(axis=-1, keepdims=True)]
-            np.put_along_axis(found, worst, far.max(axis=-1, keepdims=True) > MIN_EXCESS_M, axis=-1)
-    return found
+        return farthest
+    for part in parts:
+        if len(part):
+            far = np.nan_to_num(excess_m[..., part], nan=-np.inf)
+            worst = part[far.argmax(axis=-1, keepdims=True)]
+            is_outlier = far.max(axis=-1, keepdims=True) > MIN_EXCESS_M
+            np.put_along_axis(farthest, worst, is_outlier, axis=-1)
+    return farthest
 
 
 def limb_is_lost(outliers: Mask) -> Mask:
     """Whether so many of a limb's markers are outliers, (..., n), that its others tell nothing."""
-    count, share = outliers.sum(axis=-1), outliers.mean(axis=-1)
-    return np.asarray((count >= MIN_LOST) & (share >= MIN_LOST_SHARE))
+    count, fraction = outliers.sum(axis=-1), outliers.mean(axis=-1)
+    return np.asarray((count >= MIN_LOST) & (fraction >= MIN_LOST_SHARE))
 
 
 def outlier_notes(before: Markers, after: Markers) -> tuple[Note, ...]:
@@ -207,20 +212,22 @@ class MarkerTracker:
             Measured markers in the lab, (M, 3) [m]; NaN where missing. Without any, the frame was
             lost: it is unsolved, and what follows is as if it had never come.
         """
-        own = position[self.columns]
-        seen = np.isfinite(own[:, 0])
-        if not seen.any():
+        used = position[self.columns]
+        measured = np.isfinite(used[:, 0])
+        if not measured.any():
             self.frozen, self.left_out = False, np.zeros(len(self.markers), bool)
             return self.tracker.solve(position)
         since_s, self.time = time - self.time, time
-        if (own != self.before)[seen].any():
+        # a camera system that lost contact may repeat its last positions
+        if (used != self.before)[measured].any():
             self.moved_s = time
-        self.before = own
+        self.before = used
         self.frozen = time - self.moved_s > MIN_FROZEN_S - ROUNDING_S
         if self.frozen:
             position = np.full(position.shape, np.nan)
         solution = self._without_outliers(position)
         solution = self.tracker.keep(solution, time)
+        # a running median: each new distance moves it by a fixed step, whatever its size
         largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
         change_m = (solution.marker_error - self.usual_m).clip(-largest_m, largest_m)
         np.add(self.usual_m, change_m, out=self.usual_m, where=~np.isnan(change_m))
@@ -236,19 +243,20 @@ class MarkerTracker:
             position = self._without_left_out(position)
         solution = self.tracker.solve(position)
         if self.unfit:
-            seen = solution.marker_error[np.isfinite(solution.marker_error)]
-            if not (len(seen) and np.median(seen) < MAX_FITTING_M):
+            errors_m = solution.marker_error[np.isfinite(solution.marker_error)]
+            if not (len(errors_m) and np.median(errors_m) < MAX_FITTING_M):
                 return solution
         for _ in range(MAX_ROUNDS):
             more = farthest_outliers(solution.marker_error - 2 * self.usual_m, self.parts)
             if not more.any():
                 break
             self.left_out |= more
-            for own in self.parts[1:]:
-                if len(own) and limb_is_lost(self.left_out[own]):
-                    self.left_out[own] = True
+            for limb in self.parts[1:]:
+                if len(limb) and limb_is_lost(self.left_out[limb]):
+                    self.left_out[limb] = True
             position = self._without_left_out(position)
             solution = self.tracker.solve(position)
+        # a body that does not fit has outliers everywhere: to leave them out takes time in vain
         self.unfit = bool(np.count_nonzero(self.left_out) > MAX_SHARE_LEFT_OUT * len(self.left_out))
         return solution
 

@@ -34,10 +34,12 @@ def find_jumps(channel: Array, least: float) -> Jumps:
     if not (np.abs(change) > least).any():
         return Jumps(np.zeros(0, int), np.zeros(0))
     span = 2 * NEAR_SAMPLES + 1
+    # how fast the channel changes nearby, of which a jump is a small part
     usual = scipy.ndimage.percentile_filter(np.abs(change), 75, size=span, mode="nearest")
-    known = (channel[1:] != 0) & (channel[:-1] != 0)
-    at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
+    measured = (channel[1:] != 0) & (channel[:-1] != 0)
+    at = np.flatnonzero(measured & (np.abs(change) > np.maximum(least, JUMP * usual)))
     sign, around = np.sign(change), np.pad(change, 1)
+    # a load that rises goes on rising in the sample before or after
     same_way = np.maximum(sign * around[:-2], sign * around[2:])
     at = at[np.abs(change[at]) > ISOLATED * same_way[at]]
     return Jumps(at, change[at])
@@ -79,6 +81,7 @@ def find_wraps(channel: Array, least: float) -> Wraps | None:
     noise crosses the limit, and does not jump without that.
     """
     change, full = np.diff(channel), float(np.ptp(channel))
+    # from one end of the range to the other, and no change in between
     at = np.flatnonzero(np.abs(change) > full / 2)
     if full <= least or not len(at) or np.abs(change[at]).min() < MOST * full:
         return None
@@ -91,6 +94,7 @@ def find_wraps(channel: Array, least: float) -> Wraps | None:
     # no sample is outside the range of the converter
     period = max(full, float(np.median(np.abs(change[at] - load))))
     undone = np.unwrap(channel, period=period)
+    # whole periods are still unknown: a channel without load is near its own zero
     undone -= period * np.round(_rest(undone, period) / period)
     leaves = max(channel.min() - undone.min(), undone.max() - channel.max())
     jumps = len(find_jumps(undone, LEFT * full).at)
@@ -110,6 +114,7 @@ def _rest(channel: Array, period: float) -> float:
     A recording may begin during a step, or be of somebody who stands most of the time.
     """
     ordered, width = np.sort(channel), 2 * REST * period
+    # the value at which the channel is most often, within the band
     first = int(np.argmax(np.searchsorted(ordered, ordered + width) - np.arange(len(ordered))))
     near = (channel >= ordered[first]) & (channel <= ordered[first] + width)
     # of its longest stretch the middle half, in which a load neither comes nor goes
@@ -153,6 +158,7 @@ def find_limits(channel: Array, step_s: float) -> Iterator[Limit]:
     reaches and leaves it steeply. A window of some steps is enough; one with unknown samples has no
     limits.
     """
+    # each side of zero has a limit of its own
     largest = float(np.abs(channel).max())
     for side in (channel, -channel):
         if not side.max() > MIN_RANGE * largest or np.ptp(side) < NEAR * largest:
@@ -173,6 +179,7 @@ def _exact_limit(side: Array, step_s: float) -> Mask | None:
         return None
     step = FINEST * top * float(np.diff(np.unique(values)).min())
     band = 1.5 * step
+    # of the samples in a wider band below a round top, 1 / √wider are in the narrow one
     wider = float(np.clip(NEAR * top / band, 4.0, 64.0))
     if wider * band > 0.1 * top:  # too coarse to tell a limit from a round peak
         return None
@@ -189,6 +196,7 @@ def _exact_limit(side: Array, step_s: float) -> Mask | None:
     if not runs:
         return None
     if coarse:
+        # somebody who stands may stay in one step of a coarse converter
         for start, stop in stretches(side > top / 2):
             at[start:stop] &= (stop - start) * step_s < STANDS_S
     return at if at.any() else None

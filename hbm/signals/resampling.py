@@ -79,6 +79,7 @@ def resample(
     values, new_time = np.asarray(values, float), np.asarray(new_time, float)
     time = sample_times(time, values)
     new_rate_hz = mean_rate_hz(sample_times(new_time, new_time))
+    # what the new rate cannot represent would appear as lower frequencies
     if new_rate_hz < MIN_DECIMATION * mean_rate_hz(time):
         values = _without_aliases(values, time, new_rate_hz)
     return interpolate(time, values, new_time + delay_s)
@@ -167,6 +168,7 @@ def _spline(time: Array, samples: Array) -> Signal:
     through_samples = cache(lambda: cubic_spline(time, samples))
 
     def evaluate(at: Array) -> Array:
+        # times that are samples' own need no spline: values stay as they are
         nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
         if np.abs(time[nearest] - at).max(initial=0) <= MAX_ROUNDING_STEPS * step:
             return np.asarray(samples.take(nearest, axis=0))
@@ -193,19 +195,21 @@ def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:
         (T, ...); NaN where the samples around it are not all known.
     """
     resampling = Convolution.between(mean_rate_hz(time), mean_rate_hz(new_time))
-    found = resampling.evaluate(time, values.reshape(len(time), -1), new_time)
-    return found.reshape(len(new_time), *values.shape[1:])
+    resampled = resampling.evaluate(time, values.reshape(len(time), -1), new_time)
+    return resampled.reshape(len(new_time), *values.shape[1:])
 
 
 def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
     """Low-pass (N, ...) samples to what a lower sampling rate can represent."""
     require_equal_steps(time)
     rate_hz = mean_rate_hz(time)
+    # by half of the old rate
     width = TRANSITION_WIDTH * new_rate_hz / (rate_hz / 2)
     # Kaiser's formulas (1974) for how far the window reaches, and for its shape
     reach = int(np.ceil((STOPBAND_DB - 7.95) / (2.285 * np.pi * width) + 1)) // 2
     require_length(time, reach + 1)
     window = np.kaiser(2 * reach + 1, 0.1102 * (STOPBAND_DB - 8.7))
+    # ideal low-pass at half of the new rate, windowed; gain 1 at rest
     taps = np.sinc(new_rate_hz / rate_hz * np.arange(-reach, reach + 1)) * window
     taps /= taps.sum()
     columns = signal.reshape(len(time), -1)
@@ -271,6 +275,7 @@ class Convolution:
         Rates [Hz] are rounded to whole ones, so that the weights do not depend on how long a
         recording was when its rate was measured, nor on the drift of a clock.
         """
+        # the slower clock sets the width: it interpolates when faster, and averages when slower
         step_s, new_step_s = (1 / max(round(rate), 1) for rate in (rate_hz, new_rate_hz))
         return cls(step_s, max(step_s, new_step_s))
 
@@ -320,6 +325,7 @@ class Convolution:
         if not len(later):
             return False
         reach_s, longest_s = self.reach_s, self.longest_s
+        # no sample near one end of the reach, or a step inside it that is too long
         if later[0] + reach_s > longest_s or reach_s - later[-1] > longest_s:
             return False
         return len(later) == 1 or bool((later[1:] - later[:-1]).max() <= longest_s)
@@ -337,6 +343,7 @@ def _weights(how: Convolution, later_s: bytes) -> Array | None:
     u = np.abs(later) / how.scale_s
     weights = _cubic(u)
     weights /= weights.sum()
+    # a correction that makes straight lines exact where samples are not evenly spread
     near = (1 - u * u / REACH_STEPS**2) ** 2
     tilt = near * (later - near.dot(later) / near.sum())
     arm = float(tilt.dot(later))
@@ -347,6 +354,7 @@ def _weights(how: Convolution, later_s: bytes) -> Array | None:
 
 def _cubic(u: Array) -> Array:
     """Give the cubic convolution kernel at distances up to 2 steps."""
+    # Keys' kernel (a = −½): 1 at 0, 0 at 1 and 2, exact for parabolas
     from_one = 1 - u
     inner = np.maximum(from_one, 0)
     return np.asarray(0.5 * from_one * (2 - u) ** 2 + inner * inner * (2 * u - 1))

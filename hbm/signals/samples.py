@@ -63,6 +63,7 @@ def stretches(mask: Mask) -> Indices:
     [[0, 1], [2, 4]]
     """
     between = np.zeros(len(mask) + 2, bool)  # false before and after
+    # a stretch begins and ends where the mask changes
     between[1:-1] = mask
     return np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
 
@@ -122,6 +123,7 @@ def bridged(columns: Array, time: Array, longest_s: float, degree: int) -> Array
     """
     filled = columns
     for known, numbers in _columns_by_gaps(np.isfinite(columns)):
+        # only bridged samples are filled; longer gaps stay
         rows = np.flatnonzero(without_short_gaps(known, time, longest_s) & ~known)
         if len(rows):
             through, at = columns[known][:, numbers], time[rows]
@@ -184,6 +186,7 @@ def _columns_by_gaps(known: Mask) -> Iterator[tuple[Mask, Mask | slice]]:
     if known.size and known.all():
         yield known[:, 0], slice(None)
         return
+    # columns with gaps in the same rows share their blocks
     same: dict[bytes, list[int]] = {}
     columns = np.ascontiguousarray(known.T)
     for number, of_column in enumerate(columns):
