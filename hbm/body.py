@@ -25,6 +25,7 @@ from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import (
@@ -39,6 +40,8 @@ from hbm.segments import (
 )
 from hbm.spatial import Array, Indices, distance, unit
 from hbm.spelling import listed
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "body")
 
 __all__ = ["Body", "build_body"]
 
@@ -55,9 +58,6 @@ FEET: Final = tuple(f"{side}_foot" for side in SIDES)
 BALL_ABOVE_SOLE: Final = 0.12
 """Height of the ball's markers above the bare foot's sole, by the length of the foot."""
 
-MIN_MASS_KG, MAX_MASS_KG = 10, 400
-"""From a toddler to beyond the load of instrumented treadmills; grams and pounds of light people
-fall outside."""
 
 MIN_STATURE_M, MAX_STATURE_M = 0.5, 2.6
 """From an infant to beyond the tallest people; centimetres fall outside."""
@@ -139,10 +139,11 @@ def build_body(
     >>> print(body)
     74.6 kg, 1.71 m, male; markers: 46 of Human Body Model 2, full body, 46 markers
     """
-    if not MIN_MASS_KG <= mass <= MAX_MASS_KG:
+    if not LIMITS.least_mass <= mass <= LIMITS.largest_mass:
         hint = "; that looks like grams, give kilograms" if mass > 1000 else ""
         raise ValueError(
-            f"body mass must be between {MIN_MASS_KG} and {MAX_MASS_KG} kg, got {mass:g}{hint}"
+            f"body mass must be between {LIMITS.least_mass} and {LIMITS.largest_mass} kg, "
+            f"got {mass:g}{hint}"
         )
     if height_m is not None and not MIN_STATURE_M <= height_m <= MAX_STATURE_M:
         raise ValueError(
@@ -194,7 +195,7 @@ def build_body(
     # a coordinate that carries no marked segment is locked in neutral
     shown = {i for s in set(segments) for i in support(LAST_Q[s])}
     # skin moves against bone while the subject moves: positions are then fitted below
-    still = speed < MAX_STILL_SPEED_MPS
+    still = speed < LIMITS.still_speed
     posture = "standing still" if still else f"moving at {speed:.2f} m/s"
     pose = Note.of(
         "calibration_pose",
@@ -360,37 +361,27 @@ def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: s
     return replace(body, marker_position=position)
 
 
-MAX_JUMP_M: Final = 0.1
-"""Of one or two positions from those about them; 100 m/s² make 5 cm at 30 Hz."""
-MAX_JUMP_SHARE: Final = 0.2
-"""Of a marker's positions; with more it moves so, or its unit is wrong."""
-
-
 def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[Note, ...]]:
     """Make gaps of single positions that are far from their marker's next ones, and note them."""
     position, jumps = markers.position.copy(), dict[str, int]()
     # NaN where a marker has gaps
     farthest = np.abs(np.diff(position, axis=0)).max(axis=(0, 2), initial=0)
     columns = {name: markers.names.index(name) for name in names}
-    for name in (name for name in names if not farthest[columns[name]] < MAX_JUMP_M / 2):
+    for name in (name for name in names if not farthest[columns[name]] < LIMITS.longest_jump / 2):
         path = position[:, columns[name]]
         # steps over gaps are judged too, between samples that are known
         frames = np.flatnonzero(~np.isnan(path[:, 0]))
-        if len(frames) < 3 or np.abs(np.diff(path[frames], axis=0)).max() < MAX_JUMP_M / 2:
+        if len(frames) < 3 or np.abs(np.diff(path[frames], axis=0)).max() < LIMITS.longest_jump / 2:
             continue
         # the median of five is near a position that moves, and far from one or two that jump
         windows = sliding_window_view(np.pad(path[frames], ((2, 2), (0, 0)), "reflect"), 5, axis=0)
         away_m = np.linalg.norm(path[frames] - np.median(windows, axis=-1), axis=-1)
-        far = frames[away_m > MAX_JUMP_M]
-        if 0 < far.size < MAX_JUMP_SHARE * frames.size:
+        far = frames[away_m > LIMITS.longest_jump]
+        if 0 < far.size < LIMITS.most_jumps * frames.size:
             path[far], jumps[name] = np.nan, far.size
     note = Note.of("jumps_left_out", positions=sum(jumps.values()), of_marker=jumps)
     return Markers(markers.time, markers.names, position), (note,) if jumps else ()
 
-
-MAX_STILL_SPEED_MPS: Final = 0.05
-"""Mean marker speed up to which a subject counts as standing still: postural sway gives 0.01 to
-0.02 m/s, slow walking 0.3 m/s."""
 
 WINDOW_S: Final = 1.0
 """Duration of the calibration pose to look for."""
@@ -485,7 +476,7 @@ def _stillest(complete: Indices, speed: Array, time: Array) -> Indices:
     # windows that gaps leave half empty are not compared
     mean = np.where(2 * count >= count.max(), (total[stops] - total[starts]) / count, np.inf)
     best = int(np.argmin(mean))
-    if mean[best] >= MAX_STILL_SPEED_MPS:
+    if mean[best] >= LIMITS.still_speed:
         return complete
     begin = time[frames[best]]
     return np.asarray(complete[(time[complete] >= begin) & (time[complete] < begin + WINDOW_S)])

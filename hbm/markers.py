@@ -16,8 +16,11 @@ from typing import Any, Final
 import numpy as np
 
 from hbm.coordinates import LIMBS, MOVING, SIDES
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, frozen, read_only
 from hbm.spelling import did_you_mean, listed, no_segment, packaged_toml, parse_toml, short, shown
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "marker_sets")
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,9 +367,6 @@ def _inherited(
     return inherited
 
 
-MIN_SHARE_OF_PART: Final = 1 / 2
-"""Of a part's markers that must be present for a set to show it: other sets share fewer labels."""
-
 REMEDY: Final = (
     "rename them (--rename OLD=NEW), or write a table of them (--marker-set set.toml, "
     "docs/marker_sets.md)"
@@ -449,7 +449,7 @@ def _needed(chosen: MarkerSet, part: str = LOWER_BODY) -> list[SetMarker]:
 def _short_of(chosen: MarkerSet, names: Iterable[str], part: str = LOWER_BODY) -> bool:
     """Whether too few of the markers of a part are present; of none, none are."""
     needed = _needed(chosen, part)
-    return len(_absent(needed, names)) > (1 - MIN_SHARE_OF_PART) * len(needed) or not needed
+    return len(_absent(needed, names)) > (1 - LIMITS.least_of_part) * len(needed) or not needed
 
 
 def _mismatch(names: tuple[str, ...]) -> str:

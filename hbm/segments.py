@@ -14,8 +14,11 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from hbm.coordinates import SEGMENTS
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, cross, freeze_arrays, read_only, skew, unit
 from hbm.spelling import did_you_mean, no_segment, parse_toml, shown
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "segments")
 
 Sex = Literal["male", "female", "unspecified"]
 SEXES: Final[tuple[Sex, ...]] = ("male", "female", "unspecified")
@@ -194,13 +197,6 @@ def segment_inertia(
     return Inertia(part.mass * mass, proximal + part.center * along, axes * moments @ axes.T)
 
 
-MAX_CENTER_DISTANCE_M: Final = 1.0
-"""Distance of a centre of mass from the joint: no segment is longer; larger numbers are
-millimetres."""
-
-MAX_MOMENT_KG_M2: Final = 10.0
-"""Principal moment of inertia: several times that of a heavy person's trunk."""
-
 MAX_ROUNDING: Final = 1e-9
 """Relative to the largest principal moment, when a tensor is checked."""
 
@@ -253,9 +249,9 @@ class SegmentOverride:
                 continue
             if np.shape(value) != shape or not np.isfinite(value).all():
                 raise ValueError(f"{name} must be {shape} finite numbers, got {value}")
-            if name == "center_m" and np.abs(value).max() > MAX_CENTER_DISTANCE_M:
+            if name == "center_m" and np.abs(value).max() > LIMITS.farthest_center:
                 raise ValueError(
-                    f"center_m must be within {MAX_CENTER_DISTANCE_M:g} m of the joint, "
+                    f"center_m must be within {LIMITS.farthest_center:g} m of the joint, "
                     f"got {list(value)}; that looks like millimetres"
                 )
             object.__setattr__(self, name, read_only(value))
@@ -270,10 +266,10 @@ def _require_physical(tensor: Array) -> None:
     slack = MAX_ROUNDING * float(np.abs(moments).max())
     if not np.allclose(tensor, tensor.T) or moments[0] < -slack:
         raise ValueError("inertia_kg_m2 must be symmetric with no negative principal moment")
-    if moments[2] > MAX_MOMENT_KG_M2:
+    if moments[2] > LIMITS.largest_moment:
         raise ValueError(
-            f"inertia_kg_m2 must be at most {MAX_MOMENT_KG_M2:g} kg·m², got {moments[2]:g}; no "
-            "segment of a person has more"
+            f"inertia_kg_m2 must be at most {LIMITS.largest_moment:g} kg·m², got {moments[2]:g}; "
+            "no segment of a person has more"
         )
     # of any rigid body: Ixx + Iyy − Izz = 2 Σ m z² ≥ 0
     if moments[2] > moments[0] + moments[1] + slack:

@@ -9,8 +9,11 @@ from numpy.typing import ArrayLike
 
 from hbm.coordinates import SIDES
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.segments import Sex
 from hbm.spatial import Array, cross, distance, dot, perpendicular, unit
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "calibration_pose")
 
 HipRule = Literal["harrington", "bell"]
 MEDIAL_SIGN: Final = {"right": 1.0, "left": -1.0}
@@ -201,9 +204,6 @@ SHOULDER_DROP_PER_WIDTH: Final = 0.17
 """Distance of the shoulder joint below the acromion, as a share of the distance between the
 acromions (Rab et al. 2002, J Orthop Res 20:71)."""
 
-STRAIGHT_ELBOW_RAD: Final = np.radians(15.0)
-"""Flexion below which an error of 5 mm in half an elbow's width turns its axis by more than 9°."""
-
 
 def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, side: str) -> None:
     """Find shoulder, elbow, wrist and knuckle; none if the arm has too few landmarks.
@@ -302,7 +302,7 @@ def straight_elbows(anatomy: Anatomy) -> list[Note]:
     for side, s in SIDES.items():
         if s + "MEE" in anatomy.rules:
             flexion = float(_flexion(anatomy, side).mean())
-            if flexion < STRAIGHT_ELBOW_RAD:
+            if flexion < np.radians(LIMITS.straight_elbow):
                 values = {"marker": s + "MEE", "flexion_deg": np.degrees(flexion)}
                 notes.append(Note.of("elbow_axis_uncertain", side=side, **values))
     return notes

@@ -6,11 +6,11 @@ import numpy as np
 
 from hbm.calibration_pose.landmarks import pelvis_frame
 from hbm.markers import Markers, MarkerSet, recognise_marker_set
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, fit_rotation
 
-MIN_SINGULAR_VALUE: Final = 0.04
-"""Singular value of the equations for the centre, per frame: where a thigh swings less
-than ±5° in the plane of least motion, noise determines one component of the centre."""
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "calibration_pose")
+
 
 SHAPE_ITERATIONS: Final = 3
 """Iterations of fitting poses to a cluster's mean shape and averaging the shape again: the error is
@@ -107,7 +107,7 @@ def _center(R: Array, o: Array, S: Array, p: Array, side: str) -> Array:
     # R c + o = S d + p in every frame: c in the pelvis, d in the thigh (Ehrig et al. 2006)
     system = np.concatenate([R, -S], axis=2).reshape(-1, 6)
     smallest = np.linalg.svd(system, compute_uv=False)[-1] / np.sqrt(len(R))
-    if smallest < MIN_SINGULAR_VALUE:
+    if smallest < LIMITS.least_singular_value:
         raise ValueError(
             f"the {side} thigh rotates too little, or in one plane only, to show its hip centre; "
             "swing it forward, back and sideways by at least 30°"

@@ -19,9 +19,12 @@ from hbm.ik.start import Start
 from hbm.ik.upright import TRUNK, standing_trunk
 from hbm.markers import Markers
 from hbm.model import Body
+from hbm.numbers import read_numbers
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import packaged_toml
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "observed")
 
 MARKER_SD_M: Final = 0.01
 """Error of a marker on its segment, from skin and from the calibration pose."""
@@ -35,15 +38,6 @@ SHOULDER_SD_M: Final = 0.03
 FLAT_SD: Final = np.pi
 """Of every coordinate before anything is known [rad or m]: any angle at all."""
 
-MIN_SLOPE_M: Final = 1e-3
-"""Of markers along a coordinate [m/rad, or 1]: those nearer to its axis do not show it."""
-
-MIN_PIVOT: Final = 1e-6
-"""Curvature, per unit of weight, from which on a coordinate counts as observed [m²/rad² or 1]: that
-of a marker 1 mm from the axis."""
-
-MAX_PLACE_SD_M: Final = 0.05
-"""Of a segment's centre of mass, from which on markers do not show where it is."""
 
 CACHED_BODIES: Final = 8
 
@@ -108,7 +102,7 @@ def undetermined(body: Body, markers: tuple[str, ...]) -> tuple[Mask, tuple[str,
     for s in SEGMENTS:
         moving = MOVING.index(FIXED_TO.get(s, s))
         slope = _slopes(rotation[:, moving] @ body.segments[s].center + origin[:, moving])
-        if np.trace(slope.T @ spread @ slope) > MAX_PLACE_SD_M**2:
+        if np.trace(slope.T @ spread @ slope) > LIMITS.largest_place_sd**2:
             unplaced.append(s)
     return np.diag(spread) * POSTURE_PRECISION > 1, tuple(unplaced)
 
@@ -170,7 +164,7 @@ class Problem:
         doubt = variance * POSTURE_PRECISION - 1
         moves = np.linalg.norm(self.slope[:, used], axis=2).max(axis=1, initial=0)
         # a coordinate that moves no marker is no unknown
-        self.locked = (POSTURE_PRECISION > 0) & (moves <= MIN_SLOPE_M)
+        self.locked = (POSTURE_PRECISION > 0) & (moves <= LIMITS.least_slope)
         undetermined = (doubt > 0) | self.locked
         # the prior in units of a marker's weight; it fades in with the doubt, without a jump
         posture = MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
@@ -179,7 +173,7 @@ class Problem:
         self.unseen_trunk = bool(self.locked[TRUNK].all())
         self.weak_trunk = bool((self.prior[TRUNK] * ~self.locked[TRUNK]).any())
         # what a prior holds counts as observed always, what is locked never
-        self.least_pivots = np.full(N_Q, MIN_PIVOT * self.attachment.weight.max())
+        self.least_pivots = np.full(N_Q, LIMITS.least_pivot * self.attachment.weight.max())
         self.least_pivots[undetermined] = -np.inf
         self.least_pivots[self.locked] = np.inf
 

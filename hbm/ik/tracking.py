@@ -30,14 +30,17 @@ import numpy as np
 from hbm.coordinates import FIRST_Q, LAST_Q, LIMBS, N_Q, TREE
 from hbm.ik.continuity import MIN_JUMP_RAD, continuous, nearest_equivalent
 from hbm.ik.descent import MAX_ABSOLUTE_RISE, ROW, OneFrame, Solved
-from hbm.ik.problem import MIN_PIVOT, OF_CARRIERS, ROTATES, Problem
+from hbm.ik.problem import OF_CARRIERS, ROTATES, Problem
 from hbm.ik.upright import HEADING_CUTOFF_HZ, TRUNK, YAW, standing_trunk, upright_trunk
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import RealtimeFilter
 from hbm.signals.samples import cubic_spline
 from hbm.spatial import Array, Indices, Mask
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "observed")
 
 TRIES: Final = 45
 """Of 6,000 random bodies and poses, 20 tries leave 5 above SciPy's best of five starts, 40 none."""
@@ -158,24 +161,6 @@ KEY_FRAME_SPACING: Final = 15
 MIN_KEY_FRAMES: Final = 4
 """Key frames that a cubic spline needs."""
 
-MAX_DISTANCE_FROM_START: Final = 0.5
-"""Change of any coordinate from its start [rad or m]: an optimum farther away may be the wrong one
-of several."""
-
-MAX_SHARE_FAR: Final = 0.5
-"""Of the frames with markers: where more are far from their start, the frames are no continuous
-recording, and tell nothing of each other."""
-
-MIN_CLEAR_PIVOT: Final = 1e-3
-"""Curvature, per unit of weight, of a rotation that markers show well [m²/rad²]: that of a marker
-3 cm from the axis."""
-
-MAX_CLEAR_ERROR_M: Final = 0.015
-"""RMS distance of a limb's markers from the model; in another optimum than the lowest it is larger,
-or the limb is shown weakly."""
-
-MIN_PIVOT_SHARE: Final = 0.01
-"""The same in frames with missing markers, as a share of what is usual in the trial."""
 
 MAX_UNRELATED_PIVOT: Final = 1e-8
 """Curvature below which no marker depends on an unobserved coordinate: changing it then moves no
@@ -249,7 +234,7 @@ def solve_ik(
     # an optimum far from its start may be the wrong one of several
     far = shown & (~optima.converged | _far(optima.q, start))
     # frames that jump are no recording in time: each is judged by itself
-    if np.count_nonzero(far) > MAX_SHARE_FAR * np.count_nonzero(shown):
+    if np.count_nonzero(far) > LIMITS.most_far * np.count_nonzero(shown):
         usual_pivots = None
     doubted = np.flatnonzero(far)
     which = doubted[try_start(problem, optima, doubted, problem.rigid_fit(doubted))]
@@ -322,7 +307,7 @@ def _key_frames(problem: Problem) -> Indices:
 
 def _far(q: Array, start: Array) -> Mask:
     """Whether poses are far from their starting points, (F,)."""
-    return np.asarray(np.abs(q - start).max(axis=1, initial=0) > MAX_DISTANCE_FROM_START)
+    return np.asarray(np.abs(q - start).max(axis=1, initial=0) > LIMITS.far)
 
 
 def doubtful(problem: Problem, found: Solved) -> Mask:
@@ -334,12 +319,12 @@ def doubtful(problem: Problem, found: Solved) -> Mask:
     pivots = (found.pivots - problem.prior)[:, ROTATES & ~problem.locked]
     weight = problem.attachment.weight.max()
     # not shown at all is no doubt: a prior holds it
-    weak = (pivots > MIN_PIVOT * weight) & (pivots < MIN_CLEAR_PIVOT * weight)
+    weak = (pivots > LIMITS.least_pivot * weight) & (pivots < LIMITS.clear_pivot * weight)
     doubtful: Mask = ~found.converged | weak.any(axis=1)
     for segments in LIMBS.values():
         square = found.error[:, problem.markers_on(segments)] ** 2
         is_finite = np.isfinite(square)
-        largest = MAX_CLEAR_ERROR_M**2 * is_finite.sum(axis=1)
+        largest = LIMITS.clear_distance**2 * is_finite.sum(axis=1)
         doubtful |= np.where(is_finite, square, 0).sum(axis=1) > largest
     return np.asarray(doubtful)
 
@@ -397,7 +382,7 @@ def observed_by(
     if usual_pivots is not None:
         gaps = (np.isnan(found.error) & expected).any(axis=1)
         if gaps.any():
-            observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
+            observed[gaps] &= from_markers[gaps] > LIMITS.least_of_usual * usual_pivots
     return observed
 
 
@@ -581,7 +566,7 @@ class FrameTracker:
         return found, looked
 
     def _start_is_no_good(self, found: Solved, q: Array) -> bool:
-        if not found.converged[0] or np.abs(found.q[0] - q).max() > MAX_DISTANCE_FROM_START:
+        if not found.converged[0] or np.abs(found.q[0] - q).max() > LIMITS.far:
             return True
         if (self.tracked | self.problem.locked).all():
             return False

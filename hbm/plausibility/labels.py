@@ -10,19 +10,15 @@ from hbm.coordinates import MOVING, PARENT
 from hbm.markers import Markers, MarkerSet, exchange
 from hbm.model import Body
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.samples import medians_of_known, stretches
 from hbm.spatial import Array, Mask, distance
 from hbm.spelling import listed
 
-MIN_FROZEN_S: Final = 0.05
-"""All markers at once repeat a position exactly by chance in a frame or two, where a file rounds
-them and the subject stands."""
-MAX_FROZEN_SHARE: Final = 0.5
-"""Of a trial in which cameras may drop out."""
-MIN_CONSTANT_S: Final = 0.5
-"""A single marker repeats its position for so long only where its whole segment rests."""
-MIN_MOTION_M: Final = 0.01
-"""Of the others on its segment meanwhile: skin, noise and rounding move them by less."""
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "labels")
+
+FROZEN: Final = read_numbers("hbm", "thresholds.toml", "frozen")
+
 
 ROUNDING_S: Final = 1e-6
 """Of a time, which a file may store in single precision."""
@@ -58,7 +54,7 @@ def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
     measured, repeated = _repeated(markers.position[:, columns])
     frozen: Mask = np.asarray((repeated | ~measured).all(axis=1) & measured.any(axis=1))
     result = np.zeros(len(frozen), bool)
-    for stretch in _lasting(frozen, markers.time, MIN_FROZEN_S):
+    for stretch in _lasting(frozen, markers.time, FROZEN.shortest):
         result[stretch] = True
     return result
 
@@ -80,7 +76,7 @@ def without_frozen_frames(markers: Markers, names: Iterable[str]) -> Markers:
         without any motion, cameras do not drop out for so long.
     """
     frozen = frozen_frames(markers, names)
-    if not frozen.any() or frozen.mean() > MAX_FROZEN_SHARE:
+    if not frozen.any() or frozen.mean() > FROZEN.most_of_trial:
         return markers
     position = np.where(frozen[:, None, None], np.nan, markers.position)
     return Markers(markers.time, markers.names, position)
@@ -114,11 +110,11 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
     constant_s: dict[str, float] = {}
     for name in (name for name in body.markers if name in at):
         segment = segment_of[name]
-        for stretch in _lasting(repeated[:, at[name]], markers.time, MIN_CONSTANT_S):
+        for stretch in _lasting(repeated[:, at[name]], markers.time, FROZEN.shortest_alone):
             # a marker may rest with its segment: another one there, or before it, has to move
             others = [at[o] for o in at if segment_of[o] == segment and o != name]
             others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
-            if any(_extent(markers.position[stretch, k]) > MIN_MOTION_M for k in others):
+            if any(_extent(markers.position[stretch, k]) > FROZEN.least_motion for k in others):
                 lasted_s = float(markers.time[stretch.stop - 1] - markers.time[stretch.start - 1])
                 constant_s[name] = constant_s.get(name, 0.0) + lasted_s
     if constant_s:
@@ -148,12 +144,6 @@ def _extent(position: Array) -> float:
 
 CROSSING_SEGMENTS: Final = ("forearm", "hand")
 """Folded arms bring the left one to the right."""
-MIN_SEPARATION_M: Final = 0.04
-"""Of a pair sideways, for its side to be certain: on average narrow steps bring feet and medial
-markers as close together."""
-MIN_FORWARD_M: Final = 0.05
-"""Horizontal distance from sacrum to front of the pelvis; less when lying, and the way forward is
-unknown then."""
 
 
 class ExchangedSides(NamedTuple):
@@ -231,10 +221,10 @@ def sides_exchanged(
     ]
     # left marker minus right marker along the way to the left: negative when exchanged
     leftward_m = medians_of_known((_between(markers, judged) * to_the_left).sum(axis=1))
-    exchanged = leftward_m < -MIN_SEPARATION_M
+    exchanged = leftward_m < -LIMITS.least_separation
     if not exchanged.any():
         return None
-    pairs, every = [*compress(judged, exchanged)], not (leftward_m > MIN_SEPARATION_M).any()
+    pairs, every = [*compress(judged, exchanged)], not (leftward_m > LIMITS.least_separation).any()
     return ExchangedSides(recording, tuple(pairs), exchange(pairs, recording, every))
 
 
@@ -262,16 +252,7 @@ def _to_the_left(markers: Markers, landmark: Mapping[str, str]) -> Array:
     length = np.hypot(forward[0], forward[1])
     # forward turned by 90° about the vertical
     left = np.stack([-forward[1], forward[0], 0 * length])
-    return np.asarray(np.where(length > MIN_FORWARD_M, left, np.nan) / length)
-
-
-MIN_JUMP_M: Final = 0.03
-"""Of a marker against its own motion: noise and an acceleration of 100 m/s² make 1 cm at 100 Hz."""
-MAX_EXCHANGED_SHARE: Final = 1 / 3
-"""Of that jump that remains when two markers are exchanged, for their labels to have changed
-places."""
-MAX_GAP_S: Final = 0.1
-"""Over which a marker's motion is extrapolated; labels often change places where one is hidden."""
+    return np.asarray(np.where(length > LIMITS.least_forward, left, np.nan) / length)
 
 
 def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]:
@@ -314,7 +295,7 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     for part in (whole, *np.flatnonzero(~whole)):  # at once where nothing is missing
         expected[part] = _extrapolated(markers.time, paths[part])
     jump = np.linalg.norm(paths - expected, axis=1)
-    jumped: Mask = jump > MIN_JUMP_M
+    jumped: Mask = jump > LIMITS.least_jump
     # after positions that were repeated every marker jumps
     jumped[:, 1:][:, frozen_frames(markers, names)[:-1]] = False
     # all that jumped, in the order of time, and of them pairs at one instant
@@ -326,7 +307,7 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
         other = one + step
         # both labels are where the other one's motion leads
         apart = np.maximum(distance(here[one], there[other]), distance(here[other], there[one]))
-        near = apart < MAX_EXCHANGED_SHARE * np.minimum(away[one], away[other])
+        near = apart < LIMITS.most_left * np.minimum(away[one], away[other])
         changes += zip(one[near].tolist(), other[near].tolist(), strict=True)
     times_s: dict[str, list[float]] = {}
     for a, b in sorted(changes):
@@ -348,17 +329,10 @@ def _extrapolated(time: Array, path: Array) -> Array:
     at, position = time[frames], path[..., frames]
     steps = np.diff(at)
     # to the same velocity over a step of another length; not over long gaps
-    ratio = np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
+    ratio = np.where(at[2:] - at[:-2] > LIMITS.longest_gap, np.nan, steps[1:] / steps[:-1])
     step = position[..., 1:-1] - position[..., :-2]
     expected[..., frames[2:]] = position[..., 1:-1] + ratio * step
     return expected
-
-
-MAX_DISTANCE_CHANGE_M: Final = 0.03
-"""Skin moves markers of one segment against each other by up to 2 or 3 cm in walking."""
-
-MAX_DISTANCES_NAMED: Final = 3
-"""A single displaced marker changes its distances to all others: three identify it."""
 
 
 def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
@@ -398,13 +372,13 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
     there = distance(body.marker_position[first], body.marker_position[second])
     # medians: skin moves markers about where they are in the calibration pose
     change = median_distances(markers, pairs) - there
-    large = np.abs(change) > MAX_DISTANCE_CHANGE_M
+    large = np.abs(change) > LIMITS.distance_change
     notes = []
     for segment in MOVING:
         here = np.flatnonzero(large & (segments[first] == segment))
-        largest = here[np.argsort(-np.abs(change[here]), kind="stable")][:MAX_DISTANCES_NAMED]
+        largest = here[np.argsort(-np.abs(change[here]), kind="stable")][: LIMITS.distances_named]
         largest_m = {"–".join(pairs[k]): change[k] for k in largest}
-        values: dict[str, Any] = {"limit_m": MAX_DISTANCE_CHANGE_M, "largest_m": largest_m}
+        values: dict[str, Any] = {"limit_m": LIMITS.distance_change, "largest_m": largest_m}
         if largest_m:
             notes.append(Note.of("marker_distances_changed", segment=segment, **values))
     return tuple(notes)
