@@ -37,6 +37,7 @@ def orthogonal_rmse(measured: ArrayLike, truth: ArrayLike) -> float:
         raise ValueError(f"{len(m)} samples are too few for a line, give at least 3")
     pairs = np.column_stack([t, m])
     refuse_constant(pairs, "the pair", ("truth", "measured"))
+    # the second singular value is what lies across the line of total least squares
     s = np.linalg.svd(pairs - pairs.mean(axis=0), compute_uv=False)
     return float(s[1] / np.sqrt(len(m)))
 
@@ -79,6 +80,7 @@ def linearity(known: ArrayLike, measured: ArrayLike) -> Linearity:
     refuse_constant(y[:, None], "measured loads", ("their only channel",))
     _refuse_other_scale(y, x)
     line = scipy.stats.linregress(x, y)
+    # three standard deviations about the regression line
     rest = y - (line.intercept + line.slope * x)
     return Linearity(3 * float(np.std(rest, ddof=1)), len(x) - 2)
 
@@ -86,6 +88,7 @@ def linearity(known: ArrayLike, measured: ArrayLike) -> Linearity:
 def _refuse_other_scale(m: Array, t: Array) -> None:
     """Raise a ValueError where measured and truth have equal shape, but not equal units."""
     sizes = np.linalg.norm(m), np.linalg.norm(t)
+    # by shape first: a plate that measures something else is not in another unit
     alike = abs(m @ t) > MIN_COSINE * sizes[0] * sizes[1]
     if alike and not sizes[1] / MAX_UNIT_RATIO <= sizes[0] <= MAX_UNIT_RATIO * sizes[1]:
         raise ValueError(
@@ -141,6 +144,7 @@ def wrench_of_weight(
     position, rate = read_table(marker, "marker", 3), read_rate(rate_hz)
     if len(position) < 3:
         raise ValueError(f"marker has {len(position)} samples; an acceleration needs at least 3")
+    # central differences, twice
     acceleration = np.gradient(np.gradient(position, 1 / rate, axis=0), 1 / rate, axis=0)
     fastest = float(np.median(np.linalg.norm(acceleration, axis=1)))
     if np.max(np.abs(position)) > MAX_DISTANCE_M or fastest > MAX_ACCELERATION_MPS2:
@@ -148,6 +152,7 @@ def wrench_of_weight(
             f"marker lies {np.max(np.abs(position)):.3g} m away and is accelerated by "
             f"{fastest:.3g} m/s²; is it in metres and low-passed?"
         )
+    # Newton: a weight that is accelerated; the centre rises with the marker on top
     force = mass_kg * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
     rise = position[:, 2] - position[0, 2]
     center = np.column_stack([position[:, :2], center_height_m + rise])
@@ -245,6 +250,7 @@ def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> Pl
     farthest = float(max(np.max(np.abs(plate)), np.max(np.abs(camera))))
     if farthest > MAX_DISTANCE_M:
         raise ValueError(f"a point lies {farthest:.3g} m away; are both in metres?")
+    # rotation does not depend on the offset: about both means
     p, c = (points - points.mean(axis=0) for points in (plate, camera))
     apart = float(np.linalg.norm(c))
     ratio = float(np.linalg.norm(p)) / max(apart, MIN_SPREAD_M)
@@ -253,8 +259,10 @@ def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> Pl
             f"plate points spread {np.linalg.norm(p):.3g} about their mean, camera points "
             f"{apart:.3g}, expected the same; are both in metres and in the same order?"
         )
+    # a rotation in the plane is a factor: Σ c̄ p has its angle (Procrustes in two dimensions)
     p_complex, c_complex = p @ [1, 1j], c @ [1, 1j]
     rotated = np.sum(np.conj(c_complex) * p_complex)
+    # without conjugation: the same with one axis reversed
     if np.abs(np.sum(c_complex * p_complex)) > MIRROR_MARGIN * np.abs(rotated):
         raise ValueError(
             "plate and camera points fit better when mirrored; "
@@ -265,8 +273,10 @@ def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> Pl
     turned = camera @ turn.T
     offset = plate.mean(axis=0) - turn @ camera.mean(axis=0)
     residual = plate - turned - offset
+    # derivative of the points by the angle: turned by 90°
     by_angle = turned @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     jacobian = np.column_stack([by_angle.ravel(), np.tile([1.0, 0.0], n), np.tile([0.0, 1.0], n)])
+    # covariance of a linear fit with three parameters
     variance = np.sum(residual**2) / (2 * n - 3)
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
     return PlateAlignment(angle, offset, covariance)

@@ -104,6 +104,7 @@ class BeltModel:
         freeze_arrays(self, "belt model", theta=(5,))
         if self.advance < 0:
             raise ValueError(f"belt model: advance must be 0 or more samples, got {self.advance}")
+        # poles of the recursion inside the unit circle: the moment fades with the motion
         largest = np.max(np.abs(np.roots(self._recursion)))
         if not largest < 1:
             raise ValueError(f"belt model: unstable, its largest pole has size {largest:.3g}")
@@ -151,6 +152,7 @@ class BeltModel:
             Pitch moment `advance` samples ago [N·m], and the state of the next step.
         """
         theta_1, theta_2, theta_3, theta_4, theta_5 = self.theta.tolist()
+        # transposed direct form II, as scipy.signal.lfilter computes it
         moment = theta_3 * belt_acceleration + state[0]
         following = (
             theta_4 * belt_acceleration - theta_1 * moment + state[1],
@@ -225,12 +227,15 @@ def fit_belt(belt_acceleration: ArrayLike, pitch_moment: ArrayLike, advance: int
         )
     if advance < 0:
         raise ValueError(f"advance must be 0 or more samples, got {advance}")
+    # a moment that precedes its cause: the channels have different delays
     ahead, moment = a[advance:], moment[: len(moment) - advance]
+    # the output error has several minima: a grid of poles, with the best numerator for each
     starts = [_best_numerator(k1, k2, ahead, moment) for k1 in START_GRID for k2 in START_GRID]
     starts.sort(key=lambda start: start[0])
     fits = [_refine(start, ahead, moment) for _, start in starts[:REFINED_STARTS]]
     best = min(fits, key=lambda fit: float(fit.cost))
     theta = _theta(best.x)
+    # quality of the free-running model, as `predict` will be used
     measured = moment[SETTLING_SAMPLES:]
     error = measured - _sensitivities(theta, ahead)[0][SETTLING_SAMPLES:]
     return BeltModel(
@@ -252,11 +257,13 @@ def _delayed(signal: Array, samples: int) -> Array:
 
 def _theta(kappa_and_numerator: Array) -> Array:
     kappa_1, kappa_2, *numerator = kappa_and_numerator
+    # reflection coefficients between −1 and 1 are stable poles, whatever their combination
     return np.array([kappa_1 * (1 + kappa_2), kappa_2, *numerator])
 
 
 def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
     """Give the free-running output, (N,), and its derivatives by theta, (N, 5)."""
+    # derivatives of a recursion run through the same recursion
     recursion = [1, *theta[:2]]
     moment = scipy.signal.lfilter(theta[2:], recursion, a)
     by_past, by_input = (scipy.signal.lfilter([1], recursion, x) for x in (-moment, a))
@@ -267,6 +274,7 @@ def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
 def _best_numerator(kappa_1: float, kappa_2: float, a: Array, moment: Array) -> tuple[float, Array]:
     theta = _theta(np.array([kappa_1, kappa_2, 0.0, 0.0, 0.0]))
     basis = _sensitivities(theta, a)[1][SETTLING_SAMPLES:, 2:]
+    # with fixed poles the output is linear in the numerator
     numerator = np.linalg.lstsq(basis, moment[SETTLING_SAMPLES:])[0]
     error = moment[SETTLING_SAMPLES:] - basis @ numerator
     return float(error @ error), np.array([kappa_1, kappa_2, *numerator])
@@ -278,6 +286,7 @@ def _refine(start: Array, a: Array, moment: Array) -> "scipy.optimize.OptimizeRe
 
     def jacobian(x: Array) -> Array:
         by_theta = _sensitivities(_theta(x), a)[1][SETTLING_SAMPLES:]
+        # chain rule: θ₁ = κ₁ (1 + κ₂), θ₂ = κ₂
         by_kappa_1 = by_theta[:, 0] * (1 + x[1])
         by_kappa_2 = by_theta[:, 0] * x[0] + by_theta[:, 1]
         return np.column_stack([by_kappa_1, by_kappa_2, by_theta[:, 2:]])
@@ -341,13 +350,16 @@ def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
             f"{len(x)} samples are too few to find a smoothing, give at least {MIN_SPLINE_SAMPLES}"
         )
     refuse_constant(x[:, None], "signal", ("its only channel",))
+    # without its line the signal's periodic extension has no jump
     line = np.polynomial.Polynomial.fit(np.arange(len(x)), x, 1)
     amplitude: Array = scipy.fft.dct(x - line(np.arange(len(x))), norm="ortho")
     theta = np.pi * np.arange(len(x)) / len(x)
+    # eigenvalues of the cubic smoothing spline's penalty for equal steps, in the cosine basis
     penalty = (2 - 2 * np.cos(theta)) ** 2 / ((2 + np.cos(theta)) / 3) * rate**3
 
     def score(log_p: float) -> float:
         removed = 1 - 1 / (1 + 10**log_p * penalty)
+        # generalised cross-validation: error by the square of the degrees of freedom left
         return float(np.log(np.sum((removed * amplitude) ** 2)) - 2 * np.log(removed.mean()))
 
     middle = -3 * np.log10(rate)  # where half of the spectrum is smoothed, whatever the rate
@@ -355,4 +367,5 @@ def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
     nearest = grid[int(np.argmin([score(log_p) for log_p in grid]))]
     bounds = nearest - 0.1, nearest + 0.1
     best = scipy.optimize.minimize_scalar(score, bounds=bounds, method="bounded")
+    # frequency that the spline halves, from its smoothing
     return float((10**best.x * (1 / rate)) ** (-1 / 4) / (2 * np.pi))

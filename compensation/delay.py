@@ -113,6 +113,7 @@ def estimate_delay(reference: ArrayLike, late: ArrayLike, rate_hz: float) -> Del
     refuse_unequal(reference=x, late_signal=y)
     refuse_constant(x, "reference", tuple(f"channel {k + 1}" for k in range(x.shape[1])))
     refuse_constant(y, "late signal", tuple(f"channel {k + 1}" for k in range(y.shape[1])))
+    # the spline needs samples beyond both ends of the longest delay
     fewest = int(4 * LONGEST_S * given_rate) + BLOCKS * SAMPLES_PER_PERIOD
     if len(x) < fewest:
         raise ValueError(
@@ -129,6 +130,7 @@ def estimate_delay(reference: ArrayLike, late: ArrayLike, rate_hz: float) -> Del
             f"the late signal follows the reference in {explained:.0%} of its variance only, "
             f"at no delay up to {LONGEST_S} s; are they of one trial?"
         )
+    # a maximum at the end of the range is no maximum
     if abs(lag) == reach:
         raise ValueError(f"the best agreement lies beyond {LONGEST_S} s; are both on one clock?")
 
@@ -142,16 +144,19 @@ def decimated(signal: Array, rate: float) -> tuple[Array, float]:
     cutoff_hz = min(MAX_MOTION_HZ, rate / SAMPLES_PER_PERIOD)
     every = int(rate / (SAMPLES_PER_PERIOD * cutoff_hz))
     slow = low_pass(signal, rate, cutoff_hz, "zero_phase")[::every]
+    # standardised, so that channels of different units weigh alike
     return (slow - slow.mean(axis=0)) / slow.std(axis=0), rate / every
 
 
 def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
     """Whole samples that `y` lags by and the share of its variance explained there."""
+    # orthonormal channels: their correlations with the late signal add up to explained variance
     u, s, _ = np.linalg.svd(x, full_matrices=False)
     lags = np.arange(-reach, reach + 1)
     length = scipy.fft.next_fast_len(len(x) + reach, real=True)
     late = scipy.fft.rfft(y.T, length)
     power = np.zeros(len(lags))
+    # correlations at all lags at once, by products of spectra
     for column in u[:, s > MIN_SINGULAR_SHARE * s[0]].T:
         correlation = scipy.fft.irfft(late * scipy.fft.rfft(column, length).conj(), length)
         power += np.sum(correlation[:, lags] ** 2, axis=0)
@@ -171,6 +176,7 @@ def without_step(
     delays, inverse = start, np.eye(len(start))
     step, covariance = step_of(start)
     for _ in range(MAX_STEPS):
+        # a step at a time, no longer than a sample
         before, delays = delays, np.clip(delays + np.clip(inverse @ step, -1, 1), -limit, limit)
         change, last = delays - before, step
         step, covariance = step_of(delays)
@@ -178,6 +184,7 @@ def without_step(
         size = change @ shorter
         if np.max(np.abs(step)) < STEP_TOLERANCE or not size:
             break
+        # Broyden's update: how the step changes with the delays, from what the last one did
         inverse += np.outer(change - shorter, change @ inverse) / size
     return delays, covariance
 
@@ -201,6 +208,7 @@ class _LateChannels:
         Sensors on one rigid body agree in what sway does to them, and together they predict the
         plates; a wrong delay spoils either.
         """
+        # channels that have much in common span little volume
         together = np.hstack([*self._ahead(delays, 0, SEARCHED), self.signal[::SEARCHED]])
         variances = np.linalg.eigvalsh(np.cov(together, rowvar=False))
         return float(np.sum(np.log(np.maximum(variances, MIN_VARIANCE))))
@@ -208,17 +216,22 @@ class _LateChannels:
     def gauss_newton(self, delays: Array) -> tuple[Array, Array]:
         """Give the step of the delays and their covariance, in samples; gains are projected out."""
         channels = np.column_stack([*self._ahead(delays, 0), np.ones(len(self.inside))])
+        # gains are projected out: for any delays the best ones are a linear fit
         u, s, vt = np.linalg.svd(channels, full_matrices=False)
         kept = s > s[0] * len(channels) * np.finfo(float).eps
         basis, along = u[:, kept], u[:, kept].T @ self.signal
         gain, left = vt[kept].T @ (along / s[kept, None]), self.signal - basis @ along
+        # weight of each channel by what it leaves
         root = 1 / np.sqrt(np.maximum(np.mean(left**2, axis=0), MIN_VARIANCE))
         rates = self._ahead(delays, 1)
         ends = np.cumsum([rate.shape[1] for rate in rates])
-        slopes = [rate @ own for rate, own in zip(rates, np.split(gain, ends)[:-1], strict=True)]
+        parts = np.split(gain, ends)[:-1]
+        slopes = [rate @ part for rate, part in zip(rates, parts, strict=True)]
+        # of the part of the slope that other gains cannot make up for
         slopes = [(slope - basis @ (basis.T @ slope)) * root for slope in slopes]
         scores = np.column_stack([np.vecdot(slope, left * root) for slope in slopes])
         inverse = np.linalg.pinv([[np.vdot(one, other) for other in slopes] for one in slopes])
+        # errors are correlated in time: independent from block to block alone (sandwich)
         blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, BLOCKS)])
         covariance = inverse @ (blocks.T @ blocks) @ inverse * BLOCKS / (BLOCKS - 1)
         return inverse @ scores.sum(axis=0), covariance
@@ -290,8 +303,9 @@ def sensor_delays(accelerations: ArrayLike, wrench: ArrayLike, rate_hz: float) -
     )
     delays: Array = np.full(count, alike.seconds * rate)
     for _ in range(SEARCHES):
-        for own in np.eye(count):
-            tried: list[Array] = [delays + step * own for step in SOUGHT_S * rate]
+        # one sensor at a time on a grid: Gauss–Newton alone might lead to another minimum
+        for direction in np.eye(count):
+            tried: list[Array] = [delays + step * direction for step in SOUGHT_S * rate]
             delays = min(tried, key=model.misfit)
     delays, covariance = without_step(model.gauss_newton, delays)
     errors = np.hypot(np.sqrt(np.diag(covariance)) / rate, MODEL_ERROR_S)

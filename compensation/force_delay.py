@@ -116,39 +116,46 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
         )
     step_s = float(np.median(np.diff(time)))
     _independent(np.isfinite(plate + motion).all(axis=1), step_s)
+    # the plates carry soft tissue too, which moves against the bones
     tissue = soft_tissue(motion, time)
-    wanted = motion + tissue
-    delay_s = step_s * _nearest_lag(plate, wanted, int(MAX_DELAY_S // step_s))
+    expected = motion + tissue
+    # whole frames first, then fractions by Gauss–Newton
+    delay_s = step_s * _nearest_lag(plate, expected, int(MAX_DELAY_S // step_s))
     scale, spline = np.full(3, np.inf), interpolant(time, plate)
-    wanted, tissue, seen_at = (x[np.isfinite(wanted).all(axis=1)] for x in (wanted, tissue, time))
+    expected, tissue, seen_at = (
+        x[np.isfinite(expected).all(axis=1)] for x in (expected, tissue, time)
+    )
 
     def plate_at(later_s: Array) -> Array:
         return spline(seen_at[:, None] + later_s)
 
     for _ in range(MAX_STEPS):
-        step, error_s, scale = _step(plate_at, wanted, tissue, step_s, delay_s, scale)
+        step, error_s, scale = _step(plate_at, expected, tissue, step_s, delay_s, scale)
+        # no farther than a frame at a time, where the slope of the force holds
         delay_s += float(np.clip(step, -step_s, step_s))
         if abs(step) < STEP_TOLERANCE * step_s or abs(delay_s) > MAX_DELAY_S - step_s:
             break
-    found = Delay(delay_s, error_s)
+    delay = Delay(delay_s, error_s)
     if abs(delay_s) > MAX_DELAY_S - step_s:
         raise ValueError(
             f"plates and markers agree nowhere within ±{1000 * MAX_DELAY_S:.0f} ms; "
             "are they of the same trial, in the same axes?"
         )
+    # a force that the motion explains well shows a delay through little change, too
     of_motion = np.sum(scale**2) < (1 - MIN_EXPLAINED) * np.sum(np.nanvar(plate, axis=0))
     most_s = MAX_UNCERTAINTY_OF_MOTION_S if of_motion else MAX_UNCERTAINTY_S
-    if not found.uncertainty <= most_s:
+    if not delay.uncertainty <= most_s:
         raise ValueError(
-            f"its 95 % interval would be ± {1000 * found.uncertainty:.1f} ms, more than "
+            f"its 95 % interval would be ± {1000 * delay.uncertainty:.1f} ms, more than "
             f"{1000 * most_s:.0f} ms: the force changes too little, or its axes disagree"
         )
-    return found
+    return delay
 
 
 def soft_tissue(motion_force: Array, time: Array) -> Array:
     """Give the force that soft tissue of usual mass adds to that of a rigid body, (T, 3) [N]."""
     known = np.isfinite(motion_force).all(axis=1)
+    # seen from the body, the tissue is driven by minus the body's acceleration
     drive = np.column_stack([-np.interp(time, time[known], axis) for axis in motion_force[known].T])
     _, added = oscillation(drive - drive[0], time, TISSUE_HZ, TISSUE_DAMPING)
     return TISSUE_SHARE * added
@@ -162,36 +169,40 @@ def _independent(used: Mask, step_s: float) -> float:
             f"more than {MIN_INDEPENDENT / INDEPENDENT_PER_S:.2g} s of frames without gaps are "
             f"needed, got {duration_s:.2g} s"
         )
+    # errors of a body model repeat with the stride: a longer recording has no more of them
     return INDEPENDENT_PER_S * min(duration_s, STRIDE_S)
 
 
-def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
+def _nearest_lag(plate: Array, expected: Array, reach: int) -> int:
     """Give the lag of the plates, in frames, at which forces (T, 3) agree best but for offsets."""
-    spreads, known = {}, np.count_nonzero(np.isfinite(plate + wanted).all(axis=1))
+    spreads, frames = {}, np.count_nonzero(np.isfinite(plate + expected).all(axis=1))
     for lag in sorted(range(-reach, reach + 1), key=abs):  # of those that agree alike, the shortest
         late = plate[max(lag, 0) : len(plate) + min(lag, 0)]
-        difference = late - wanted[max(-lag, 0) : len(wanted) - max(lag, 0)]
+        difference = late - expected[max(-lag, 0) : len(expected) - max(lag, 0)]
         difference = difference[np.isfinite(difference).all(axis=1)]
-        if 2 * len(difference) > known:
+        if 2 * len(difference) > frames:
             spreads[lag] = float(np.abs(difference - [*map(median_of, difference.T)]).mean())
     return min(spreads, key=spreads.__getitem__)
 
 
 def _step(
-    plate_at: Signal, wanted: Array, tissue: Array, step_s: float, delay_s: float, scale: Array
+    plate_at: Signal, expected: Array, tissue: Array, step_s: float, delay_s: float, scale: Array
 ) -> tuple[float, float, Array]:
     """Give how much later the plates are than `delay_s` says [s].
 
     With its standard error [s], and the size of what is left in each axis, (3,) [N], which the next
     step is given; infinite in the first.
     """
+    # the plates' force at the delay, and a hundredth of a frame to either side
     around = delay_s + SLOPE_STEP * step_s * np.array([-1.0, 0.0, 1.0])
     before, late, after = np.moveaxis(plate_at(around), 1, 0)
-    used = np.isfinite(before + late + after + wanted).all(axis=1)
+    used = np.isfinite(before + late + after + expected).all(axis=1)
     independent = _independent(used, step_s)
-    left = (wanted - late)[used]
-    columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -wanted[used]])
+    left = (expected - late)[used]
+    # derivatives of the difference by delay, amount of soft tissue and ratio of the forces
+    columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -expected[used]])
     left = left - [*map(median_of, left.T)]
+    # large errors count less (pseudo-Huber): heel strikes, other contacts
     weight = 1 / np.sqrt(1 + (left / scale) ** 2)
     # without the weighted mean over frames
     total = weight.sum(axis=0)
@@ -199,13 +210,17 @@ def _step(
     scale = _size(left) if np.isinf(scale).all() else scale
     per_frame = weight * independent / len(left) / np.maximum(scale, NOISE_FLOOR_N) ** 2
     flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
+    # ridge: what is usual of tissue and ratio is known beforehand
     covariance = np.linalg.inv(weighted @ flat.T + np.diag(USUAL**-2.0))
     size = covariance @ (weighted @ left.ravel())
     rest = left - (size @ flat).reshape(left.shape)
+    # what shows the delay alone, beside tissue and ratio
     alone = (covariance[0] / covariance[0, 0] @ flat).reshape(left.shape)
     of_axis = (alone**2 * per_frame).sum(axis=0)
     from_axis = (alone * rest * per_frame).sum(axis=0)
+    # axes that want different delays widen the interval: χ² of the axes, by two degrees
     disagreement = float(np.sum(from_axis**2 / np.maximum(of_axis, np.finfo(float).tiny))) / 2
+    # few independent errors: the variance of Student's t
     variance = covariance[0, 0] * independent / (independent - 2) * max(disagreement, 1.0)
     return float(size[0]), float(np.sqrt(variance)), _size(rest)
 
@@ -215,5 +230,6 @@ def _size(error: Array) -> Array:
 
     Halfway to that of all axes: one stride shows little of each axis by itself.
     """
+    # robust: median absolute deviation, between that of each axis and of all
     variance = np.square([1.4826 * median_of(each) for each in np.abs(error).T])
     return np.asarray(np.sqrt((variance + variance.mean()) / 2))

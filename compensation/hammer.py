@@ -109,14 +109,14 @@ def hammer_delay(
     contacts = _contacts(t_f, load)
     turns = [(contact, _sharpest_turn(t_m, height, contact)) for contact in contacts]
     delays = _enough([contact.centroid - turn for contact, turn in turns if turn is not None])
-    unknown: list[float] = []
+    gaps_s: list[float] = []
     for _ in range(REPETITIONS):
         delay = float(np.median(delays))
         impacts = (_impact(t_m, height, contact, delay) for contact in contacts)
-        found = [impact for impact in impacts if impact is not None]
-        delays, unknown = _enough([each for each, _ in found]), [each for _, each in found]
+        estimates = [impact for impact in impacts if impact is not None]
+        delays, gaps_s = _enough([each for each, _ in estimates]), [each for _, each in estimates]
     scatter = np.std(delays, ddof=1) / np.sqrt(len(delays))
-    error, freedom = float(np.hypot(scatter, np.mean(unknown))), len(delays) - 1
+    error, freedom = float(np.hypot(scatter, np.mean(gaps_s))), len(delays) - 1
     return Delay(float(np.mean(delays)), error, degrees_of_freedom=freedom)
 
 
@@ -149,16 +149,20 @@ class _Contact(NamedTuple):
 
 def _contacts(time: Array, force: Array) -> list[_Contact]:
     """Find contacts that follow no other one closely."""
+    # the hammer is off the plate most of the time: the median is the zero
     load = force - float(np.median(force))
     spread = SD_PER_MAD * float(np.median(np.abs(load)))
+    # contacts, apart by silence
     out = np.flatnonzero(np.abs(load) > ONSET_SD * spread)
     parts = np.split(out, np.flatnonzero(np.diff(time[out], prepend=-np.inf) > QUIET_S))[1:]
     begins = [-np.inf, *(float(time[part[0]]) for part in parts), np.inf]
     contacts = []
     for part, before, begin, after in zip(parts, begins, begins[1:], begins[2:], strict=False):
+        # the first sample below the onset on either side belongs to the contact
         rows = slice(max(part[0] - 1, 0), part[-1] + 2)
         end, impulse = float(time[part[-1]]), float(load[rows].sum())
         if begin - before > APART_S and end - begin < LONGEST_S and impulse > 0:
+            # centre of the impulse: what the marker's velocity changes by, as one instant
             centroid = float(np.sum(time[rows] * load[rows])) / impulse
             contacts.append(_Contact(begin, end, centroid, after))
     return contacts
@@ -167,11 +171,13 @@ def _contacts(time: Array, force: Array) -> list[_Contact]:
 def _sharpest_turn(time: Array, height: Array, contact: _Contact) -> float | None:
     """Give when the marker turns most sharply upwards near an impact, None where it does not."""
     turn = np.zeros(len(time))
+    # second difference over two samples: largest where the marker turns upwards
     turn[2:-2] = height[4:] - 2 * height[2:-2] + height[:-4]
     near = np.flatnonzero(np.abs(time - contact.centroid) <= WINDOW_S)
     if not len(near):
         return None
     sharpest = int(near[np.argmax(turn[near])])
+    # a minimum of the height, no mere bend of the path
     around = height[sharpest - 2 : sharpest + 3]
     if len(around) < 5 or not around[0] > around[2] <= around[4]:
         return None
@@ -186,21 +192,26 @@ def _impact(
     The latter is the standard error for what is unknown of the hand's acceleration within the
     contact [s]. None where the paths are too short.
     """
+    # the contact in the marker's time
     begin, end, middle, next_begin = (t - delay_s for t in contact)
     down = (time < begin - MARGIN_S) & (time >= begin - FLIGHT_S)
     up = (time > end + MARGIN_S) & (time <= min(end + FLIGHT_S, next_begin - MARGIN_S))
     if min(np.count_nonzero(down), np.count_nonzero(up)) < MIN_SAMPLES:
         return None
+    # free flight before and after: parabolas, continued into the contact
     fall, rise = (
         Polynomial.fit(time[part] - middle, height[part], 2).convert() for part in (down, up)
     )
     apart = rise - fall
+    # velocity and acceleration that the contact changes by
     kink, bend = float(apart.deriv()(0.0)), float(apart.deriv(2)(0.0))
     if kink <= 0:
         return None
     meets = 0.0
     for _ in range(NEWTON_STEPS):
+        # Newton's method for where both parabolas are at the same height
         meets -= float(apart(meets) / apart.deriv()(meets))
+    # error where accelerations differ: the impulse may lie anywhere in the contact (uniform)
     unknown_s = abs(bend) * (end - begin) ** 2 / 8 / kink / np.sqrt(3)
     return contact.centroid - (middle + meets), float(unknown_s)
 
@@ -236,6 +247,7 @@ def agreed_delay(hammer: Delay | None, motion: Delay | None) -> AgreedDelay | No
         return None if hammer is None else AgreedDelay(hammer, "hammer")
     if hammer is None:
         return AgreedDelay(motion, "motion")
+    # two 95 % intervals that do not meet
     apart_s = abs(hammer.seconds - motion.seconds)
     disagree = apart_s > hammer.uncertainty + motion.uncertainty
     if motion.uncertainty <= max(PRECISE_S, hammer.uncertainty):

@@ -127,6 +127,7 @@ def refuse_other_wrench_units(a: Array, w: Array) -> None:
     """Raise a ValueError where force by acceleration is no mass, or moment by force no lever."""
     force, moment = (np.linalg.norm(np.std(part, axis=0)) for part in (w[:, :3], w[:, 3:]))
     motion = np.linalg.norm(np.std(a.reshape(len(a), -1, 3).mean(axis=1), axis=0))
+    # force by acceleration is a mass [kg], moment by force a lever [m]: units show in both
     mass, arm = force / motion, moment / force
     if not MIN_MASS_KG < mass < MAX_MASS_KG:
         raise ValueError(

@@ -146,6 +146,7 @@ class PlateCalibration:
         [   0.    0. -800.    0.    0.    0.]
         """
         measured, rotation = np.asarray(wrench, float), np.asarray(rotation, float)
+        # to lab axes about the calibration's point, and the change back
         to_center = self.center - np.asarray(center, float)
         change = self._change(shift_wrench(rotate_wrench(measured, rotation), to_center))
         return np.asarray(measured + rotate_wrench(shift_wrench(change, -to_center), rotation.T))

@@ -68,11 +68,11 @@ class PlatformPose:
                 "platform rotation and position must have shape (frames, 3, 3) and (frames, 3), "
                 f"got {rotation.shape} and {position.shape}"
             )
-        seen = np.isfinite(rotation).all(axis=(1, 2))
-        if not np.array_equal(seen, np.isfinite(position).all(axis=1)):
+        is_known = np.isfinite(rotation).all(axis=(1, 2))
+        if not np.array_equal(is_known, np.isfinite(position).all(axis=1)):
             raise ValueError("platform rotation and position must have their gaps together")
-        product = rotation[seen] @ np.swapaxes(rotation[seen], 1, 2)
-        proper = (np.linalg.det(rotation[seen]) > 0).all()
+        product = rotation[is_known] @ np.swapaxes(rotation[is_known], 1, 2)
+        proper = (np.linalg.det(rotation[is_known]) > 0).all()
         if not (proper and np.allclose(product, np.eye(3), atol=ROTATION_TOLERANCE)):
             raise ValueError("platform rotation must hold proper rotations: RᵀR = 1 and det R = 1")
         object.__setattr__(self, "rotation", rotation)
@@ -131,6 +131,7 @@ def commanded_pose(sway: ArrayLike, pitch: ArrayLike, pivot: ArrayLike) -> Platf
             raise ValueError(
                 f"{name} reaches {largest:.3g}, expected at most {most} {unit}; is it in {unit}?"
             )
+    # p_lab = R (p − pivot) + pivot + sway
     rotation = rotation_about(LEFT, angle)
     return PlatformPose(rotation, y[:, None] * LEFT + point - rotation @ point)
 
@@ -249,16 +250,19 @@ def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> Plat
     >>> print(between.pitch.round(6), between.position.round(6) + 0.0)
     [0.05] [[0.    0.025 0.   ]]
     """
-    known = np.asarray(np.isfinite(pose.position).all(axis=1))
+    is_known = np.asarray(np.isfinite(pose.position).all(axis=1))
     vectors = np.full((len(pose.position), 6), np.nan)
-    turned = scipy.spatial.transform.Rotation.from_matrix(pose.rotation[known])
-    vectors[known, :3] = turned.as_rotvec()
+    # rotation vectors of small pitch are smooth: a spline through them stays near a rotation
+    turned = scipy.spatial.transform.Rotation.from_matrix(pose.rotation[is_known])
+    vectors[is_known, :3] = turned.as_rotvec()
     vectors[:, 3:] = pose.position
-    wanted = interpolate(time, vectors, at)
-    found = np.asarray(np.isfinite(wanted).all(axis=1))
-    rotation = np.full((len(wanted), 3, 3), np.nan)
-    rotation[found] = scipy.spatial.transform.Rotation.from_rotvec(wanted[found, :3]).as_matrix()
-    return PlatformPose(rotation, np.where(found[:, None], wanted[:, 3:], np.nan))
+    interpolated = interpolate(time, vectors, at)
+    inside = np.asarray(np.isfinite(interpolated).all(axis=1))
+    rotation = np.full((len(interpolated), 3, 3), np.nan)
+    rotation[inside] = scipy.spatial.transform.Rotation.from_rotvec(
+        interpolated[inside, :3]
+    ).as_matrix()
+    return PlatformPose(rotation, np.where(inside[:, None], interpolated[:, 3:], np.nan))
 
 
 MAX_REST_SD_M: Final = 0.005
@@ -380,9 +384,11 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
     seen = np.asarray(np.isfinite(position).all(axis=2))
     used = seen.copy()
     rotation, origin, error = _fit(position, reference, used)
+    # marker by marker, as long as one is off and three are left
     while len(bad := np.flatnonzero(_beyond(error, used, outlier_m) & (used.sum(axis=1) > 3))):
         used[bad] = _without_worst(position[bad], reference, used[bad])
         rotation[bad], origin[bad], error[bad] = _fit(position[bad], reference, used[bad])
+    # three markers that agree, and not in a line
     lost = (used.sum(axis=1) < 3) | _beyond(error, used, outlier_m)
     some = np.flatnonzero(~used.all(axis=1))
     lost[some] |= ~_spread(reference, used[some])
@@ -451,6 +457,7 @@ def _read_markers(markers: ArrayLike) -> Array:
 
 def _fit(position: Array, reference: Array, used: Mask) -> tuple[Array, Array, Array]:
     """Give rotation, origin and every marker's error; the identity in frames without markers."""
+    # least squares of rigid motion: about the centroids, then the origin (Procrustes)
     weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
     filled = np.where(np.isfinite(position), position, 0.0)
     center = np.einsum("tm,tmi->ti", weight, filled)
@@ -472,6 +479,7 @@ def _without_worst(position: Array, reference: Array, used: Mask) -> Mask:
     for m in range(used.shape[1]):
         others = used.copy()
         others[:, m] = False
+        # an outlier drags the pose along: leave out each in turn, keep the best fit of the rest
         error = np.where(others, _fit(position, reference, others)[2], 0.0)
         misfit[:, m] = np.where(used[:, m], np.sum(error**2, axis=1), np.inf)
     kept = used.copy()
@@ -483,6 +491,7 @@ def _spread(reference: Array, used: Mask) -> Mask:
     """Whether the used ones of markers (M, 3) spread in two directions, for used (T, M): (T,)."""
     weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
     apart = reference - (weight @ reference)[:, None]
+    # the second largest variance is that across the line that fits best
     variances = np.linalg.eigvalsh(np.einsum("tm,tmi,tmj->tij", weight, apart, apart))
     return np.asarray(variances[:, 1] > MIN_SPREAD_M**2)
 
@@ -566,6 +575,7 @@ def center_of_pressure(
     """
     fx, fy, fz, mx, my, _ = np.asarray(wrench, float).T
     loaded = fz > threshold_n
+    # M about the point is vertical there: x = (h Fx − My) / Fz, y = (h Fy + Mx) / Fz
     height = np.where(loaded, np.asarray(surface_height_m, float), np.nan)
     divisor = np.where(loaded, fz, np.nan)
     return np.array([(height * fx - my) / divisor, (height * fy + mx) / divisor, height]).T

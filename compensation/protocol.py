@@ -153,12 +153,14 @@ def platform_signal(
     ValueError
         If the machine is so slow that the added parts leave no random motion in the duration.
     """
+    # every signal has random numbers of its own: one does not depend on which others are drawn
     name = f"{kind}_{duration}s_{belt_speed:g}mps"
     rng = np.random.default_rng((seed, PLATFORM_KINDS.index(kind), duration))
     sway = Extent(USED_SHARE * limits.sway_m, limits.sway_m_per_s, limits.sway_m_per_s2)
     degrees = (USED_SHARE * limits.pitch_deg, limits.pitch_deg_per_s, limits.pitch_deg_per_s2)
     pitch = Extent(*(float(np.radians(value)) for value in degrees))
     square, constant = ((1.0, -1.0), HOLD_S), ((1.0, 0.5), CONSTANT_S)
+    # after the square wave straight from end to end
     turning_sway = np.concatenate([positions(*square, sway), positions((1.0, -1.0), 0.0, sway)])
     parts = {
         "square_sway": _in_column(0, turning_sway),
@@ -196,6 +198,7 @@ def belt_signal(kind: str, duration: int, seed: int, mean: float, limits: Machin
             f"the machine allows {limits.belt_m_per_s:g}"
         )
     rng = np.random.default_rng((seed, 100 + BELT_KINDS.index(kind), duration))
+    # as strong as the machine allows within the length of a pulse
     push = min(PULSE_MPS2, acceleration, USED_SHARE * reach / PULSE_S)
     parts = {
         "square": speeds(mean, (3.0, -3.0), HOLD_S, acceleration),
@@ -228,6 +231,7 @@ def _additions(kind: str, duration: int, parts: dict[str, Array], gap: Array) ->
 def _stretches(name: str, kind: str, duration: int, added: list[Array]) -> list[int]:
     """Count the samples of each stretch of random motion, which begins and ends gradually."""
     count = samples(duration)
+    # long signals keep their duration, short ones are as much longer as their additions
     if kind == "gaps" or duration == max(DURATIONS_S):
         count -= sum(map(len, added))
     if count < samples(2 * FADE_S) * (len(added) + 1):
@@ -370,6 +374,7 @@ def random_position(
 ) -> Array:
     """Draw (count,) positions from white acceleration of a standard deviation, without drift."""
     white = _white(rng, count, sd, most.acceleration)
+    # white acceleration, integrated twice; the high-pass takes out the drift of both integrals
     x = _high_passed(np.cumsum(np.cumsum(white)) / RATE_HZ**2, min_hz)
     x = _soft_clipped(x, most.range) * fade(count, FADE_S)
     return _scaled_down(_scaled_down(x, 1, most.speed), 2, most.acceleration)
@@ -400,12 +405,14 @@ def move(distance: float, speed: float, acceleration: float) -> Array:
     a sample that the duration lacks.
     """
     far = abs(distance)
+    # trapezoid of speed, or a triangle where the way is too short to reach the limit
     fastest = min(speed, float(np.sqrt(far * acceleration)))
     ramp_s = fastest / acceleration
     seconds = far / fastest + ramp_s
     count = int(np.ceil(seconds * RATE_HZ - ROUNDING_SAMPLES))
     after = np.linspace(0, seconds, count + 1)[1:]
     cruised = fastest * np.clip(after - ramp_s, 0, seconds - 2 * ramp_s)
+    # way while the speed changes: a t² / 2 from either end
     begun, ended = np.minimum(after, ramp_s), np.clip(seconds - after, 0, ramp_s)
     changing = acceleration / 2 * (begun**2 + ramp_s**2 - ended**2)
     return np.asarray(np.sign(distance) * (cruised + changing))
@@ -437,6 +444,7 @@ def fade(count: int, seconds: float) -> Array:
     """Give weights that rise from 0 to 1 and fall again, without a jump in speed."""
     at = np.arange(count) / RATE_HZ
     to_end = np.minimum(at, at[::-1]) / seconds
+    # half a period of a cosine at either end
     return (1 - np.cos(np.pi * np.minimum(to_end, 1))) / 2
 
 
@@ -453,6 +461,7 @@ def _high_passed(drifting: Array, cutoff_hz: float) -> Array:
 
 def _soft_clipped(x: Array, reach: float) -> Array:
     """Compress what exceeds a share of the reach smoothly, so that it stays within."""
+    # identity up to the knee, then a hyperbolic tangent of equal slope that ends at the reach
     knee = SOFT_CLIP_SHARE * reach
     beyond = np.maximum(np.abs(x) - knee, 0)
     return np.sign(x) * (

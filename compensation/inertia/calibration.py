@@ -115,6 +115,7 @@ class Calibration:
         """Plate -> mean force on it, of the plates that were loaded or not zeroed [N]."""
         loads_n = {}
         for name, model in self.in_use.items():
+            # the model at the mean acceleration is the mean wrench: of a zeroed, empty plate next to nothing
             k = len(model.acceleration_mean)  # differences have no mean
             mean = model.acceleration_mean @ model.gain[:k, :3] + model.gain[-1, :3]
             if (force_n := float(np.linalg.norm(mean))) > MIN_LOAD_N:
@@ -144,6 +145,7 @@ class Calibration:
         if self.correlation is None:
             blocks = (self.in_use[name].correlation for name in plates)
             return np.asarray(scipy.linalg.block_diag(*blocks))
+        # blocks of six rows and columns per plate
         order = list(self.plates)
         at = np.concatenate([6 * order.index(name) + np.arange(6) for name in plates])
         return np.asarray(self.correlation[np.ix_(at, at)])
@@ -204,6 +206,7 @@ calibration'; fit it again with 'hbm calibration fit'
     """
     document = read_document(text, OF, (RELEASED, VERSION), AGAIN)
     try:
+        # what that version did not write
         if document["version"] == RELEASED:
             document |= {"correlation": None, "sensors": [], "dynamic": {}}
             for plain in document["plates"].values():

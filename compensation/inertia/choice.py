@@ -74,10 +74,12 @@ def weigh_beside(
     }
 
     def left(samples: Sequence[tuple[Array, Array]], weight: float) -> Array:
+        # by parts to which the fit did not look, in all that is fitted and in slow bands
         error, *_ = left_of_held_out(samples, beside_weight=weight)
         bands = [low_pass(error, rate_hz, hz, "zero_phase") for hz in BANDS_HZ]
         return np.asarray(np.maximum(np.std([error, *bands], axis=1), MIN_LEFT))
 
+    # measure: what commanded motion alone leaves of its own held-out parts
     alone = [left(samples[:1], 1.0) for samples in of_plate.values()]
     before = ""
     for weight in BESIDE_WEIGHTS:
@@ -85,6 +87,7 @@ def weigh_beside(
         worse = np.max(of_alone, axis=1)
         if worse.max() <= MAX_WORSE:
             break
+        # the largest weight that no component is clearly worse by
         plate, component = np.unravel_index(worse.argmax(), worse.shape)
         before = (
             f"; with {weight:g}, {WRENCH_COMPONENTS[component]} of {list(plates)[plate]} left of "
@@ -151,6 +154,7 @@ def choose(
     for samples in of_plate.values():
         both = [(felt, wrench) for _, felt, wrench in samples]
         readings = [(felt[:, :k], wrench) for felt, wrench in both]
+        # static and dynamic model, fitted without each part in turn
         simple = left_of_held_out(readings, beside_weight=beside_weight)
         better = left_of_held_out(both, len(LAGS_S), beside_weight)
         for (recording, *_), *pair in zip(samples, simple, better, strict=True):
@@ -166,6 +170,7 @@ def choose(
                 beside_weight=beside_weight,
                 lags_s=LAGS_S,
             )
+    # recordings that no fit knows are judged as they are
     for recording, (_, plates) in enumerate(checks, len(trials)):
         for name, (felt, wrench) in plates.items():
             simple_left = static[name].compensate(felt[:, :k], wrench)
@@ -182,23 +187,25 @@ def _judged(left: Sequence[Sequence[Array]], files: Sequence[str]) -> tuple[bool
     From what static and dynamic model leave of each plate of each recording, (2, 2, 6): of all and
     below 6 Hz.
     """
-    shares, worse = [], list[str]()
+    fractions, worse = [], list[str]()
     for file, plates in zip(files, left, strict=True):
         if not plates:
             continue
         sizes = np.array(plates)
+        # RMS over components and plates, each by its limit
         of_static, of_dynamic = np.sqrt(np.mean((sizes[:, :, 0] / MAX_LEFT) ** 2, axis=(0, 2)))
-        shares.append(of_dynamic / max(of_static, np.finfo(float).tiny))
+        fractions.append(of_dynamic / max(of_static, np.finfo(float).tiny))
+        # what is far below its limit may be worse
         limit = MAX_WORSE * np.maximum(sizes[:, 0], NEGLIGIBLE_SHARE * MAX_LEFT)
         more = np.any(sizes[:, 1] > limit, axis=(0, 1))
         worse += [f"{WRENCH_COMPONENTS[c]} of {file}" for c in np.flatnonzero(more)]
-    share = float(np.mean(shares))
-    reason = f"of what was not fitted, the dynamic one leaves {share:.2f} of the static one's"
+    fraction = float(np.mean(fractions))
+    reason = f"of what was not fitted, the dynamic one leaves {fraction:.2f} of the static one's"
     if worse:
         return False, f"{reason}, but more of {', '.join(worse)}"
-    if share <= MAX_SHARE and len(shares) == 1:
+    if fraction <= MAX_SHARE and len(fractions) == 1:
         reason += (
             ", but in one kind of motion; recordings of people beside an empty plate (--beside, "
             "--check) show others"
         )
-    return share <= MAX_SHARE and len(shares) > 1, reason
+    return fraction <= MAX_SHARE and len(fractions) > 1, reason

@@ -208,6 +208,7 @@ def fit_trials(
         refuse_unequal(accelerations=one, wrench=other)
     felt, w = (np.vstack(both) for both in zip(*read, strict=True))
     n, channels = felt.shape
+    # readings first, then their differences lag by lag
     k = channels // (1 + len(lags_s))
     a, sensors = felt[:, :k], sensor_names(setup, k)
     if k * (1 + len(lags_s)) != channels:
@@ -238,6 +239,7 @@ def fit_trials(
             f"channel, or 0, got {noise}"
         )
 
+    # each recording has a zero of its own: about its means, gains do not see it
     counts = np.array([len(one) for one, _ in read])
     ends = np.cumsum(counts)[:-1]
     felt_mean = np.array([one.mean(axis=0) for one, _ in read])
@@ -245,17 +247,22 @@ def fit_trials(
     mean = felt_mean.mean(axis=0)
     weight, u, s, directions = _decomposed([x for x, _ in read], len(lags_s), beside_weight, noise)
     root = np.sqrt(weight)[:, None]
+    # errors in variables: noise adds 1 to the square of each scaled singular value
     noisy = np.where(noise.any() & (s**2 > 1 + MIN_SIGNAL_TO_NOISE), 1.0, 0.0)  # of each direction
+    # least squares by a singular value decomposition: normal equations square the condition
     slopes = (s / (s**2 - noisy))[:, None] * (u.T @ (root * w))
+    # from directions back to channels, with the constant at zero acceleration
     to_gain = np.block([[directions, np.zeros((channels, 1))], [-mean @ directions, np.ones(1)]])
     gain = to_gain @ np.vstack([slopes, wrench_mean.mean(axis=0)])
     zeros = wrench_mean - felt_mean @ gain[:-1]
     residual = w - (gain[:-1].T @ felt.T).T - _repeated(zeros, counts)
 
+    # recordings weigh alike in the constant
     one_of_each = np.repeat(n / (len(read) * counts), counts)
     design = np.column_stack([root * u * s, one_of_each])
     share = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
     blocks = pairwise(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))
+    # covariance of the gains by the sandwich, from sums over blocks: errors in time are correlated
     scores = np.stack(
         [design[i:j].T @ residual[i:j] + weight[i:j].sum() * share for i, j in blocks]
     )
@@ -337,15 +344,18 @@ def _decomposed(
     units of their noise or standard deviation, and directions (K, r) by which gains follow.
     """
     counts = np.array([len(x) for x in felt])
+    # the first recording is commanded motion; weights sum to the number of samples
     of_each = np.where(np.arange(len(felt)) == 0, 1.0, beside_weight)
     n, weight = counts.sum(), np.repeat(of_each * counts.sum() / (of_each @ counts), counts)
     a = np.vstack(felt)
     centred = a - _repeated(np.array([x.mean(axis=0) for x in felt]), counts)
     size = noise if noise.any() else np.std(a, axis=0)
     penalty, k = np.zeros(a.shape[1]), a.shape[1] // (1 + lags)
+    # ridge on the gains of differences: they follow only motion that differs by more
     penalty[k:] = DIFFERENCE_SD_MPS2[min(k // 3, len(DIFFERENCE_SD_MPS2)) - 1]
     scale = np.hypot(size, penalty) * np.sqrt(n)
     rows = np.sqrt(weight)[:, None] * (centred / scale)
+    # a penalty is one more row of the design for each channel
     rows = np.vstack([rows, np.diag(penalty * np.sqrt(n) / scale)[k:]])
     u, s, vt = np.linalg.svd(rows, full_matrices=False)
     rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
@@ -360,15 +370,16 @@ def _held_out(orthonormal: Sequence[Array], wrench: Sequence[Array], noise: Arra
     """
     right = np.sum([u.T @ w for u, w in zip(orthonormal, wrench, strict=True)], axis=0)
     count = sum(map(len, wrench))
-    found = []
+    errors = []
     for u, w in zip(orthonormal, wrench, strict=True):
-        left = np.empty_like(w)
+        error = np.empty_like(w)
         for i, j in pairwise(np.linspace(0, len(w), HELD_OUT_PARTS + 1).astype(int)):
+            # normal matrix without the part: 1 − Uᵀ U of orthonormal columns; no new decomposition
             rest = np.diag(1 - noise * (count - (j - i)) / count) - u[i:j].T @ u[i:j]
             slopes = np.linalg.pinv(rest, MIN_LEFT_SHARE, hermitian=True)
-            left[i:j] = w[i:j] - u[i:j] @ (slopes @ (right - u[i:j].T @ w[i:j]))
-        found.append(left)
-    return found
+            error[i:j] = w[i:j] - u[i:j] @ (slopes @ (right - u[i:j].T @ w[i:j]))
+        errors.append(error)
+    return errors
 
 
 def dynamic_channels(
@@ -390,6 +401,7 @@ def dynamic_channels(
     a = np.asarray(accelerations, float)
     channels = [a]
     for lag_s in lags_s:
+        # second difference over a lag: what a platform that bends adds to its rigid motion
         step = max(round(lag_s * rate_hz), 1)
         difference = np.zeros_like(a)  # in memory as the readings are
         if 2 * step < len(a):

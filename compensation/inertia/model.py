@@ -257,12 +257,14 @@ class InertiaModel:
         variance = np.full((len(a), 6), np.nan)
         if known.any():
             x = self._design(a[known])
+            # xᵀ C x of each component: uncertainty of the gains
             variance[known] = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], 1)
         error = self.model_error
         if error is None:
             noise = np.asarray(self.rms_slow if slow else self.sigma)
             return np.asarray(np.sqrt(variance + noise**2))
         rate = rate_hz or (self.setup.rate_hz if self.setup is not None else 1.0)
+        # and what no gain explains, by how the platform moves
         variance += error.variance(a[:, : len(self.sensor_noise)], rate, slow, belts_mps)
         return np.asarray(np.sqrt(variance + (error.zero**2 if zero else 0.0)))
 

@@ -152,12 +152,14 @@ class ModelError:
         """
         a = np.asarray(accelerations, float)
         fastest = self.fastest_mps or 0.0
+        # where the belts' speed is unknown, that of the calibration's fastest recording
         speed = np.asarray(fastest if belts_mps is None else belts_mps, float)
         terms = _belt_terms(np.where(np.isnan(speed), fastest, speed))
         floor = self.floor[int(slow)] + terms @ self.per_belts[int(slow)]
         known = np.isfinite(a).all(axis=1)
         if not len(self.directions):
             return np.where(known[:, None], floor, np.nan)
+        # variance in proportion to the energy of motion in each direction and band
         energy = _smooth(self.motion(a, rate_hz) ** 2, rate_hz)
         return np.asarray(energy @ self.per_energy[int(slow)] + floor)
 
@@ -240,6 +242,7 @@ def fit_model_error(
         return _smooth(values**2, rate_hz)[step // 2 :: step]
 
     energies = [averaged(_turned(band, directions)) for band in bands]
+    # terms of belts only where recordings tell them apart
     running = speeds[speeds > RUNNING_MPS]
     several = running.max(initial=0.0) > MIN_FASTER * running.min(initial=np.inf)
     shown = [len(running) < len(speeds), bool(several)]  # whether recordings tell each term apart
@@ -248,6 +251,7 @@ def fit_model_error(
         np.column_stack([energy, np.tile([*terms, 1.0], (len(energy), 1))])
         for energy, terms in zip(energies, of_belts, strict=True)
     ]
+    # an energy that hardly varies cannot be told from the constant
     together = np.vstack(designs)
     changing = together.std(axis=0) > MIN_VARIATION * together.mean(axis=0)
     changing[-3:] = True  # belts and constant
@@ -256,6 +260,7 @@ def fit_model_error(
         [_not_negative(designs, [averaged(part) for part in side]) for side in (unseen, left_slow)]
     )
     if speeds.any():  # the factor of the variance that grows with speed: few recordings show it
+        # effective number of recordings with unbalanced rollers, as of weights
         recordings = np.sum(speeds**4) ** 2 / np.sum(speeds**8)
         factors[:, -2 if several else -3] *= widening(BELT_DEGREES * recordings) ** 2
     energies_and_belts = factors[:, :-3], factors[:, -1], np.array(zero), factors[:, -3:-1]
@@ -298,12 +303,14 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     array([0.71, 0.71, 0.71, 0.35, 0.35, 0.35])
     """
     zeros = np.asarray(zeros, float)
+    # a trial's zero differs by its own scatter, and by the error of the calibration's mean
     both = np.sqrt(1 + 1 / len(zeros))
     if len(zeros) == 1 or stated is not None:
         sd = np.broadcast_to(np.asarray(ZERO_SD if stated is None else stated, float), (6,))
         if not np.all(np.isfinite(sd) & (sd >= 0)):
             raise ValueError(f"zero_sd must be 0 or positive, got {sd}")
         return np.asarray(both * sd)
+    # variances shrink to the mean of three forces or moments, and that to the assumed one
     squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0)
     alike = np.repeat(squares.reshape(2, 3).sum(axis=1), 3)
     degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
@@ -357,6 +364,7 @@ def _bands(moved: Array, rate_hz: float) -> list[Array]:
 def _below(moved: Array, rate_hz: float, edge_hz: float) -> Array:
     if edge_hz >= rate_hz / 2 or len(moved) * edge_hz < rate_hz or len(moved) < 2:
         return moved
+    # gaps and short parts have no slow part: they stay whole in one band
     slow = low_pass(moved, rate_hz, edge_hz, "zero_phase")
     return np.where(np.isnan(slow), moved, slow)
 
@@ -365,6 +373,7 @@ def _directions(recordings: Sequence[Array]) -> Array:
     """Give the principal directions of a band, (k, k), all recordings counting alike."""
     squares = [part.T @ part for part in recordings]
     traces = [max(float(np.trace(square)), np.finfo(float).tiny) for square in squares]
+    # each recording by its own energy, so that long or strong ones do not decide
     alike = np.sum([s / trace for s, trace in zip(squares, traces, strict=True)], axis=0)
     return np.asarray(np.linalg.eigh(alike)[1])
 
@@ -380,6 +389,7 @@ def _smooth(squares: Array, rate_hz: float) -> Array:
     count = max(round(SMOOTHING_S * rate_hz), 1)
     known = np.isfinite(squares).all(axis=1, keepdims=True)
     filled = np.where(known, squares, 0.0)
+    # mean over the known samples of the window: sum by the part that is known
     total, share = (
         scipy.ndimage.uniform_filter1d(x.T, count, mode="constant").T
         for x in (filled, known.astype(float))
@@ -402,10 +412,13 @@ def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:
         total = np.bincount(recording, square)
         for iteration in range(ITERATIONS):
             if iteration > ITERATIONS // 2:
+                # recordings whose squares are found too small gain weight
                 underrated = total / np.maximum(np.bincount(recording, expected), 1e-9 * total)
                 of_recording = of_recording * np.clip(underrated, 1, MAX_UNDERRATED) ** 2
+            # weights by the expectation: squares scatter in proportion to it
             least = np.maximum(MIN_EXPECTED_SHARE * square, MIN_OF_MEAN * square.mean())
             weight = np.sqrt(of_recording)[recording] / np.maximum(expected, least)
+            # variances add and cannot be negative
             solved, _ = scipy.optimize.nnls(scaled * weight[:, None], square * weight)
             expected = scaled @ solved
         factors[:, k] = solved / size

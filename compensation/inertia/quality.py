@@ -102,6 +102,7 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
     rows = []
     for k, name in enumerate(WRENCH_COMPONENTS):
         after, r_squared = float(model.rms_compensated[k]), float(model.r_squared[k])
+        # what the recording excited of the component, from R² = 1 − after² / excited²
         excited = after / np.sqrt(1 - r_squared) if r_squared < 1 else float(model.rms_measured[k])
         slow, limit = float(np.asarray(model.rms_slow)[k]), float(MAX_LEFT[k])
         rows.append(LeftOver(name, UNITS[k], float(excited), after, slow, limit, r_squared))
@@ -136,10 +137,10 @@ def refuse_unusable(plates: Mapping[str, InertiaModel]) -> None:
     ValueError: no calibration: the platform moved too little (accelerations vary by 0.10 m/s², \
 expected 0.2 or more); record the empty treadmill while it follows a calibration signal
     """
-    seen = []
+    faults = []
     moved = max(float(np.sqrt(np.diag(m.acceleration_covariance).max())) for m in plates.values())
     if moved < MIN_COMMANDED_MPS2:
-        seen.append(
+        faults.append(
             f"the platform moved too little (accelerations vary by {moved:.2f} m/s², expected "
             f"{MIN_COMMANDED_MPS2:g} or more)"
         )
@@ -147,14 +148,14 @@ expected 0.2 or more); record the empty treadmill while it follows a calibration
         unexplained = float(np.linalg.norm(model.sigma[:3]))
         if unexplained > MAX_UNEXPLAINED_N:
             mean = np.append(model.acceleration_mean, 1.0) @ model.gain[:, 2]
-            seen.append(
+            faults.append(
                 f"{name} was loaded or not in time with the accelerometers (they leave "
                 f"{unexplained:.0f} N unexplained, expected a few; mean vertical force "
                 f"{mean:.0f} N): was somebody on the boards?"
             )
-    if seen:
+    if faults:
         raise ValueError(
-            f"no calibration: {'; '.join(seen)}; record the empty treadmill while it follows a "
+            f"no calibration: {'; '.join(faults)}; record the empty treadmill while it follows a "
             "calibration signal"
         )
 
@@ -227,6 +228,7 @@ def check_another_day(
     new, setup = fit_inertia(a, w, model.setup), model.setup
     assert setup is not None  # that of a calibration states it
     refuse_unusable({"the plate": new})
+    # only what passes the filter of trials
     error, newly = (
         low_pass(each.compensate(a, w), setup.rate_hz, SLOW_HZ, "zero_phase")
         for each in (model, new)
@@ -234,8 +236,10 @@ def check_another_day(
     left, by_new, zero = error.std(axis=0), newly.std(axis=0), error.mean(axis=0)
     expected = model.uncertainty(a, slow=True, zero=False, belts_mps=belts_mps)
     rollers = MAX_ROLLERS * np.sqrt(np.mean(expected**2, axis=0))
+    # squares, since independent errors add so
     beyond = left**2 - by_new**2 > (MAX_GAIN * MAX_LEFT) ** 2
     beyond |= by_new > np.maximum(MAX_LEFT, rollers)
+    # standard error of the mean from means of blocks: errors in time are correlated
     means = [block.mean(axis=0) for block in np.array_split(error, BLOCKS)]
     usual = np.std(means, axis=0, ddof=1) / np.sqrt(BLOCKS)
     if model.model_error is not None:

@@ -128,11 +128,11 @@ def find_sensors(
         delays = [(d.seconds, d.standard_error) for d in sensor_delays(a, w, setup.rate_hz)]
     except ValueError:
         delays = []
-    found = []
+    sensors = []
     for k, name in enumerate(names):
         late, error = delays[k] if delays and np.isfinite(delays[k][1]) else (0.0, None)
-        found.append(Sensor(name, late, error, None if noise is None else float(noise[k])))
-    return tuple(found)
+        sensors.append(Sensor(name, late, error, None if noise is None else float(noise[k])))
+    return tuple(sensors)
 
 
 def noise_for_fit(sensors: tuple[Sensor, ...], accelerations: ArrayLike) -> Array | float:
@@ -142,6 +142,7 @@ def noise_for_fit(sensors: tuple[Sensor, ...], accelerations: ArrayLike) -> Arra
     moves as one rigid body, and what is left between them is noise.
     """
     a = read_table(accelerations, "accelerations", 3 * len(sensors))
+    # sway and pitch are five directions: only more channels than these show noise beside motion
     noise = np.array([sensor.noise_mps2 or 0.0 for sensor in sensors])
     if a.shape[1] <= RIGID_DIRECTIONS or not np.all(noise > 0):
         return 0.0
@@ -162,6 +163,7 @@ def sensor_noise_of(accelerations: Array) -> float:
     principal directions is noise, taken as equal in all channels. On a platform that also rolls,
     yaws or bends the estimate is too large.
     """
+    # smallest eigenvalues: directions that no rigid motion reaches
     variance = np.linalg.eigvalsh(np.cov(accelerations, rowvar=False))
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
@@ -228,8 +230,10 @@ def sensor_faults(
     """Give what `check_trial` finds as data: fault -> the values of its note."""
     a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
     names, readings = model.sensors, a.reshape(len(a), -1, 3)
+    # gravity in the median, whatever the motion
     size = np.median(np.linalg.norm(readings, axis=2), axis=0)
     still = (a == a[0]).all(axis=0)
+    # factor from gravity either way; a channel that never changes is dead too
     dead = np.abs(np.log(np.maximum(size, TINY) / GRAVITY_MPS2)) >= np.log(GRAVITY_FACTOR)
     dead |= still.reshape(-1, 3).any(axis=1) & ~still.all()
     faults = _faulty(model, a, readings, size, dead, range_g)
@@ -275,6 +279,7 @@ def _faulty(
         shares = {names[k]: clipped[k] for k in np.flatnonzero(clipped)}
         faults[SensorFault.CLIPPED] = {"shares": shares, "limit_mps2": limit}
     now, then = (mean.reshape(-1, 3) for mean in (a.mean(axis=0), model.acceleration_mean))
+    # mean readings are gravity in the sensor's axes: the angle is how far it was turned
     cosine = np.vecdot(now, then) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
     angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     if (angle > MIN_ROTATION_DEG).any():
@@ -288,6 +293,7 @@ def _faulty(
 def _swapped(model: InertiaModel, a: Array) -> tuple[str, str] | None:
     """Give two sensors that, exchanged, keep constant what the calibration kept; else None."""
     variance, directions = np.linalg.eigh(model.acceleration_covariance)
+    # combinations of channels that rigid motion keeps constant: exchanged sensors violate them
     constant = variance < CONSTRAINT_MPS2**2
     if not constant.any():
         return None
@@ -317,9 +323,11 @@ def _noise(readings: Array, rate_hz: float, setup: Setup) -> Array | None:
         return None
     frequency, density = scipy.signal.welch(readings, rate_hz, nperseg=length, axis=0)
     inside = (frequency > low) & (frequency < high)
+    # one-sided density times half the rate
     white = np.median(density[inside], axis=0) * rate_hz / 2  # variance per sample
     impulse = np.zeros(4 * length)
     impulse[2 * length] = 1.0
+    # energy of the filter's impulse response: the part of white noise that passes
     passed = float(np.sum(setup.low_pass(impulse, rate_hz) ** 2))
     found: Array = np.sqrt(passed * white.reshape(-1, 3).mean(axis=1))
     return found
