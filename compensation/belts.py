@@ -8,24 +8,16 @@ import scipy
 from numpy.typing import ArrayLike
 
 from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.spatial import Array, freeze_arrays
 
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "belts")
+
 SETTLING_SAMPLES: Final = 100
 """At the start of a trial, which depend on the belt's motion before; 1 s at 100 Hz."""
-MIN_SAMPLES: Final = 1000
-"""10 s at 100 Hz; fewer do not determine five coefficients and their poles."""
-MAX_REFLECTION: Final = 0.9
-"""Largest reflection coefficient of a fit: keeps the poles well inside the unit circle."""
 START_GRID: Final = np.linspace(-0.8, 0.8, 5)
 """Reflection coefficients from which the fit starts; the error has several minima."""
-REFINED_STARTS: Final = 3
-"""Best starts of the grid that are refined; more find the same minimum."""
-MAX_SPEED_MPS: Final = 10.0
-"""No treadmill's belt is faster: larger numbers are mm/s or km/h."""
-MIN_MOMENT_PER_ACCELERATION: Final = 0.05
-MAX_MOMENT_PER_ACCELERATION: Final = 500.0
-"""N·m per m/s²; some 5 on a GRAIL. Moments in N·mm and accelerations in mm/s² are outside."""
 State = tuple[float, float]
 
 
@@ -63,10 +55,10 @@ def belt_acceleration(
     v = read_signal(speed, "belt speed")
     if len(v) < 2:
         raise ValueError("belt speed has 1 sample; an acceleration needs at least 2")
-    if np.max(np.abs(v)) > MAX_SPEED_MPS:
+    if np.max(np.abs(v)) > LIMITS.largest_speed:
         raise ValueError(
-            f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, expected below {MAX_SPEED_MPS:g}; "
-            "is it in m/s?"
+            f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, "
+            f"expected below {LIMITS.largest_speed:g}; is it in m/s?"
         )
     return low_pass(np.gradient(v, 1 / read_rate(rate_hz)), rate_hz, cutoff_hz, method)
 
@@ -214,15 +206,17 @@ def fit_belt(belt_acceleration: ArrayLike, pitch_moment: ArrayLike, advance: int
     a = read_signal(belt_acceleration, "belt acceleration")
     moment = read_signal(pitch_moment, "pitch moment")
     refuse_unequal(belt_acceleration=a, pitch_moment=moment)
-    if len(a) < MIN_SAMPLES:
-        raise ValueError(f"{len(a)} samples are too few to fit a belt model, give {MIN_SAMPLES}")
+    if len(a) < LIMITS.least_samples:
+        raise ValueError(
+            f"{len(a)} samples are too few to fit a belt model, give {LIMITS.least_samples}"
+        )
     refuse_constant(a[:, None], "belt acceleration", ("its only channel",))
     refuse_constant(moment[:, None], "pitch moment", ("its only channel",))
     ratio = float(np.std(moment) / np.std(a))
-    if not MIN_MOMENT_PER_ACCELERATION < ratio < MAX_MOMENT_PER_ACCELERATION:
+    if not LIMITS.least_moment < ratio < LIMITS.largest_moment:
         raise ValueError(
             f"pitch moment by belt acceleration is {ratio:.3g} N·m per m/s², expected "
-            f"{MIN_MOMENT_PER_ACCELERATION:g} to {MAX_MOMENT_PER_ACCELERATION:g}; the moment must "
+            f"{LIMITS.least_moment:g} to {LIMITS.largest_moment:g}; the moment must "
             "be in N·m, the acceleration in m/s²"
         )
     if advance < 0:
@@ -232,7 +226,8 @@ def fit_belt(belt_acceleration: ArrayLike, pitch_moment: ArrayLike, advance: int
     # the output error has several minima: a grid of poles, with the best numerator for each
     starts = [_best_numerator(k1, k2, ahead, moment) for k1 in START_GRID for k2 in START_GRID]
     starts.sort(key=lambda start: start[0])
-    fits = [_refine(start, ahead, moment) for _, start in starts[:REFINED_STARTS]]
+    # more than three starts find the same minimum
+    fits = [_refine(start, ahead, moment) for _, start in starts[:3]]
     best = min(fits, key=lambda fit: float(fit.cost))
     theta = _theta(best.x)
     # quality of the free-running model, as `predict` will be used
@@ -291,7 +286,8 @@ def _refine(start: Array, a: Array, moment: Array) -> "scipy.optimize.OptimizeRe
         by_kappa_2 = by_theta[:, 0] * x[0] + by_theta[:, 1]
         return np.column_stack([by_kappa_1, by_kappa_2, by_theta[:, 2:]])
 
-    bound = np.array([MAX_REFLECTION] * 2 + [np.inf] * 3)
+    # poles well inside the unit circle
+    bound = np.array([0.9] * 2 + [np.inf] * 3)
     return scipy.optimize.least_squares(
         error, start, jac=jacobian, bounds=(-bound, bound), x_scale="jac"
     )
@@ -299,8 +295,6 @@ def _refine(start: Array, a: Array, moment: Array) -> "scipy.optimize.OptimizeRe
 
 MIN_SPLINE_SAMPLES: Final = 10
 """Fewer hold no frequencies to tell signal from noise by."""
-GRID: Final = np.linspace(-8, 12, 201)
-"""Powers of ten of the smoothing about that which passes half of the spectrum; steps of 0.1."""
 
 
 def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
@@ -363,7 +357,8 @@ def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
         return float(np.log(np.sum((removed * amplitude) ** 2)) - 2 * np.log(removed.mean()))
 
     middle = -3 * np.log10(rate)  # where half of the spectrum is smoothed, whatever the rate
-    grid = middle + GRID
+    # powers of ten of the smoothing, in steps of 0.1
+    grid = middle + np.linspace(-8, 12, 201)
     nearest = grid[int(np.argmin([score(log_p) for log_p in grid]))]
     bounds = nearest - 0.1, nearest + 0.1
     best = scipy.optimize.minimize_scalar(score, bounds=bounds, method="bounded")

@@ -8,9 +8,6 @@ import numpy as np
 
 from hbm.spelling import printable, shown
 
-MAX_REASON = 300
-"""Characters of what is wrong, which names what the file holds."""
-
 
 def write_document(of: str, version: int, **parts: Any) -> str:
     """Write the parts of a calibration of something as JSON text; arrays become lists."""
@@ -44,5 +41,6 @@ def read_document(text: str, of: str, versions: Sequence[int], again: str) -> di
 
 def damaged(of: str, error: Exception, again: str) -> ValueError:
     """Give the error of a document whose parts do not make a calibration."""
-    reason = printable(str(error))[:MAX_REASON]
+    # a reason names what the file holds, which may be long
+    reason = printable(str(error))[:300]
     return ValueError(f"the {of} calibration is damaged: {reason}; {again}")

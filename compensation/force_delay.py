@@ -6,46 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.delay import Delay
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import oscillation
 from hbm.signals.resampling import Signal, interpolant
 from hbm.signals.samples import median_of
 from hbm.spatial import Array, Mask
 
-MAX_DELAY_S: Final = 0.15
-"""Delays are sought up to this, either way; walking repeats itself every half second."""
-MAX_UNCERTAINTY_S: Final = 0.010
-"""Half of the 95 % interval above which a delay is not determined: the usual size of delays, and so
-wide an interval as forces have of which the motion explains only half of the variance."""
-MAX_UNCERTAINTY_OF_MOTION_S: Final = 0.015
-"""The same where the motion explains more than half of it, as in two steps over plates."""
-MIN_EXPLAINED: Final = 0.5
-NOISE_FLOOR_N: Final = 1.0
-"""Of the force in each axis: no body model is better."""
-INDEPENDENT_PER_S: Final = 12.0
-"""Independent errors of a body model in a second: it errs up to about 6 Hz."""
-STRIDE_S: Final = 1.1
-"""Errors of a body model repeat in every stride, so that a longer recording has no more of them."""
-MIN_INDEPENDENT: Final = 4.0
-"""Independent errors of each axis, two of which offset and delay take."""
-TISSUE_HZ: Final = 4.5
-TISSUE_DAMPING: Final = 0.5
-TISSUE_SHARE: Final = 0.125
-TISSUE_DEVIATION: Final = 0.5
-"""Soft tissue that oscillates against the bones, as one mass: natural frequency, damping ratio, its
-share of body mass, and one standard deviation as part of that share (assumed). The share is that of
-the viscera (Minetti and Belli 1994, J Biomech 27:97). Trunks of standing people are in resonance at
-4 to 6 Hz (Matsumoto and Griffin 1998, J Sound Vib 212:85), and oscillate at 3.8 Hz in a model of
-running (Liu and Nigg 2000, J Biomech 33:219)."""
-GAIN_DEVIATION: Final = 0.03
-"""Of the ratio of both forces: of body mass and of the plates' gain."""
-USUAL: Final = np.array([1.0, TISSUE_DEVIATION, GAIN_DEVIATION])
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "force_delay")
+
+USUAL: Final = np.array([1.0, LIMITS.tissue_deviation, LIMITS.gain_deviation])
 """One standard deviation before the forces are looked at: of the delay [s], so large that they
 alone determine it, of soft tissue and of the ratio."""
-MAX_STEPS: Final = 50
-STEP_TOLERANCE: Final = 1e-6
-"""Last step of the delay, in samples."""
-SLOPE_STEP: Final = 0.01
-"""Of a sample, either way, over which the slope of the plates' force is taken."""
 
 
 def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: ArrayLike) -> Delay:
@@ -72,9 +43,8 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     ------
     ValueError
         If the arrays do not fit, if there are too few frames, if the best agreement is not within
-        ``MAX_DELAY_S``, or if the 95 % interval is wider than ± ``MAX_UNCERTAINTY_S``, or
-        ± ``MAX_UNCERTAINTY_OF_MOTION_S`` where the motion explains most of the force: too little
-        motion, or axes that disagree.
+        ± 150 ms, or if the 95 % interval is wider than ± 10 ms, or ± 15 ms where the motion
+        explains most of the force: too little motion, or axes that disagree.
 
     Notes
     -----
@@ -120,7 +90,7 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     tissue = soft_tissue(motion, time)
     expected = motion + tissue
     # whole frames first, then fractions by Gauss–Newton
-    delay_s = step_s * _nearest_lag(plate, expected, int(MAX_DELAY_S // step_s))
+    delay_s = step_s * _nearest_lag(plate, expected, int(LIMITS.longest // step_s))
     scale, spline = np.full(3, np.inf), interpolant(time, plate)
     expected, tissue, seen_at = (
         x[np.isfinite(expected).all(axis=1)] for x in (expected, tissue, time)
@@ -129,21 +99,21 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     def plate_at(later_s: Array) -> Array:
         return spline(seen_at[:, None] + later_s)
 
-    for _ in range(MAX_STEPS):
+    for _ in range(50):
         step, error_s, scale = _step(plate_at, expected, tissue, step_s, delay_s, scale)
         # no farther than a frame at a time, where the slope of the force holds
         delay_s += float(np.clip(step, -step_s, step_s))
-        if abs(step) < STEP_TOLERANCE * step_s or abs(delay_s) > MAX_DELAY_S - step_s:
+        if abs(step) < 1e-6 * step_s or abs(delay_s) > LIMITS.longest - step_s:
             break
     delay = Delay(delay_s, error_s)
-    if abs(delay_s) > MAX_DELAY_S - step_s:
+    if abs(delay_s) > LIMITS.longest - step_s:
         raise ValueError(
-            f"plates and markers agree nowhere within ±{1000 * MAX_DELAY_S:.0f} ms; "
+            f"plates and markers agree nowhere within ±{1000 * LIMITS.longest:.0f} ms; "
             "are they of the same trial, in the same axes?"
         )
     # a force that the motion explains well shows a delay through little change, too
-    of_motion = np.sum(scale**2) < (1 - MIN_EXPLAINED) * np.sum(np.nanvar(plate, axis=0))
-    most_s = MAX_UNCERTAINTY_OF_MOTION_S if of_motion else MAX_UNCERTAINTY_S
+    of_motion = np.sum(scale**2) < (1 - LIMITS.least_explained) * np.sum(np.nanvar(plate, axis=0))
+    most_s = LIMITS.largest_uncertainty_of_motion if of_motion else LIMITS.largest_uncertainty
     if not delay.uncertainty <= most_s:
         raise ValueError(
             f"its 95 % interval would be ± {1000 * delay.uncertainty:.1f} ms, more than "
@@ -157,20 +127,20 @@ def soft_tissue(motion_force: Array, time: Array) -> Array:
     known = np.isfinite(motion_force).all(axis=1)
     # seen from the body, the tissue is driven by minus the body's acceleration
     drive = np.column_stack([-np.interp(time, time[known], axis) for axis in motion_force[known].T])
-    _, added = oscillation(drive - drive[0], time, TISSUE_HZ, TISSUE_DAMPING)
-    return TISSUE_SHARE * added
+    _, added = oscillation(drive - drive[0], time, LIMITS.tissue_frequency, LIMITS.tissue_damping)
+    return LIMITS.tissue_mass * added
 
 
 def _independent(used: Mask, step_s: float) -> float:
     """Give how many independent errors the frames that are used have, (T,); refuse too few."""
     duration_s = np.count_nonzero(used) * step_s
-    if duration_s * INDEPENDENT_PER_S <= MIN_INDEPENDENT:
+    if duration_s * LIMITS.independent_rate <= LIMITS.least_independent:
         raise ValueError(
-            f"more than {MIN_INDEPENDENT / INDEPENDENT_PER_S:.2g} s of frames without gaps are "
-            f"needed, got {duration_s:.2g} s"
+            f"more than {LIMITS.least_independent / LIMITS.independent_rate:.2g} s of frames "
+            f"without gaps are needed, got {duration_s:.2g} s"
         )
     # errors of a body model repeat with the stride: a longer recording has no more of them
-    return INDEPENDENT_PER_S * min(duration_s, STRIDE_S)
+    return LIMITS.independent_rate * min(duration_s, LIMITS.stride)
 
 
 def _nearest_lag(plate: Array, expected: Array, reach: int) -> int:
@@ -194,7 +164,7 @@ def _step(
     step is given; infinite in the first.
     """
     # the plates' force at the delay, and a hundredth of a frame to either side
-    around = delay_s + SLOPE_STEP * step_s * np.array([-1.0, 0.0, 1.0])
+    around = delay_s + 0.01 * step_s * np.array([-1.0, 0.0, 1.0])
     before, late, after = np.moveaxis(plate_at(around), 1, 0)
     used = np.isfinite(before + late + after + expected).all(axis=1)
     independent = _independent(used, step_s)
@@ -208,7 +178,7 @@ def _step(
     total = weight.sum(axis=0)
     left, columns = (x - (weight * x).sum(-2, keepdims=True) / total for x in (left, columns))
     scale = _size(left) if np.isinf(scale).all() else scale
-    per_frame = weight * independent / len(left) / np.maximum(scale, NOISE_FLOOR_N) ** 2
+    per_frame = weight * independent / len(left) / np.maximum(scale, LIMITS.noise_floor) ** 2
     flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
     # ridge: what is usual of tissue and ratio is known beforehand
     covariance = np.linalg.inv(weighted @ flat.T + np.diag(USUAL**-2.0))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from compensation.delay import Delay, estimate_delay
 from compensation.inputs import read_rate, read_signal, refuse_gaps, refuse_unequal
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.resampling import interpolate
 from hbm.spatial import (
     GRAVITY_MPS2,
@@ -25,18 +26,10 @@ from hbm.spatial import (
     transform_wrench,
 )
 
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "platform")
+
 LEFT: Final = read_only([0.0, 1.0, 0.0])
 """The lab's left axis, along which the platform sways and about which it pitches."""
-MAX_SWAY_M: Final = 1.0
-"""No platform moves farther sideways: larger numbers are millimetres."""
-MAX_PITCH_RAD: Final = 0.8
-"""46°; no platform pitches farther: larger numbers are degrees."""
-MAX_PIVOT_M: Final = 10.0
-"""No pitch axis is farther from the lab's origin: larger numbers are millimetres."""
-MIN_MOTION: Final = 1e-3
-"""Range of a command, in metres or radians, below which it shows no delay."""
-ROTATION_TOLERANCE: Final = 1e-6
-"""Of ``RᵀR = 1``: the error of rotations that went through text with seven digits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +66,8 @@ class PlatformPose:
             raise ValueError("platform rotation and position must have their gaps together")
         product = rotation[is_known] @ np.swapaxes(rotation[is_known], 1, 2)
         proper = (np.linalg.det(rotation[is_known]) > 0).all()
-        if not (proper and np.allclose(product, np.eye(3), atol=ROTATION_TOLERANCE)):
+        # rotations that went through text with seven digits
+        if not (proper and np.allclose(product, np.eye(3), atol=1e-6)):
             raise ValueError("platform rotation must hold proper rotations: RᵀR = 1 and det R = 1")
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "position", position)
@@ -123,9 +117,9 @@ def commanded_pose(sway: ArrayLike, pitch: ArrayLike, pivot: ArrayLike) -> Platf
     y, angle = read_signal(sway, "sway"), read_signal(pitch, "pitch")
     refuse_unequal(sway=y, pitch=angle)
     point = np.asarray(pivot, float)
-    if point.shape != (3,) or not np.all(np.abs(point) < MAX_PIVOT_M):
+    if point.shape != (3,) or not np.all(np.abs(point) < LIMITS.farthest_pivot):
         raise ValueError(f"pivot must be one point in metres, (3,), got {point}")
-    limits = (("sway", y, MAX_SWAY_M, "m"), ("pitch", angle, MAX_PITCH_RAD, "rad"))
+    limits = (("sway", y, LIMITS.largest_sway, "m"), ("pitch", angle, LIMITS.largest_pitch, "rad"))
     for name, values, most, unit in limits:
         if (largest := np.max(np.abs(values))) > most:
             raise ValueError(
@@ -166,7 +160,7 @@ def pose_delay(commanded: PlatformPose, measured: PlatformPose, rate_hz: float) 
     '0.080'
     """
     signals = [np.column_stack([p.position[:, 1], p.pitch]) for p in (commanded, measured)]
-    moving = np.ptp(signals[0], axis=0) > MIN_MOTION
+    moving = np.ptp(signals[0], axis=0) > LIMITS.least_motion
     if not moving.any():
         raise ValueError("the commanded platform does not move: its delay cannot be estimated")
     return estimate_delay(signals[0][:, moving], signals[1][:, moving], rate_hz)
@@ -265,15 +259,8 @@ def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> Plat
     return PlatformPose(rotation, np.where(inside[:, None], interpolated[:, 3:], np.nan))
 
 
-MAX_REST_SD_M: Final = 0.005
-"""Of a marker in neutral: more than the noise of cameras, less than any motion of a platform."""
-MIN_SPREAD_M: Final = 0.02
-"""Root-mean-square distance from a line, below which markers do not determine the rotation about
-it: 1 mm of noise is 3° there."""
 MAX_DISTANCE_M: Final = 20.0
 """Of a marker from the lab's origin; larger numbers are millimetres."""
-MAX_LEFT_OUT_SHARE: Final = 0.05
-"""Of the frames, in which a marker may be left out without a warning."""
 
 
 class PoseFit(NamedTuple):
@@ -326,7 +313,7 @@ def neutral_markers(markers: ArrayLike) -> Array:
     if len(missing):
         raise ValueError(f"platform markers {list(missing + 1)} are never seen in neutral")
     moved = np.nanstd(position, axis=0).max(axis=1)
-    if moved.max() > MAX_REST_SD_M:
+    if moved.max() > LIMITS.largest_rest_sd:
         raise ValueError(
             f"platform marker {int(np.argmax(moved)) + 1} moves by {1000 * moved.max():.1f} mm in "
             "the frames taken as neutral; choose frames in which the platform stands still"
@@ -434,7 +421,7 @@ def check_pose(fit: PoseFit, names: Sequence[str], outlier_m: float) -> tuple[No
     notes += [
         Note.of("platform_marker_left_out", marker=name, limit_m=outlier_m, share=share)
         for name, share in zip(names, left_out, strict=True)
-        if share > MAX_LEFT_OUT_SHARE
+        if share > LIMITS.most_left_out
     ]
     return tuple(notes)
 
@@ -493,7 +480,7 @@ def _spread(reference: Array, used: Mask) -> Mask:
     apart = reference - (weight @ reference)[:, None]
     # the second largest variance is that across the line that fits best
     variances = np.linalg.eigvalsh(np.einsum("tm,tmi,tmj->tij", weight, apart, apart))
-    return np.asarray(variances[:, 1] > MIN_SPREAD_M**2)
+    return np.asarray(variances[:, 1] > LIMITS.least_spread**2)
 
 
 def to_lab(wrench_in_plate: ArrayLike, pose: PlatformPose) -> Array:

@@ -50,9 +50,6 @@ BELT_VARIANCE: Final = {1.0: 25.0, 2.0: 2000.0}
 
 USED_SHARE: Final = 0.95
 """Of range and belt acceleration that random motion and moves use."""
-SWAY_SD_MPS2: Final = 0.707
-PITCH_SD_DEGPS2: Final = 127.0
-"""Standard deviations of the white acceleration."""
 GAPS: Final = {60: 3, 300: 15}
 """Duration [s] -> number of gaps without perturbation."""
 REPEATS: Final = 3
@@ -171,8 +168,10 @@ def platform_signal(
     added = _additions(kind, duration, parts, gap=np.zeros((samples(GAP_S), 2)))
     random = []
     for count in _stretches(name, kind, duration, added):
-        y = random_position(rng, count, SWAY_SD_MPS2, MIN_SWAY_HZ, sway)
-        angle = random_position(rng, count, np.radians(PITCH_SD_DEGPS2), MIN_PITCH_HZ, pitch)
+        # white acceleration of 0.707 m/s² and 127 °/s² (SD); the high-pass is such that it fills
+        # the range: in 300 s, random pitch comes within 6 % of it on either side (100 seeds)
+        y = random_position(rng, count, 0.707, 0.2, sway)
+        angle = random_position(rng, count, np.radians(127.0), 0.15, pitch)
         random.append(np.column_stack([y, angle]))
     sway_signal, pitch_signal = _interleaved(random, added).T
     belt = np.full(len(sway_signal), float(belt_speed))
@@ -256,20 +255,7 @@ def _in_column(column: int, motion: Array) -> Array:
 
 WALKING_MPS: Final = 1.3
 RUNNING_MPS: Final = 2.5
-SWAY_BACK_MPS: Final = 0.05
-SWAY_BACK_MPS2: Final = 0.1
-"""Speed and acceleration of the return, chosen such that it is no perturbation."""
-SWAY_HELD_S: Final = 7.0
-"""From the onset of a sway to its return."""
-PITCH_DEG: Final = 10.0
 PITCH_PERIOD_S: Final = 30.0
-BELT_FROM_MPS: Final = 1.0
-"""Mean speed of the random part of the belts, and speed from which their pulses start; chosen."""
-BELT_RANDOM_S: Final = 60.0
-BELT_PULSES: Final = 12
-"""Duration of the random part and number of pulses, a minute each; chosen."""
-RANDOM_STREAM: Final = 200
-"""Number of the random numbers of the validation, which are not those of a calibration signal."""
 
 
 def validation_signals(seed: int = 0) -> tuple[Signal, ...]:
@@ -293,7 +279,8 @@ def validation_signals(seed: int = 0) -> tuple[Signal, ...]:
     >>> [signal.name for signal in validation_signals()]
     ['sway', 'pitch', 'running', 'boarding', 'belt', 'belt_with_person']
     """
-    sway, pitch, belt = _sway(), _pitch(), _belt(np.random.default_rng((seed, RANDOM_STREAM)))
+    # the stream 200 of random numbers is none of a calibration signal's
+    sway, pitch, belt = _sway(), _pitch(), _belt(np.random.default_rng((seed, 200)))
     with_person = np.concatenate(_pulses(WALKING_MPS))
     rest = np.zeros(samples(60.0))
     return (
@@ -310,8 +297,9 @@ def _sway() -> Array:
     """Sway three times to either side, as far and fast as the thesis' machine goes."""
     thesis, far = MachineLimits(), MachineLimits().sway_m
     there = move(far, thesis.sway_m_per_s, thesis.sway_m_per_s2)
-    back = far + move(-far, SWAY_BACK_MPS, SWAY_BACK_MPS2)
-    held = np.full(samples(SWAY_HELD_S) - len(there), far)
+    # a return so slow (0.05 m/s, 0.1 m/s²) that it is no perturbation, 7 s after the onset
+    back = far + move(-far, 0.05, 0.1)
+    held = np.full(samples(7.0) - len(there), far)
     side, rest = np.concatenate([there, held, back]), np.zeros(samples(3.0))
     sides = (part for sign in (1, -1) * 3 for part in (sign * side, rest))
     return np.concatenate([rest, *sides])
@@ -320,40 +308,35 @@ def _sway() -> Array:
 def _pitch() -> Array:
     """Four periods of a sine, begun and ended within 3 s."""
     time = np.arange(samples(4 * PITCH_PERIOD_S)) / RATE_HZ
-    sine = np.radians(PITCH_DEG) * np.sin(2 * np.pi * time / PITCH_PERIOD_S)
+    sine = np.radians(10.0) * np.sin(2 * np.pi * time / PITCH_PERIOD_S)
     return np.asarray(sine * fade(len(time), 3.0))
 
 
 def _belt(rng: np.random.Generator) -> Array:
     """Random acceleration, then pulses."""
-    limits, mean = MachineLimits(), BELT_FROM_MPS
+    # a minute about 1 m/s, from which the pulses start too; chosen
+    limits, mean = MachineLimits(), 1.0
     sd, reach = float(np.sqrt(BELT_VARIANCE[mean])), limits.belt_m_per_s - mean
     acceleration = USED_SHARE * limits.belt_m_per_s2
-    random = mean + random_speed(rng, samples(BELT_RANDOM_S), sd, reach, acceleration)
+    random = mean + random_speed(rng, samples(60.0), sd, reach, acceleration)
     start, pulses, stop = _pulses(mean)
     return np.concatenate([start, random, pulses, stop])
 
 
 def _pulses(mean: float) -> tuple[Array, Array, Array]:
     """Give starting the belts, pulses from a speed, and stopping the belts."""
-    pulses = np.tile(pulse(mean, PULSE_MPS2, PULSE_S, PULSE_PERIOD_S), BELT_PULSES)
+    # twelve pulses, a minute; chosen
+    pulses = np.tile(pulse(mean, PULSE_MPS2, PULSE_S, PULSE_PERIOD_S), 12)
     start, stop = ramp(0.0, mean, GENTLE_MPS2), ramp(mean, 0.0, GENTLE_MPS2)
     return np.append(0.0, start), pulses, stop
 
 
-MIN_SWAY_HZ: Final = 0.2
-MIN_PITCH_HZ: Final = 0.15
-MIN_BELT_HZ: Final = 0.4
-"""High-pass of random motion, chosen such that it fills its range: in 300 s, random pitch comes
-within 6 % of it on either side (100 seeds)."""
 FADE_S: Final = 0.5
 """In which random motion begins and ends, chosen."""
 FILTER_SETTLING_S: Final = 20.0
 """Of random motion drawn beyond both ends and discarded: the high-pass settles in it."""
 ROUNDING_SAMPLES: Final = 1e-9
 """Of a duration in samples, which adds no sample."""
-SOFT_CLIP_SHARE: Final = 0.8
-"""Of the range, beyond which random motion bends smoothly towards its end."""
 
 
 class Extent(NamedTuple):
@@ -384,7 +367,8 @@ def random_speed(
     rng: np.random.Generator, count: int, sd: float, reach: float, acceleration: float
 ) -> Array:
     """Draw (count,) deviations from the mean speed from white acceleration."""
-    v = _high_passed(np.cumsum(_white(rng, count, sd, acceleration)) / RATE_HZ, MIN_BELT_HZ)
+    # at 0.4 Hz, chosen likewise
+    v = _high_passed(np.cumsum(_white(rng, count, sd, acceleration)) / RATE_HZ, 0.4)
     return _scaled_down(_soft_clipped(v, reach) * fade(count, FADE_S), 1, acceleration)
 
 
@@ -462,7 +446,7 @@ def _high_passed(drifting: Array, cutoff_hz: float) -> Array:
 def _soft_clipped(x: Array, reach: float) -> Array:
     """Compress what exceeds a share of the reach smoothly, so that it stays within."""
     # identity up to the knee, then a hyperbolic tangent of equal slope that ends at the reach
-    knee = SOFT_CLIP_SHARE * reach
+    knee = 0.8 * reach
     beyond = np.maximum(np.abs(x) - knee, 0)
     return np.sign(x) * (
         np.minimum(np.abs(x), knee) + (reach - knee) * np.tanh(beyond / (reach - knee))

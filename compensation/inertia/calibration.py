@@ -22,8 +22,6 @@ VERSION: Final = 7
 RELEASED: Final = 2
 """Version of 0.2.0: static models alone, which know of noise alone and are not judged, and no
 delays of the accelerometers, whose readings are then used as they are."""
-OF_UNITS: Final = ("acceleration_unit", "wrench_unit")
-"""Entries of that version, which were always m/s² and N, N·m."""
 UNKNOWN_THEN: Final[Mapping[str, Any]] = {
     "model_error": None,
     "correlation": np.eye(6),
@@ -115,7 +113,7 @@ class Calibration:
         """Plate -> mean force on it, of the plates that were loaded or not zeroed [N]."""
         loads_n = {}
         for name, model in self.in_use.items():
-            # the model at the mean acceleration is the mean wrench: of a zeroed, empty plate next to nothing
+            # the model at the mean acceleration is the mean wrench: of an empty plate next to 0
             k = len(model.acceleration_mean)  # differences have no mean
             mean = model.acceleration_mean @ model.gain[:k, :3] + model.gain[-1, :3]
             if (force_n := float(np.linalg.norm(mean))) > MIN_LOAD_N:
@@ -228,7 +226,9 @@ calibration'; fit it again with 'hbm calibration fit'
 
 
 def _model(plain: dict[str, Any]) -> InertiaModel:
-    setup = {k: v for k, v in plain["setup"].items() if k not in OF_UNITS}
+    setup = {
+        k: v for k, v in plain["setup"].items() if k not in ("acceleration_unit", "wrench_unit")
+    }
     error = plain["model_error"]
     if error is not None:
         error = _exactly(ModelError, error)

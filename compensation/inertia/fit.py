@@ -22,22 +22,12 @@ from compensation.inputs import (
     refuse_still_platform,
     refuse_unequal,
 )
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS, Array, Indices
 
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "fit")
+
 Trial = tuple[ArrayLike, ArrayLike]
-MIN_SAMPLES_PER_GAIN: Final = 10
-"""Fewer fit the noise; a minute at 100 Hz has hundreds."""
-BLOCKS: Final = 60
-"""Blocks of a trial whose errors are taken as independent: a second each in a minute of motion."""
-MIN_SIGNAL_TO_NOISE: Final = 1.0
-"""Variance of motion per variance of noise, in a principal direction, above which the noise's share
-is taken out; below it the direction is noise, and taking its share out would change the sign."""
-MAX_SENSOR_NOISE_MPS2: Final = 1.0
-"""A tenth of gravity: no accelerometer on a platform is noisier after the filter."""
-HELD_OUT_PARTS: Final = 10
-"""Of a recording, each predicted by the rest: 6 s of a minute."""
-MIN_LEFT_SHARE: Final = 1e-3
-"""Of a direction's energy that must be in the rest for its gain to be found without a part."""
 LAGS_S: Final = (0.01, 0.02, 0.04)
 """Of the second differences: short against the periods that pass 20 Hz, up to a tenth of a second
 of motion in all. Longer ones hardly leave less in the virtual laboratory, and one accelerometer
@@ -224,7 +214,7 @@ def fit_trials(
     if is_short(felt):
         raise ValueError(
             f"{n} samples are too few to fit {channels + 1} gains per component; "
-            f"give at least {MIN_SAMPLES_PER_GAIN * (channels + 1)}, better a minute of motion"
+            f"give at least {LIMITS.least_samples * (channels + 1)}, better a minute of motion"
         )
     names = tuple(f"sensor {sensor} {axis}" for sensor in sensors for axis in "xyz")
     refuse_constant(a, "accelerations", names)
@@ -233,9 +223,9 @@ def fit_trials(
     refuse_still_platform(a)
     refuse_other_wrench_units(a, w)
     noise = np.broadcast_to(np.asarray(0.0 if lags_s else sensor_noise, float), (k,))
-    if (noise.any() and not (noise > 0).all()) or (noise > MAX_SENSOR_NOISE_MPS2).any():
+    if (noise.any() and not (noise > 0).all()) or (noise > LIMITS.largest_noise).any():
         raise ValueError(
-            f"sensor_noise must be positive and below {MAX_SENSOR_NOISE_MPS2:g} m/s² in every "
+            f"sensor_noise must be positive and below {LIMITS.largest_noise:g} m/s² in every "
             f"channel, or 0, got {noise}"
         )
 
@@ -248,7 +238,7 @@ def fit_trials(
     weight, u, s, directions = _decomposed([x for x, _ in read], len(lags_s), beside_weight, noise)
     root = np.sqrt(weight)[:, None]
     # errors in variables: noise adds 1 to the square of each scaled singular value
-    noisy = np.where(noise.any() & (s**2 > 1 + MIN_SIGNAL_TO_NOISE), 1.0, 0.0)  # of each direction
+    noisy = np.where(noise.any() & (s**2 > 1 + LIMITS.least_signal), 1.0, 0.0)  # of each direction
     # least squares by a singular value decomposition: normal equations square the condition
     slopes = (s / (s**2 - noisy))[:, None] * (u.T @ (root * w))
     # from directions back to channels, with the constant at zero acceleration
@@ -261,7 +251,8 @@ def fit_trials(
     one_of_each = np.repeat(n / (len(read) * counts), counts)
     design = np.column_stack([root * u * s, one_of_each])
     share = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
-    blocks = pairwise(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))
+    # a second each in a minute of motion
+    blocks = pairwise(np.linspace(0, n, min(60, n) + 1).astype(int))
     # covariance of the gains by the sandwich, from sums over blocks: errors in time are correlated
     scores = np.stack(
         [design[i:j].T @ residual[i:j] + weight[i:j].sum() * share for i, j in blocks]
@@ -276,6 +267,7 @@ def fit_trials(
     known = [part for part in slow if part is not None]
     all_slow = np.vstack(known) if len(known) == len(read) else residual
     about = w - _repeated(wrench_mean, counts)
+    # errors of parts that were not fitted are those of trials; of fitted ones they are too small
     unseen = _held_out(np.split(u, ends), np.split(root * about, ends), noisy / s**2)
     return InertiaModel(
         gain=gain,
@@ -332,7 +324,7 @@ def left_of_held_out(
 
 def is_short(felt: Array) -> bool:
     """Whether channels (N, K) are too few samples to fit their gains."""
-    return bool(len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1))
+    return bool(len(felt) < LIMITS.least_samples * (felt.shape[1] + 1))
 
 
 def _decomposed(
@@ -373,10 +365,12 @@ def _held_out(orthonormal: Sequence[Array], wrench: Sequence[Array], noise: Arra
     errors = []
     for u, w in zip(orthonormal, wrench, strict=True):
         error = np.empty_like(w)
-        for i, j in pairwise(np.linspace(0, len(w), HELD_OUT_PARTS + 1).astype(int)):
+        # ten parts, each predicted by the rest: 6 s of a minute
+        for i, j in pairwise(np.linspace(0, len(w), 10 + 1).astype(int)):
             # normal matrix without the part: 1 − Uᵀ U of orthonormal columns; no new decomposition
             rest = np.diag(1 - noise * (count - (j - i)) / count) - u[i:j].T @ u[i:j]
-            slopes = np.linalg.pinv(rest, MIN_LEFT_SHARE, hermitian=True)
+            # a direction of which the rest holds less than a thousandth has no gain
+            slopes = np.linalg.pinv(rest, 1e-3, hermitian=True)
             error[i:j] = w[i:j] - u[i:j] @ (slopes @ (right - u[i:j].T @ w[i:j]))
         errors.append(error)
     return errors

@@ -16,46 +16,23 @@ import scipy
 from numpy.typing import ArrayLike
 
 from compensation.inputs import refuse_gaps
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array, read_only
+
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "model_error")
 
 SLOW_HZ: Final = 6.0
 """Cut-off of the Human Body Model, through which residuals pass."""
 ZERO_SD: Final = np.repeat([0.5, 0.25], 3)
 """Standard deviation of a plate's zero from recording to recording [N, N·m], as far as recordings
 do not show it; assumed, of a plate that is zeroed on the same day."""
-ZERO_DEGREES: Final = 3
-"""Degrees of freedom that the assumed value is worth beside those that recordings show of three
-forces or moments, three per recording after the first; and what is pooled over them beside those of
-one component, one per recording after the first."""
-EDGES_HZ: Final = (2.0, 4.0, 6.0, 9.0, 12.0)
-"""Between the bands of frequencies: commanded motion and steps, their harmonics, the modes of a
-platform's base, and the rest up to the calibration's low-pass."""
 SMOOTHING_S: Final = 1.0
 """Over which energies are averaged: a few periods of what shakes a platform."""
-MIN_RATE_PER_CUTOFF: Final = 5.0
-"""Sampling rate by cut-off that keeps what passed a second-order low-pass."""
 ITERATIONS: Final = 7
 """Of the weights of the fit; recordings gain weight in the second half."""
-MAX_UNDERRATED: Final = 10.0
-"""Factor by which one iteration may find the squares of a recording too small."""
-MIN_EXPECTED_SHARE: Final = 0.05
-MIN_OF_MEAN: Final = 0.001
-"""Of a squared error, and of the mean of all, below which the expectation of a squared error counts
-as no smaller in the weights."""
-MIN_VARIATION: Final = 0.6
-"""Standard deviation by mean of an energy over time, below which it is not told from a constant: of
-what is left of six treadmills that bend, made without this package, ± 1 and ± 2 standard deviations
-then hold 71 and 95 % without people in the calibration, else 86 and 98 %
-(tests/pipeline/trial/ground/test_people_beside.py)."""
 RUNNING_MPS: Final = 0.05
 """Speed above which belts run: the noise of a speed channel is less."""
-MIN_FASTER: Final = 1.2
-"""Factor between two speeds of which one shows how vibration grows with speed."""
-BELT_DEGREES: Final = 4
-"""Degrees of freedom that one recording has of the square of what unbalanced rollers do: that of
-two equal forces at a random angle to each other, which stays the same throughout a recording, has a
-variance of half of its squared mean, as χ² of four degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +204,8 @@ def fit_model_error(
         none = np.zeros((0, k, k)), np.zeros((2, 0, 6))
         return ModelError(center, *none, floor, np.array(zero), belts_mps=speeds)
     if cutoff_hz is not None:  # fewer samples hold as much of a low-passed signal
-        thin = max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
+        # five samples per period of the cut-off keep what passed a second-order low-pass
+        thin = max(int(rate_hz / (5.0 * cutoff_hz)), 1)
         rate_hz /= thin
         accelerations, unseen, left_slow = (
             [part[::thin] for part in parts] for parts in (accelerations, unseen, left_slow)
@@ -244,7 +222,7 @@ def fit_model_error(
     energies = [averaged(_turned(band, directions)) for band in bands]
     # terms of belts only where recordings tell them apart
     running = speeds[speeds > RUNNING_MPS]
-    several = running.max(initial=0.0) > MIN_FASTER * running.min(initial=np.inf)
+    several = running.max(initial=0.0) > LIMITS.faster * running.min(initial=np.inf)
     shown = [len(running) < len(speeds), bool(several)]  # whether recordings tell each term apart
     of_belts = _belt_terms(speeds) * shown if len(speeds) else np.zeros((len(energies), 2))
     designs = [
@@ -253,7 +231,7 @@ def fit_model_error(
     ]
     # an energy that hardly varies cannot be told from the constant
     together = np.vstack(designs)
-    changing = together.std(axis=0) > MIN_VARIATION * together.mean(axis=0)
+    changing = together.std(axis=0) > LIMITS.least_variation * together.mean(axis=0)
     changing[-3:] = True  # belts and constant
     designs = [design * changing for design in designs]
     factors = np.array(
@@ -262,7 +240,7 @@ def fit_model_error(
     if speeds.any():  # the factor of the variance that grows with speed: few recordings show it
         # effective number of recordings with unbalanced rollers, as of weights
         recordings = np.sum(speeds**4) ** 2 / np.sum(speeds**8)
-        factors[:, -2 if several else -3] *= widening(BELT_DEGREES * recordings) ** 2
+        factors[:, -2 if several else -3] *= widening(LIMITS.belt_degrees * recordings) ** 2
     energies_and_belts = factors[:, :-3], factors[:, -1], np.array(zero), factors[:, -3:-1]
     return ModelError(center, directions, *energies_and_belts, speeds)
 
@@ -313,9 +291,9 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     # variances shrink to the mean of three forces or moments, and that to the assumed one
     squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0)
     alike = np.repeat(squares.reshape(2, 3).sum(axis=1), 3)
-    degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
-    pooled = (alike + ZERO_DEGREES * ZERO_SD**2) / degrees
-    variance = (squares + ZERO_DEGREES * pooled) / (len(zeros) - 1 + ZERO_DEGREES)
+    degrees = LIMITS.zero_degrees + 3 * (len(zeros) - 1)
+    pooled = (alike + LIMITS.zero_degrees * ZERO_SD**2) / degrees
+    variance = (squares + LIMITS.zero_degrees * pooled) / (len(zeros) - 1 + LIMITS.zero_degrees)
     return np.asarray(both * np.sqrt(variance) * widening(degrees))
 
 
@@ -356,7 +334,8 @@ def _belt_terms(speed: Array) -> Array:
 
 def _bands(moved: Array, rate_hz: float) -> list[Array]:
     """Split readings (N, k) into bands of frequencies; short parts between gaps count as slow."""
-    below = [_below(moved, rate_hz, edge) for edge in EDGES_HZ]
+    # commanded motion and steps, their harmonics, modes of a platform's base, and the rest
+    below = [_below(moved, rate_hz, edge) for edge in (2.0, 4.0, 6.0, 9.0, 12.0)]
     edges = [np.zeros_like(moved), *below, moved]
     return [high - low for low, high in pairwise(edges)]
 
@@ -414,9 +393,9 @@ def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:
             if iteration > ITERATIONS // 2:
                 # recordings whose squares are found too small gain weight
                 underrated = total / np.maximum(np.bincount(recording, expected), 1e-9 * total)
-                of_recording = of_recording * np.clip(underrated, 1, MAX_UNDERRATED) ** 2
+                of_recording = of_recording * np.clip(underrated, 1, 10.0) ** 2
             # weights by the expectation: squares scatter in proportion to it
-            least = np.maximum(MIN_EXPECTED_SHARE * square, MIN_OF_MEAN * square.mean())
+            least = np.maximum(0.05 * square, 0.001 * square.mean())
             weight = np.sqrt(of_recording)[recording] / np.maximum(expected, least)
             # variances add and cannot be negative
             solved, _ = scipy.optimize.nnls(scaled * weight[:, None], square * weight)
