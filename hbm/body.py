@@ -51,8 +51,6 @@ PART_OF: Final = {"pelvis": "lower_trunk", "thorax": "upper_trunk"}
 TOES_KG: Final = 1e-6
 """Mass of the toes, which de Leva's foot includes: not zero, so that no inertia is singular."""
 
-TOES_GYRATION_M: Final = 0.01
-"""Their radius of gyration, of the order of the toes' own."""
 
 FEET: Final = tuple(f"{side}_foot" for side in SIDES)
 BALL_ABOVE_SOLE: Final = 0.12
@@ -309,7 +307,8 @@ def _inertias(
             # de Leva's foot includes the toes: what these get, the foot loses
             foot = s.replace("toes", "foot")
             inertias[foot] = replace(inertias[foot], mass=inertias[foot].mass - TOES_KG)
-            tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
+            # a radius of gyration of the toes' own size, 1 cm
+            tensor = TOES_KG * 0.01**2 * np.eye(3)
             inertias[s] = Inertia(TOES_KG, np.zeros(3), tensor)
     return inertias
 
@@ -386,13 +385,6 @@ def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[No
 WINDOW_S: Final = 1.0
 """Duration of the calibration pose to look for."""
 
-SPEED_INTERVAL_S: Final = 0.1
-"""Interval over which speeds are measured: marker noise of 1 mm gives 0.01 m/s, and tremor averages
-out."""
-
-MAX_FRAMES: Final = 100
-"""Frames that the body is averaged over; more make no difference."""
-
 
 def _select_frames(
     markers: Markers, used: list[str], window_s: tuple[float, float] | None
@@ -444,7 +436,7 @@ def _select_frames(
     if window_s is None:
         complete = _stillest(complete, speed, time)
     # evenly spread frames are as good as all
-    spread = np.unique(np.linspace(0, len(complete) - 1, MAX_FRAMES).round().astype(int))
+    spread = np.unique(np.linspace(0, len(complete) - 1, 100).round().astype(int))
     known_speeds = speed[complete][~np.isnan(speed[complete])]
     return complete[spread], float(np.mean(known_speeds)) if len(known_speeds) else 0.0
 
@@ -455,7 +447,8 @@ def _speed(paths: Array, time: Array) -> Array:
     if len(time) < 2:
         return speed
     # over an interval, since noise of single frames is no motion
-    step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(time) - 1)
+    # tremor averages out over 0.1 s, and marker noise of 1 mm gives 0.01 m/s
+    step = min(max(1, round(0.1 / float(np.median(np.diff(time))))), len(time) - 1)
     distances = np.sqrt(((paths[..., step:] - paths[..., :-step]) ** 2).sum(axis=1))
     count = np.count_nonzero(~np.isnan(distances), axis=0)
     # mean over the visible markers [m/s]; at the middle of each interval

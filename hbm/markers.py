@@ -83,16 +83,18 @@ class Markers:
         return float(1 / np.median(np.diff(self.time)))
 
 
-MIDLINE_LANDMARKS: Final = ("SACR", "C7", "T2", "T8", "T10", "JN", "XIPH", "THEAD", "GLAB")
-PAIRED_LANDMARKS: Final = (
-    *("ASIS", "PSIS", "HEAD", "FHEAD", "BHEAD", "MAS"),
-    *("GTRO", "LEK", "MEK", "KAX", "KD1", "KD2", "LM", "MM"),
-    *("HEE", "MT1", "MT2", "MT5", "MTS", "TOE"),
-    *("SHO", "LEE", "MEE", "LW", "MW", "WRA", "WRB", "FIN"),
-)
 LANDMARKS: Final = (
-    *MIDLINE_LANDMARKS,
-    *(side + name for side in ("L", "R") for name in PAIRED_LANDMARKS),
+    *("SACR", "C7", "T2", "T8", "T10", "JN", "XIPH", "THEAD", "GLAB"),
+    *(
+        side + name
+        for side in ("L", "R")
+        for name in (
+            *("ASIS", "PSIS", "HEAD", "FHEAD", "BHEAD", "MAS"),
+            *("GTRO", "LEK", "MEK", "KAX", "KD1", "KD2", "LM", "MM"),
+            *("HEE", "MT1", "MT2", "MT5", "MTS", "TOE"),
+            *("SHO", "LEE", "MEE", "LW", "MW", "WRA", "WRB", "FIN"),
+        )
+    ),
 )
 """Landmarks that a marker can mark; docs/marker_sets.md says what they are."""
 
@@ -195,9 +197,6 @@ def _spelling(names: Iterable[str]) -> Callable[[str], str | None]:
 
 EITHER_SIDE: Final = "?"
 """In a label: stands for L and R."""
-
-OR: Final = "|"
-"""Between the labels of one marker."""
 
 
 def read_marker_set(text: str, name: str = "own") -> MarkerSet:
@@ -324,7 +323,7 @@ def _marker(key: str, entry: Any, side: str, optional: bool, faults: list[str]) 
     if landmark is not None and landmark not in landmarks:
         hint = did_you_mean(landmark, landmarks)
         faults.append(f"{short(key)}: no landmark {shown(landmark)}{hint}")
-    labels = tuple(key.replace(EITHER_SIDE, letter if side else EITHER_SIDE).split(OR))
+    labels = tuple(key.replace(EITHER_SIDE, letter if side else EITHER_SIDE).split("|"))
     return SetMarker(
         labels, segments.get(segment, segment), landmarks.get(landmark or ""), optional
     )
@@ -374,10 +373,6 @@ REMEDY: Final = (
 WORD: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 SIDE_WORDS: Final = {word: word[0] for word in ("l", "lt", "left", "r", "rt", "right")}
 """First or last word of a label -> letter of the side."""
-NOT_SEPARATOR: Final = re.compile(r"[^\W_]*$")
-"""The end of a text after its last separator."""
-LABELS_LISTED: Final = 20
-NEAREST_LISTED: Final = 2
 
 UPPER_PARTS: Final = {"thorax": "trunk", "head": "head"} | {
     segment: "arms" for side in SIDES for segment in LIMBS[f"{side} arm"]
@@ -456,16 +451,17 @@ def _mismatch(names: tuple[str, ...]) -> str:
     """Say which labels there are, what the two nearest sets lack, and what to do."""
     sets = [each for each in marker_sets().values() if _legs_shown(each, names)]
     nearest: list[MarkerSet] = []
-    while sets and len(nearest) < NEAREST_LISTED:
+    # the two nearest, each of another family
+    while sets and len(nearest) < 2:
         nearest.append(_nearest(sets, names))
         family = nearest[-1].name.removesuffix("_lower")
         sets = [each for each in sets if each.name.removesuffix("_lower") != family]
     lacking = "; ".join(_lacking(each, names) for each in nearest)
     found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
     # what all labels begin with, letter by letter, may be a person's name
-    shared = NOT_SEPARATOR.sub("", commonprefix(names))  # noqa: RUF071
+    shared = re.compile(r"[^\W_]*$").sub("", commonprefix(names))  # noqa: RUF071
     bare = [f"{'…' if shared else ''}{name[len(shared) :]}" for name in names]
-    seen = f"the markers match no shipped set; labels: {listed(bare, LABELS_LISTED)}"
+    seen = f"the markers match no shipped set; labels: {listed(bare, 20)}"
     if shared:
         seen += " (… is what all begin with; --label-prefix removes it)"
     options = [f"--rename {quote(f'{old}={new}')}" for old, new in renaming(names).items()]

@@ -197,9 +197,6 @@ def segment_inertia(
     return Inertia(part.mass * mass, proximal + part.center * along, axes * moments @ axes.T)
 
 
-MAX_ROUNDING: Final = 1e-9
-"""Relative to the largest principal moment, when a tensor is checked."""
-
 COUNTS: Final = {"mass_kg": (1,), "center_m": (3,), "inertia_kg_m2": (3, 6)}
 """Key of the file -> how many numbers it may have."""
 
@@ -263,7 +260,8 @@ class SegmentOverride:
 def _require_physical(tensor: Array) -> None:
     """Refuse a tensor with a negative moment, or with one above the sum of the other two."""
     moments = np.linalg.eigvalsh(tensor)
-    slack = MAX_ROUNDING * float(np.abs(moments).max())
+    # rounding, relative to the largest moment
+    slack = 1e-9 * float(np.abs(moments).max())
     if not np.allclose(tensor, tensor.T) or moments[0] < -slack:
         raise ValueError("inertia_kg_m2 must be symmetric with no negative principal moment")
     if moments[2] > LIMITS.largest_moment:

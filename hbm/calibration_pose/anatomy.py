@@ -137,9 +137,6 @@ HALF_WIDTH_PER_SHANK: Final = {"knee": 0.118, "ankle": 0.085}
 """Half the width of a joint without medial marker or stated width, as a share of the distance from
 lateral epicondyle to lateral malleolus (Reed et al. 1999, SAE 1999-01-0959)."""
 
-LATERAL_AND_MEDIAL: Final = {"knee": ("LEK", "MEK"), "ankle": ("LM", "MM")}
-"""Joint -> its two landmarks, without the side."""
-
 
 def locate_hinge(
     anatomy: Anatomy,
@@ -156,7 +153,7 @@ def locate_hinge(
     gives, by half the joint's width as measured or by `HALF_WIDTH_PER_SHANK`.
     """
     s, joint, purpose = SIDES[side], f"{side}_{part}", f"the {side} {part}"
-    lateral, other = (s + name for name in LATERAL_AND_MEDIAL[part])
+    lateral, other = (s + name for name in {"knee": ("LEK", "MEK"), "ankle": ("LM", "MM")}[part])
     # measured, else by the shank's length: half the width is the centre's depth
     width_m = getattr(measures.limb(side), f"{part}_width_m")
     half_width: ArrayLike | None = measures.to_center(width_m)

@@ -79,10 +79,6 @@ NECK_ELEVATION_DEG: Final = {"male": 8.0, "female": 14.0, "unspecified": 11.0}
 """C7/T1 from C7, as share of the distance from C7 to jugular notch and angle above that line (Reed
 et al. 1999; Dumas et al. 2007)."""
 
-TRUNK_LANDMARKS: Final = frozenset(("C7", "T2", "T8", "T10", "JN", "XIPH", "LSHO", "RSHO"))
-HEAD_PAIRS: Final = ("HEAD", "FHEAD", "BHEAD", "MAS")
-"""Landmarks of which the head has a left and a right one."""
-
 
 def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Measures) -> None:
     """Find the pelvis frame, both hip centres (the body's origin is midway) and the lumbar joint.
@@ -230,7 +226,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
         R = axes_from(cross(up, at["XIPH"] - at["T10"]), up, exact="up")
         rules["C7"] = "trunk axis from the lumbar joint to the level of JN"
     else:
-        if not TRUNK_LANDMARKS.isdisjoint(at):
+        if not frozenset(("C7", "T2", "T8", "T10", "JN", "XIPH", "LSHO", "RSHO")).isdisjoint(at):
             needed = "C7 or T2 with JN, both acromions, or T10 or T8 with XIPH and JN"
             anatomy.rules[needed] = (
                 "trunk upright in the lab, head and arms in line with it, without their markers"
@@ -255,7 +251,9 @@ def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
     show its left, and its up is the vertical of the lab: the head is taken as level in the
     calibration pose, as Plug-in-Gait does. Its top is then above the middle of front and back.
     """
-    pairs = [name for name in HEAD_PAIRS if {"L" + name, "R" + name} <= set(at)]
+    pairs = [
+        name for name in ("HEAD", "FHEAD", "BHEAD", "MAS") if {"L" + name, "R" + name} <= set(at)
+    ]
     middle = {name: (at["L" + name] + at["R" + name]) / 2 for name in pairs}
     if "HEAD" in middle and "THEAD" in at:
         across, up = at["LHEAD"] - at["RHEAD"], at["THEAD"] - middle["HEAD"]

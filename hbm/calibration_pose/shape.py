@@ -30,11 +30,6 @@ from hbm.spatial import (
     unit,
 )
 
-SUBTALAR_INCLINATION_RAD: Final = np.radians(42.0)
-SUBTALAR_DEVIATION_RAD: Final = np.radians(16.0)
-"""Deviation of the subtalar axis upward from the sole, and medially from the foot's long axis
-(Manter 1941, Anat Rec 80:397)."""
-
 SHOULDER_WIDTH_PER_STATURE: Final = 0.129
 """Distance of a shoulder that no marker shows from the trunk's axis (Drillis and Contini 1966, as
 in Winter 2009, Fig. 4.1)."""
@@ -141,7 +136,8 @@ def _subtalar(along: Array, medial: float) -> Array:
     it would not, and the markers of the feet would pull the pelvis sideways.
     """
     left = perpendicular(np.array(LEFT), along)
-    deviation, inclination = SUBTALAR_DEVIATION_RAD, SUBTALAR_INCLINATION_RAD
+    # medially from the foot's long axis, upward from the sole (Manter 1941, Anat Rec 80:397)
+    deviation, inclination = np.radians(16.0), np.radians(42.0)
     # turned inward in the sole's plane, then raised out of it
     level = np.cos(deviation) * along + medial * np.sin(deviation) * left
     return np.asarray(np.cos(inclination) * level + np.sin(inclination) * cross(along, left))

@@ -29,15 +29,6 @@ LIMITS: Final = read_numbers("hbm", "thresholds.toml", "observed")
 MARKER_SD_M: Final = 0.01
 """Error of a marker on its segment, from skin and from the calibration pose."""
 
-POSTURE_SD_DEG: Final = packaged_toml("hbm", "joint_ranges.toml")["posture_sd_deg"]
-"""Segment, without its side -> standard deviation of its joint's angles in human posture."""
-
-SHOULDER_SD_M: Final = 0.03
-"""The same of the shoulders' translations: up, forward and inward by some 12 cm."""
-
-FLAT_SD: Final = np.pi
-"""Of every coordinate before anything is known [rad or m]: any angle at all."""
-
 
 CACHED_BODIES: Final = 8
 
@@ -48,10 +39,12 @@ STEP: Final = 1e-6
 def _posture_precision() -> Array:
     """Give the inverse variance of every coordinate in human posture, (46,); 0 of the pelvis."""
     parts = [c.segment.removeprefix("right_").removeprefix("left_") for c in TREE]
-    angle = [np.radians(POSTURE_SD_DEG.get(part, np.inf)) for part in parts]
-    # the pelvis has no posture: an infinite deviation, no precision
+    # standard deviations in human posture; none of the pelvis: infinite, and no precision
+    sd_deg = packaged_toml("hbm", "joint_ranges.toml")["posture_sd_deg"]
+    angle = [np.radians(sd_deg.get(part, np.inf)) for part in parts]
+    # up, forward and inward by some 12 cm [m]
     shoulder = np.array([part == "shoulder" for part in parts])
-    return np.where(shoulder, SHOULDER_SD_M, angle) ** -2.0
+    return np.where(shoulder, 0.03, angle) ** -2.0
 
 
 POSTURE_PRECISION: Final = _posture_precision()
@@ -83,7 +76,7 @@ def covariance(slope: Array, seen: Mask) -> Array:
     """
     # inverse of the information: JᵀJ / σ² of the markers, and a flat prior that keeps it regular
     shown = slope[:, seen].reshape(len(slope), -1)
-    total = shown @ shown.T / MARKER_SD_M**2 + np.eye(len(slope)) / FLAT_SD**2
+    total = shown @ shown.T / MARKER_SD_M**2 + np.eye(len(slope)) / np.pi**2
     return np.asarray(np.linalg.inv(total))
 
 
@@ -106,10 +99,6 @@ def undetermined(body: Body, markers: tuple[str, ...]) -> tuple[Mask, tuple[str,
             unplaced.append(s)
     return np.diag(spread) * POSTURE_PRECISION > 1, tuple(unplaced)
 
-
-LOCK: Final = 1e9
-"""Prior weight of a coordinate that is held [m²/rad², or 1 for a translation]: markers, which weigh
-about 1, move it by about 1e-9 rad."""
 
 FRAMES_AT_ONCE: Final = 4000
 """Bounds the memory of the rigid fits."""
@@ -232,6 +221,6 @@ class Problem:
         # a prior of so much weight holds a coordinate as a constraint would
         if held is not None:
             locked = locked | held[0]
-            prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)
+            prior, reference = np.where(held[0], 1e9, prior), np.where(held[0], held[1], reference)
         terms = np.where(locked, reference, start), prior, reference
         return solve_frames(self.attachment, rows, terms, self.tolerance, self.jobs)

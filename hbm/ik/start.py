@@ -15,29 +15,6 @@ from hbm.ik.descent import MarkerAttachment
 from hbm.model import Joint
 from hbm.spatial import Array, Mask, cross, fit_rotation, skew
 
-MIN_FRAMES_CLOSED_FORM: Final = 24
-"""For fewer frames singular values are as fast."""
-
-ROOT_ITERATIONS: Final = 5
-"""Newton's method on the quartic starts at an upper bound of its largest root, from where five
-iterations suffice unless two roots nearly coincide."""
-
-MAX_LAST_STEP: Final = 1e-6
-"""Last step of that root, relative to it: convergence is quadratic, so the error is its square."""
-
-MIN_SLOPE: Final = 1e-9
-"""Slope of the quartic, relative to the cube of its root, below which the root is a double root."""
-
-MIN_SCALE: Final = 1e-2
-"""Scale of the closed form, relative to the cube of the root: it vanishes for markers on one line,
-and the closed form loses precision as it becomes small."""
-
-MIN_AMPLITUDE: Final = 1e-300
-"""Avoids the division of zero by zero, where any angle is equally good."""
-
-HINGE_ITERATIONS: Final = 4
-"""How often the two angles of a double hinge are improved in turn: enough for a starting point."""
-
 
 def nearest_rotation(covariance: Array) -> Array:
     """Give the proper rotations nearest to cross-covariances, as `fit_rotation` does.
@@ -58,7 +35,8 @@ def nearest_rotation(covariance: Array) -> Array:
     faster for many frames than singular values. For few frames, and where the closed form is
     singular, as for markers on one line, `fit_rotation` is used.
     """
-    if len(covariance) < MIN_FRAMES_CLOSED_FORM:
+    # for fewer frames singular values are as fast
+    if len(covariance) < 24:
         return fit_rotation(covariance)
     flat = covariance.reshape(-1, 9)
     # the cofactors of a row are the cross product of the two other rows; entry by entry in memory
@@ -69,11 +47,12 @@ def nearest_rotation(covariance: Array) -> Array:
     norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
     determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
     root = np.sqrt(norm + np.sqrt(3 * size))
-    for _ in range(ROOT_ITERATIONS):
+    # from an upper bound five iterations suffice, unless two roots nearly coincide: a flat slope
+    for _ in range(5):
         rest = root**2 - norm
         slope, step = 4 * root * rest - 8 * determinant, np.zeros_like(root)
         value = rest**2 - 8 * determinant * root - size
-        np.divide(value, slope, out=step, where=slope > MIN_SLOPE * root**3)
+        np.divide(value, slope, out=step, where=slope > 1e-9 * root**3)
         root -= step
     # R = ((½(x² − |B|²) + |B|²) B + x cof B − B Bᵀ B) / (½(x² − |B|²) x − det B)
     half = (root**2 - norm) / 2
@@ -81,7 +60,7 @@ def nearest_rotation(covariance: Array) -> Array:
     square = covariance @ np.swapaxes(covariance, 1, 2) @ covariance
     rotation = (half + norm)[:, None] * flat + root[:, None] * cofactor - square.reshape(-1, 9)
     # markers on a line or in a point: singular values tell what is left of the rotation
-    singular = (scale <= MIN_SCALE * root**3) | (np.abs(step) > MAX_LAST_STEP * root)
+    singular = (scale <= 1e-2 * root**3) | (np.abs(step) > 1e-6 * root)
     rotation = (rotation / np.where(singular, 1, scale)[:, None]).reshape(-1, 3, 3)
     if singular.any():
         rotation[singular] = fit_rotation(covariance[singular])
@@ -155,7 +134,8 @@ def hinge_angles(covariance: Array, terms: Array, starts: tuple[float, ...]) -> 
     bilinear = (flat @ (first[:, None] @ second).reshape(9, 9).T).reshape(-1, 3, 3)
     transposed = np.swapaxes(bilinear, 1, 2)
     distal = np.stack([np.ones_like(starts), np.cos(starts), np.sin(starts)], axis=-1)
-    for _ in range(HINGE_ITERATIONS):
+    # enough for a starting point
+    for _ in range(4):
         proximal = _best_factors(distal @ transposed)
         distal = _best_factors(proximal @ bilinear)
     traces = np.vecdot(proximal @ bilinear, distal)
@@ -187,7 +167,8 @@ def rotation_terms(axes: Array) -> Array:
 def _best_factors(coefficients: Array) -> Array:
     """Give 1, cos and sin of the angles that make their sum with coefficients (..., 3) largest."""
     amplitude = np.hypot(coefficients[..., 1], coefficients[..., 2])
-    factors = coefficients / np.maximum(amplitude, MIN_AMPLITUDE)[..., None]
+    # no division of zero by zero, where any angle is equally good
+    factors = coefficients / np.maximum(amplitude, 1e-300)[..., None]
     factors[..., 0] = 1
     return np.asarray(factors)
 

@@ -52,8 +52,6 @@ FIRST_TRIES: Final = slice(len(SPREADS_RAD))
 """One of each: of a person whose markers allow several poses, they find a lower optimum in nearly
 all frames."""
 
-MAX_ROUNDS: Final = 3
-"""Rounds of tries; nearly always, the second finds nothing lower."""
 
 EQUAL_RELATIVE: Final = 1e-9
 EQUAL_ABSOLUTE: Final = 1e-15
@@ -73,7 +71,8 @@ def look_for_lower(problem: Problem, found: Solved, which: Indices) -> None:
     step = FRAMES_AT_ONCE // TRIES
     for first in range(0, len(which), step):
         block = which[first : first + step]
-        for _ in range(MAX_ROUNDS):
+        # nearly always, the second round finds nothing lower
+        for _ in range(3):
             # again only where the last round found a lower optimum
             before = found.select(block)
             after = lowest_of_tries(problem, before)
@@ -157,17 +156,6 @@ def _changes() -> Array:
 
 KEY_FRAME_SPACING: Final = 15
 """Frames per key frame: 0.15 s at 100 Hz, so that a spline between them starts near the optimum."""
-
-MIN_KEY_FRAMES: Final = 4
-"""Key frames that a cubic spline needs."""
-
-
-MAX_UNRELATED_PIVOT: Final = 1e-8
-"""Curvature below which no marker depends on an unobserved coordinate: changing it then moves no
-other."""
-
-EQUAL_COST: Final = 1e-6
-"""Relative difference of the costs of one optimum that is reached from two starts."""
 
 
 def solve_ik(
@@ -282,7 +270,8 @@ def _starting_points(problem: Problem, frames: Indices) -> tuple[Array, Array | 
     optima = problem.newton(keys, problem.rigid_fit(keys))
     look_for_lower(problem, optima, np.flatnonzero(doubtful(problem, optima)))
     solved = np.flatnonzero(optima.converged)
-    if len(solved) < MIN_KEY_FRAMES:
+    # a cubic spline needs four
+    if len(solved) < 4:
         return problem.rigid_fit(frames), None
     optima.q[solved] = continuous(optima.q[solved])
     inner = solved[1:-1]
@@ -339,7 +328,7 @@ def try_start(problem: Problem, found: Solved, which: Indices, start: Array) -> 
     better = after < before
     found.overwrite(which[better], solved.select(better))
     # lower by more than rounding, or neither has converged
-    lower = after < before * (1 - EQUAL_COST) - MAX_ABSOLUTE_RISE
+    lower = after < before * (1 - 1e-6) - MAX_ABSOLUTE_RISE
     return np.asarray(lower | np.isinf(np.minimum(before, after)))
 
 
@@ -412,12 +401,9 @@ def _bridge_gaps(
 
 def depended_on(problem: Problem, found: Solved, left_out: Mask) -> Mask:
     """Whether markers that are used depend on each coordinate, (F, 46)."""
-    related = ~found.converged[:, None] | (found.pivots - problem.prior > MAX_UNRELATED_PIVOT)
+    # changing a coordinate of less curvature moves no marker
+    related = ~found.converged[:, None] | (found.pivots - problem.prior > 1e-8)
     return np.asarray(related & ~left_out)
-
-
-USUAL_STEP_S: Final = 0.01
-"""From one frame to the next; a longer one is divided for the filter of the heading."""
 
 
 class FrameSolution(NamedTuple):
@@ -481,7 +467,7 @@ class FrameTracker:
         self.seen = np.zeros(len(self.markers), bool)
         self.tries_left = 0
         self.begun = False
-        self.heading = RealtimeFilter(HEADING_CUTOFF_HZ, 1, USUAL_STEP_S)
+        self.heading = RealtimeFilter(HEADING_CUTOFF_HZ, 1, 0.01)
 
     def solve(self, position: Array) -> FrameSolution:
         """Solve a frame that follows the last one kept, from markers (M, 3), and keep nothing."""

@@ -33,15 +33,6 @@ LowPassMethod = Literal["realtime", "zero_phase", "double_pass"]
 DOUBLE_PASS_MINUS_3_DB: Final = float((np.sqrt(2) - 1) ** 0.25)
 """Frequency of −3 dB of two passes, per cut-off of each: 0.802 for second order (Winter 2009)."""
 
-PADDING_PERIODS: Final = 4
-"""Extension beyond each end, in periods of the cut-off: a transient decays to 2e-10 over it."""
-
-MAX_STEP_PERIODS: Final = 0.25
-"""Of the cut-off: over a longer step from one sample to the next the filter would follow nothing of
-what happened between, so that it begins anew. Within it, a walk at 100 Hz that loses every tenth
-frame has residuals that err by 2 N in real time and 1 N otherwise."""
-ROUNDING: Final = 1e-6
-"""Of times, relative."""
 
 EQUAL_STEPS_TOLERANCE: Final = 1e-9
 """Relative difference of time steps, or rates, up to which it is a rounding error."""
@@ -55,7 +46,9 @@ def longest_gap_s(cutoff_hz: float) -> float:
     >>> f"{longest_gap_s(6.0):.4f} s"
     '0.0417 s'
     """
-    return MAX_STEP_PERIODS / cutoff_hz * (1 + ROUNDING)
+    # over a quarter of a period and more it would follow nothing of what happened between; within,
+    # a walk that loses every tenth frame has residuals that err by 2 N in real time, 1 N otherwise
+    return 0.25 / cutoff_hz * (1 + 1e-6)
 
 
 def over_short_gaps(columns: Array, time: Array, cutoff_hz: float, method: str) -> Array:
@@ -268,7 +261,8 @@ def _both_ways(
         return np.flip(_recursion(to_value, feedback, channels - rest) + rest, axis=1)
 
     # reflected ends keep value and slope, so that transients are beyond them
-    padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
+    # four periods of the cut-off: a transient decays to 2e-10 over them
+    padding = int(np.ceil(4 / (cutoff_hz * step)))
     kept = slice(padding, padding + len(time))
     filtered = reversed_pass(reversed_pass(extended(signal, padding).T)).T
     more = spline_derivatives(filtered, step) if derivatives else ()

@@ -25,21 +25,9 @@ from hbm.spatial import Array
 STOPBAND_DB: Final = 80.0
 """Attenuation of what would otherwise alias: to a ten-thousandth, below the noise of any plate."""
 
-TRANSITION_WIDTH: Final = 0.2
-"""Transition band of the anti-aliasing filter, as a share of the new rate: from 0.4 to 0.6 of
-it."""
 
 Signal = Callable[[Array], Array]
 """Values at any times."""
-
-MIN_DECIMATION: Final = 0.99
-"""New rate as share of the old one, from which on rates count as equal and nothing can alias."""
-
-ROUNDING_STEPS: Final = 1e-6
-"""Time beyond the ends of a block, in samples, that is treated as rounding error."""
-
-MAX_ROUNDING_STEPS: Final = 1e-9
-"""Of a wanted time from a sample's, in steps: the rounding error of times in seconds."""
 
 
 def resample(
@@ -80,7 +68,7 @@ def resample(
     time = sample_times(time, values)
     new_rate_hz = mean_rate_hz(sample_times(new_time, new_time))
     # what the new rate cannot represent would appear as lower frequencies
-    if new_rate_hz < MIN_DECIMATION * mean_rate_hz(time):
+    if new_rate_hz < 0.99 * mean_rate_hz(time):
         values = _without_aliases(values, time, new_rate_hz)
     return interpolate(time, values, new_time + delay_s)
 
@@ -115,7 +103,8 @@ def interpolant(time: ArrayLike, values: ArrayLike) -> Signal:
     values = np.asarray(values, float)
     time = sample_times(time, values)
     require_length(time, MIN_SPLINE_SAMPLES)
-    columns, rounding = values.reshape(len(time), -1), ROUNDING_STEPS / mean_rate_hz(time)
+    # times beyond the ends by a millionth of a sample are rounding errors
+    columns, rounding = values.reshape(len(time), -1), 1e-6 / mean_rate_hz(time)
     splines = [
         (time[rows][[0, -1]], sharing, _spline(time[rows], columns[rows, sharing]))
         for rows, sharing in blocks_without_gaps(columns, MIN_SPLINE_SAMPLES)
@@ -170,7 +159,7 @@ def _spline(time: Array, samples: Array) -> Signal:
     def evaluate(at: Array) -> Array:
         # times that are samples' own need no spline: values stay as they are
         nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
-        if np.abs(time[nearest] - at).max(initial=0) <= MAX_ROUNDING_STEPS * step:
+        if np.abs(time[nearest] - at).max(initial=0) <= 1e-9 * step:
             return np.asarray(samples.take(nearest, axis=0))
         return np.asarray(through_samples()(at))
 
@@ -204,7 +193,8 @@ def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
     require_equal_steps(time)
     rate_hz = mean_rate_hz(time)
     # by half of the old rate
-    width = TRANSITION_WIDTH * new_rate_hz / (rate_hz / 2)
+    # transition band from 0.4 to 0.6 of the new rate
+    width = 0.2 * new_rate_hz / (rate_hz / 2)
     # Kaiser's formulas (1974) for how far the window reaches, and for its shape
     reach = int(np.ceil((STOPBAND_DB - 7.95) / (2.285 * np.pi * width) + 1)) // 2
     require_length(time, reach + 1)
@@ -225,13 +215,6 @@ def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
 
 REACH_STEPS: Final = 2
 """To either side, in steps of the slower one of the two clocks."""
-MAX_LOST_SAMPLES: Final = 2.5
-"""Longest step between samples within the reach, in steps of their own; a longer one is a gap."""
-MAX_GAP_STEPS: Final = 1.5
-"""The same in steps of the slower clock: over a longer one the weights nearly cancel."""
-SMALLEST_ARM: Final = 1e-9
-"""Sum of squared distances, in steps of the slower clock, below which no second sample shows a
-slope."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,7 +270,8 @@ class Convolution:
     @property
     def longest_s(self) -> float:
         """Longest step between samples that is no gap [s]."""
-        return min(MAX_LOST_SAMPLES * self.step_s, MAX_GAP_STEPS * self.scale_s)
+        # over more than 1.5 steps of the slower clock the weights nearly cancel
+        return min(2.5 * self.step_s, 1.5 * self.scale_s)
 
     def evaluate(self, time: Array, values: Array, at: Array) -> Array:
         """Give a signal at some instants.
@@ -347,7 +331,8 @@ def _weights(how: Convolution, later_s: bytes) -> Array | None:
     near = (1 - u * u / REACH_STEPS**2) ** 2
     tilt = near * (later - near.dot(later) / near.sum())
     arm = float(tilt.dot(later))
-    if arm > SMALLEST_ARM * how.scale_s**2:
+    # no second sample beside one instant shows a slope
+    if arm > 1e-9 * how.scale_s**2:
         weights -= tilt * (weights.dot(later) / arm)
     return weights
 

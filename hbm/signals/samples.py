@@ -9,10 +9,6 @@ from numpy.typing import ArrayLike
 
 from hbm.spatial import Array, Indices, Mask
 
-MAX_STEP_DIFFERENCE: Final = 2e-3
-"""Difference between time steps that count as equal, relative to their mean: times rounded to
-0.01 ms at 100 Hz."""
-
 MIN_SPLINE_SAMPLES: Final = 4
 """Of a cubic spline."""
 
@@ -39,7 +35,8 @@ def mean_rate_hz(time: Array) -> float:
 def require_equal_steps(time: Array) -> None:
     """Refuse sample times (T,) whose steps differ by more than 0.2 %."""
     step = np.diff(time)
-    if np.ptp(step) > MAX_STEP_DIFFERENCE * np.mean(step):
+    # times that were rounded to 0.01 ms at 100 Hz have equal steps
+    if np.ptp(step) > 2e-3 * np.mean(step):
         raise ValueError(
             f"zero-phase filters need equal time steps, got {step.min():.6g} to {step.max():.6g} s;"
             " bring the signal to equal steps with resample() first"
