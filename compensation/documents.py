@@ -32,9 +32,9 @@ def read_document(text: str, of: str, versions: Sequence[int], again: str) -> di
         raise ValueError(f"the text is no {name}: its format should be {format_name!r}; {again}")
     version = document.get("version")
     if version not in versions:
-        known = " and ".join(map(str, versions))
+        readable = " and ".join(map(str, versions))
         raise ValueError(
-            f"the {name} has version {shown(version)}, this program reads {known}; {again}"
+            f"the {name} has version {shown(version)}, this program reads {readable}; {again}"
         )
     return document
 

@@ -124,9 +124,10 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
 
 def soft_tissue(motion_force: Array, time: Array) -> Array:
     """Give the force that soft tissue of usual mass adds to that of a rigid body, (T, 3) [N]."""
-    known = np.isfinite(motion_force).all(axis=1)
+    frames = np.isfinite(motion_force).all(axis=1)
     # seen from the body, the tissue is driven by minus the body's acceleration
-    drive = np.column_stack([-np.interp(time, time[known], axis) for axis in motion_force[known].T])
+    axes = motion_force[frames].T
+    drive = np.column_stack([-np.interp(time, time[frames], axis) for axis in axes])
     _, added = oscillation(drive - drive[0], time, LIMITS.tissue_frequency, LIMITS.tissue_damping)
     return LIMITS.tissue_mass * added
 
@@ -201,5 +202,5 @@ def _size(error: Array) -> Array:
     Halfway to that of all axes: one stride shows little of each axis by itself.
     """
     # robust: median absolute deviation, between that of each axis and of all
-    variance = np.square([1.4826 * median_of(each) for each in np.abs(error).T])
+    variance = np.square([1.4826 * median_of(sizes) for sizes in np.abs(error).T])
     return np.asarray(np.sqrt((variance + variance.mean()) / 2))

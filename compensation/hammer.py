@@ -94,7 +94,7 @@ def hammer_delay(
         delay = float(np.median(delays))
         impacts = (_impact(t_m, height, contact, delay) for contact in contacts)
         estimates = [impact for impact in impacts if impact is not None]
-        delays, gaps_s = _enough([each for each, _ in estimates]), [each for _, each in estimates]
+        delays, gaps_s = _enough([x for x, _ in estimates]), [x for _, x in estimates]
     scatter = np.std(delays, ddof=1) / np.sqrt(len(delays))
     error, freedom = float(np.hypot(scatter, np.mean(gaps_s))), len(delays) - 1
     return Delay(float(np.mean(delays)), error, degrees_of_freedom=freedom)

@@ -368,8 +368,8 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
             f"{len(reference)} platform markers lie within 2 cm of a line: "
             "rotation about it cannot be determined"
         )
-    seen = np.asarray(np.isfinite(position).all(axis=2))
-    used = seen.copy()
+    visible = np.asarray(np.isfinite(position).all(axis=2))
+    used = visible.copy()
     rotation, origin, error = _fit(position, reference, used)
     # marker by marker, as long as one is off and three are left
     while len(bad := np.flatnonzero(_beyond(error, used, outlier_m) & (used.sum(axis=1) > 3))):
@@ -380,7 +380,7 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
     some = np.flatnonzero(~used.all(axis=1))
     lost[some] |= ~_spread(reference, used[some])
     rotation[lost], origin[lost], used[lost] = np.nan, np.nan, False
-    error[~seen] = np.nan
+    error[~visible] = np.nan
     return PoseFit(PlatformPose(rotation, origin), error, used)
 
 
@@ -419,9 +419,9 @@ def check_pose(fit: PoseFit, names: Sequence[str], outlier_m: float) -> tuple[No
         )
     left_out = np.mean(np.isfinite(fit.marker_error) & ~fit.used & ~lost[:, None], axis=0)
     notes += [
-        Note.of("platform_marker_left_out", marker=name, limit_m=outlier_m, share=share)
-        for name, share in zip(names, left_out, strict=True)
-        if share > LIMITS.most_left_out
+        Note.of("platform_marker_left_out", marker=name, limit_m=outlier_m, share=fraction)
+        for name, fraction in zip(names, left_out, strict=True)
+        if fraction > LIMITS.most_left_out
     ]
     return tuple(notes)
 

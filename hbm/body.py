@@ -166,11 +166,11 @@ def build_body(
         anatomy = locate_anatomy(landmarks, measures)
     except MissingLandmark as error:
         labels = [chosen.landmark[name] for name in error.names if name in chosen.landmark]
-        wanted = f" with {', '.join(labels)}" if labels else " that has them"
+        needed = f" with {', '.join(labels)}" if labels else " that has them"
         unused = [name for name in static_markers.names if name not in segment]
         others = f"; markers not in use: {listed(unused)}" if unused else ""
         raise ValueError(
-            f"{error}; give a static recording{wanted} (--static), or rename markers (--rename); "
+            f"{error}; give a static recording{needed} (--static), or rename markers (--rename); "
             f"the set is {chosen.name}{others}"
         ) from error
     # a wrong unit of length shows in the legs, whatever the mass says

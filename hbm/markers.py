@@ -283,12 +283,12 @@ def marker_sets() -> Mapping[str, MarkerSet]:
 
 def _marker_set(name: str, table: Mapping[str, Any], known: Mapping[str, MarkerSet]) -> MarkerSet:
     faults: list[str] = []
-    own = _markers(table.get("markers", {}), False, faults)
-    own += _markers(table.get("optional", {}), True, faults)
-    faults += _repeated(own)
+    rows = _markers(table.get("markers", {}), False, faults)
+    rows += _markers(table.get("optional", {}), True, faults)
+    faults += _repeated(rows)
     if not isinstance(table.get("title", ""), str):
         faults.append(f"title must be a text, got {shown(table['title'])}")
-    markers = (*_inherited(table.get("extends", []), own, known, faults), *own)
+    markers = (*_inherited(table.get("extends", []), rows, known, faults), *rows)
     if faults:
         raise ValueError(f"marker set {name!r}: " + "; ".join(dict.fromkeys(faults)))
     return MarkerSet(name, table.get("title", name), markers)
@@ -449,31 +449,31 @@ def _short_of(chosen: MarkerSet, names: Iterable[str], part: str = LOWER_BODY) -
 
 def _mismatch(names: tuple[str, ...]) -> str:
     """Say which labels there are, what the two nearest sets lack, and what to do."""
-    sets = [each for each in marker_sets().values() if _legs_shown(each, names)]
+    sets = [one for one in marker_sets().values() if _legs_shown(one, names)]
     nearest: list[MarkerSet] = []
     # the two nearest, each of another family
     while sets and len(nearest) < 2:
         nearest.append(_nearest(sets, names))
         family = nearest[-1].name.removesuffix("_lower")
-        sets = [each for each in sets if each.name.removesuffix("_lower") != family]
-    lacking = "; ".join(_lacking(each, names) for each in nearest)
-    found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
+        sets = [one for one in sets if one.name.removesuffix("_lower") != family]
+    lacking = "; ".join(_lacking(one, names) for one in nearest)
+    hint = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
     # what all labels begin with, letter by letter, may be a person's name
     shared = re.compile(r"[^\W_]*$").sub("", commonprefix(names))  # noqa: RUF071
     bare = [f"{'…' if shared else ''}{name[len(shared) :]}" for name in names]
-    seen = f"the markers match no shipped set; labels: {listed(bare, 20)}"
+    text = f"the markers match no shipped set; labels: {listed(bare, 20)}"
     if shared:
-        seen += " (… is what all begin with; --label-prefix removes it)"
+        text += " (… is what all begin with; --label-prefix removes it)"
     options = [f"--rename {quote(f'{old}={new}')}" for old, new in renaming(names).items()]
-    return f"{seen}; {found}; {' '.join(['try', *options]) if options else REMEDY}"
+    return f"{text}; {hint}; {' '.join(['try', *options]) if options else REMEDY}"
 
 
 def _lacking(chosen: MarkerSet, names: Sequence[str]) -> str:
     """Say how many markers of a set's pelvis and legs are there, and which are not."""
     needed = _needed(chosen)
     absent = sorted(marker.labels[0] for marker in _absent(needed, names))
-    found = f"{chosen.name} with {len(needed) - len(absent)} of its {len(needed)} markers"
-    return f"{found} of pelvis and legs (missing {listed(absent)})"
+    present = f"{chosen.name} with {len(needed) - len(absent)} of its {len(needed)} markers"
+    return f"{present} of pelvis and legs (missing {listed(absent)})"
 
 
 @lru_cache
@@ -487,8 +487,8 @@ def renaming(names: tuple[str, ...]) -> Mapping[str, str]:
         return {}
     spelt = {_letters(name): name for name in names} | {name: name for name in names}
     every = (label for s in sets for m in s.markers for label in m.labels)
-    found = {label: spelt.get(label, spelt.get(_letters(label))) for label in every}
-    alike = {label: name for label, name in found.items() if name is not None}
+    name_of = {label: spelt.get(label, spelt.get(_letters(label))) for label in every}
+    alike = {label: name for label, name in name_of.items() if name is not None}
     shown = [s for s in sets if not _short_of(s, alike)]
     if not shown:
         return {}
@@ -528,11 +528,11 @@ def _absent(markers: Iterable[SetMarker], names: Iterable[str]) -> list[SetMarke
 @cache
 def _meanings() -> Mapping[str, set[tuple[str, str | None]]]:
     """Give segment and landmark of each label of the shipped sets, in lower case."""
-    found: dict[str, set[tuple[str, str | None]]] = {}
+    meanings: dict[str, set[tuple[str, str | None]]] = {}
     for marker in (m for chosen in marker_sets().values() for m in chosen.markers):
         for label in marker.labels:
-            found.setdefault(label.casefold(), set()).add((marker.segment, marker.landmark))
-    return found
+            meanings.setdefault(label.casefold(), set()).add((marker.segment, marker.landmark))
+    return meanings
 
 
 def usual_landmarks(names: Iterable[str]) -> dict[str, str]:
@@ -557,12 +557,12 @@ def _landmark_of_letters() -> dict[str, str]:
 def _completed(chosen: MarkerSet, names: Sequence[str]) -> MarkerSet:
     """Add other sets' markers of trunk, head and arms where the chosen set's are not there."""
     parts = {part for part in UPPER_PARTS.values() if _short_of(chosen, names, part)}
-    known = {label.casefold() for marker in chosen.markers for label in marker.labels}
+    in_set = {label.casefold() for marker in chosen.markers for label in marker.labels}
     marked = set(chosen.present(names).landmark)
     added: list[SetMarker] = []
     for name in names:
         meant = _meanings().get(name.casefold(), set())
-        if name.casefold() not in known and len(meant) == 1:
+        if name.casefold() not in in_set and len(meant) == 1:
             ((segment, landmark),) = meant
             landmark = None if landmark in marked else landmark
             part = UPPER_PARTS.get(segment, LOWER_BODY)

@@ -386,11 +386,11 @@ def apply_overrides(
     for segment in overrides:
         if segment not in inertias:
             raise ValueError(f"overrides: {no_segment(segment, inertias)}")
-    stated = {s: o.mass_kg for s, o in overrides.items() if o.mass_kg is not None}
+    mass_of = {s: o.mass_kg for s, o in overrides.items() if o.mass_kg is not None}
     worn = sum(o.worn.mass for o in overrides.values() if o.worn)
-    table = sum(part.mass for s, part in inertias.items() if s not in stated)
+    table = sum(part.mass for s, part in inertias.items() if s not in mass_of)
     # the total mass is measured: what is stated or worn is taken from the other segments
-    rest = mass - sum(stated.values()) - worn
+    rest = mass - sum(mass_of.values()) - worn
     if table and not rest > 0:
         raise ValueError(
             f"the overrides weigh {mass - rest:.2f} kg, which leaves nothing of {mass:g} kg for "
@@ -401,7 +401,7 @@ def apply_overrides(
     for s, part in inertias.items():
         override = overrides.get(s, SegmentOverride())
         # a tensor that is not stated scales with its mass
-        factor = stated[s] / part.mass if s in stated else factor_of_rest
+        factor = mass_of[s] / part.mass if s in mass_of else factor_of_rest
         center, tensor = override.center_m, override.inertia_kg_m2
         center = part.center if center is None else center
         tensor = factor * part.tensor if tensor is None else tensor

@@ -129,7 +129,7 @@ def choose(
     """
     setup = next(iter(static.values())).setup
     assert setup is not None
-    if stated != "dynamic" and any(is_short(felt) for felt, _ in trials[0][1].values()):
+    if stated != "dynamic" and any(is_short(channels) for channels, _ in trials[0][1].values()):
         return "static model: the recording is too short to judge a dynamic one", {}
     k, files = 3 * len(setup.sensors), [file for file, _ in (*trials, *checks)]
     of_plate = {
@@ -144,8 +144,8 @@ def choose(
         left[recording].append(np.stack([np.std(band, axis=1) for band in (pair, slow)], axis=1))
 
     for samples in of_plate.values():
-        both = [(felt, wrench) for _, felt, wrench in samples]
-        readings = [(felt[:, :k], wrench) for felt, wrench in both]
+        both = [(channels, wrench) for _, channels, wrench in samples]
+        readings = [(channels[:, :k], wrench) for channels, wrench in both]
         # static and dynamic model, fitted without each part in turn
         simple = left_of_held_out(readings, beside_weight=beside_weight)
         better = left_of_held_out(both, len(LAGS_S), beside_weight)
@@ -156,7 +156,7 @@ def choose(
         for name, samples in of_plate.items():
             error = static[name].model_error
             dynamic[name] = fit_trials(
-                [(felt, wrench) for _, felt, wrench in samples],
+                [(channels, wrench) for _, channels, wrench in samples],
                 setup,
                 belts_mps=() if error is None else error.belts_mps,
                 beside_weight=beside_weight,
@@ -164,9 +164,9 @@ def choose(
             )
     # recordings that no fit knows are judged as they are
     for recording, (_, plates) in enumerate(checks, len(trials)):
-        for name, (felt, wrench) in plates.items():
-            simple_left = static[name].compensate(felt[:, :k], wrench)
-            add(recording, simple_left, dynamic[name].compensate(felt, wrench))
+        for name, (channels, wrench) in plates.items():
+            simple_left = static[name].compensate(channels[:, :k], wrench)
+            add(recording, simple_left, dynamic[name].compensate(channels, wrench))
     clear, reason = _judged(left, files)
     kind = stated if stated != "auto" else "dynamic" if clear else "static"
     as_stated = "" if stated == "auto" else ", as given"

@@ -250,12 +250,12 @@ def fit_trials(
     # recordings weigh alike in the constant
     one_of_each = np.repeat(n / (len(read) * counts), counts)
     design = np.column_stack([root * u * s, one_of_each])
-    share = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
+    noise_part = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
     # a second each in a minute of motion
     blocks = pairwise(np.linspace(0, n, min(60, n) + 1).astype(int))
     # covariance of the gains by the sandwich, from sums over blocks: errors in time are correlated
     scores = np.stack(
-        [design[i:j].T @ residual[i:j] + weight[i:j].sum() * share for i, j in blocks]
+        [design[i:j].T @ residual[i:j] + weight[i:j].sum() * noise_part for i, j in blocks]
     )
     if lags_s:
         scores -= scores.mean(axis=0)  # with a penalty they do not add up to 0
@@ -264,8 +264,8 @@ def fit_trials(
 
     rate_hz, cutoff_hz = (None, None) if setup is None else (setup.rate_hz, setup.cutoff_hz)
     slow = [slow_part(part, rate_hz) for part in np.split(residual, ends)]
-    known = [part for part in slow if part is not None]
-    all_slow = np.vstack(known) if len(known) == len(read) else residual
+    long_enough = [part for part in slow if part is not None]
+    all_slow = np.vstack(long_enough) if len(long_enough) == len(read) else residual
     about = w - _repeated(wrench_mean, counts)
     # errors of parts that were not fitted are those of trials; of fitted ones they are too small
     unseen = _held_out(np.split(u, ends), np.split(root * about, ends), noisy / s**2)
@@ -314,9 +314,9 @@ def left_of_held_out(
     >>> bool(np.abs(left_of_held_out([(felt, wrench)])).max() < 1e-6)
     True
     """
-    felt, wrenches = zip(*trials, strict=True)
-    weight, u, s, _ = _decomposed(felt, lags, beside_weight, np.zeros(1))
-    root, ends = np.sqrt(weight)[:, None], np.cumsum([len(x) for x in felt])[:-1]
+    channels, wrenches = zip(*trials, strict=True)
+    weight, u, s, _ = _decomposed(channels, lags, beside_weight, np.zeros(1))
+    root, ends = np.sqrt(weight)[:, None], np.cumsum([len(x) for x in channels])[:-1]
     about = np.vstack([w - w.mean(axis=0) for w in wrenches])
     unseen = _held_out(np.split(u, ends), np.split(root * about, ends), np.zeros(len(s)))
     return np.split(np.vstack(unseen) / root, ends)

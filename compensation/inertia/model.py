@@ -253,12 +253,12 @@ class InertiaModel:
             zero. Without `model_error` it is noise and gains alone. NaN where the readings are.
         """
         a = np.asarray(accelerations, float)
-        known = np.isfinite(a).all(axis=1)
+        finite = np.isfinite(a).all(axis=1)
         variance = np.full((len(a), 6), np.nan)
-        if known.any():
-            x = self._design(a[known])
+        if finite.any():
+            x = self._design(a[finite])
             # xᵀ C x of each component: uncertainty of the gains
-            variance[known] = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], 1)
+            variance[finite] = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], 1)
         error = self.model_error
         if error is None:
             noise = np.asarray(self.rms_slow if slow else self.sigma)

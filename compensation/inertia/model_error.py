@@ -133,9 +133,9 @@ class ModelError:
         speed = np.asarray(fastest if belts_mps is None else belts_mps, float)
         terms = _belt_terms(np.where(np.isnan(speed), fastest, speed))
         floor = self.floor[int(slow)] + terms @ self.per_belts[int(slow)]
-        known = np.isfinite(a).all(axis=1)
+        finite = np.isfinite(a).all(axis=1)
         if not len(self.directions):
-            return np.where(known[:, None], floor, np.nan)
+            return np.where(finite[:, None], floor, np.nan)
         # variance in proportion to the energy of motion in each direction and band
         energy = _smooth(self.motion(a, rate_hz) ** 2, rate_hz)
         return np.asarray(energy @ self.per_energy[int(slow)] + floor)
@@ -149,8 +149,8 @@ class ModelError:
         a = np.asarray(accelerations, float)
         if not len(self.directions):
             return np.empty((len(a), 0))
-        known = np.isfinite(a).all(axis=1, keepdims=True)
-        bands = _bands(np.where(known, a, np.nan) - self.center, rate_hz)
+        finite = np.isfinite(a).all(axis=1, keepdims=True)
+        bands = _bands(np.where(finite, a, np.nan) - self.center, rate_hz)
         return _turned(bands, self.directions)
 
 
@@ -366,14 +366,14 @@ def _turned(bands: Sequence[Array], directions: Array) -> Array:
 def _smooth(squares: Array, rate_hz: float) -> Array:
     """Average (N, C) over `SMOOTHING_S`, over what is known of it; gaps stay gaps."""
     count = max(round(SMOOTHING_S * rate_hz), 1)
-    known = np.isfinite(squares).all(axis=1, keepdims=True)
-    filled = np.where(known, squares, 0.0)
+    finite = np.isfinite(squares).all(axis=1, keepdims=True)
+    filled = np.where(finite, squares, 0.0)
     # mean over the known samples of the window: sum by the part that is known
-    total, share = (
+    total, fraction = (
         scipy.ndimage.uniform_filter1d(x.T, count, mode="constant").T
-        for x in (filled, known.astype(float))
+        for x in (filled, finite.astype(float))
     )
-    return np.asarray(np.where(known, total / np.maximum(share, 0.5 / count), np.nan))
+    return np.asarray(np.where(finite, total / np.maximum(fraction, 0.5 / count), np.nan))
 
 
 def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:

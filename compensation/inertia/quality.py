@@ -38,9 +38,9 @@ def _max_left() -> Array:
     a plate's horizontal axes lie is not known: both have the RMS of the person's two. A horizontal
     force is as large a moment about the hips, 1 m above, and is limited by that of moments.
     """
-    share = np.sqrt(((1 + LIMITS.largest_rise) ** 2 - 1) / 2)
-    _, tilt = share * np.sqrt(np.mean(PERSON_RMS.reshape(2, 3)[:, :2] ** 2, axis=1))
-    up, turn = share * PERSON_RMS[[2, 5]]
+    fraction = np.sqrt(((1 + LIMITS.largest_rise) ** 2 - 1) / 2)
+    _, tilt = fraction * np.sqrt(np.mean(PERSON_RMS.reshape(2, 3)[:, :2] ** 2, axis=1))
+    up, turn = fraction * PERSON_RMS[[2, 5]]
     return read_only([tilt / HIP_HEIGHT_M, tilt / HIP_HEIGHT_M, up, tilt, tilt, turn])
 
 
@@ -219,8 +219,7 @@ def check_another_day(
     refuse_unusable({"the plate": new})
     # only what passes the filter of trials
     error, newly = (
-        low_pass(each.compensate(a, w), setup.rate_hz, SLOW_HZ, "zero_phase")
-        for each in (model, new)
+        low_pass(one.compensate(a, w), setup.rate_hz, SLOW_HZ, "zero_phase") for one in (model, new)
     )
     left, by_new, zero = error.std(axis=0), newly.std(axis=0), error.mean(axis=0)
     expected = model.uncertainty(a, slow=True, zero=False, belts_mps=belts_mps)

@@ -56,8 +56,8 @@ class Sensor:
     def correction_s(self) -> float:
         """The delay that is undone: the estimate where its interval excludes 0, else 0 [s]."""
         error = self.delay_error_s
-        known = error is not None and abs(self.delay_s) > QUANTILE_95 * error
-        return self.delay_s if known else 0.0
+        determined = error is not None and abs(self.delay_s) > QUANTILE_95 * error
+        return self.delay_s if determined else 0.0
 
 
 def find_sensors(
@@ -314,5 +314,5 @@ def _noise(readings: Array, rate_hz: float, setup: Setup) -> Array | None:
     impulse[2 * length] = 1.0
     # energy of the filter's impulse response: the part of white noise that passes
     passed = float(np.sum(setup.low_pass(impulse, rate_hz) ** 2))
-    found: Array = np.sqrt(passed * white.reshape(-1, 3).mean(axis=1))
-    return found
+    noise: Array = np.sqrt(passed * white.reshape(-1, 3).mean(axis=1))
+    return noise

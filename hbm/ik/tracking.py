@@ -476,20 +476,20 @@ class FrameTracker:
         if self.q is not None and self.problem.weak_trunk:
             self.problem.reference[0, TRUNK] = self._upright(self.q)
         if not self.seen.all():  # hold near neutral what no marker that was ever seen determines
-            seen = self.seen | np.isfinite(self.position[0, self.columns, 0])
-            if (seen != self.problem.seen).any():
-                self.problem.hold(seen)
-        found, looked = self._first() if self.q is None else self._next(self.q)
-        observed, left_out = self._observed(found), np.zeros((1, N_Q), bool)
-        if not found.converged[0]:
-            left_out = leave_limbs_out(self.problem, found)
-            observed = self._observed(found) & ~left_out[0]
+            ever_seen = self.seen | np.isfinite(self.position[0, self.columns, 0])
+            if (ever_seen != self.problem.seen).any():
+                self.problem.hold(ever_seen)
+        optimum, looked = self._first() if self.q is None else self._next(self.q)
+        observed, left_out = self._observed(optimum), np.zeros((1, N_Q), bool)
+        if not optimum.converged[0]:
+            left_out = leave_limbs_out(self.problem, optimum)
+            observed = self._observed(optimum) & ~left_out[0]
         every = bool((observed | self.problem.locked).all())
         solved = every or bool(observed[self.problem.carriers].all())
         if solved and not every:
-            self._hold(found, ~observed & ~self.problem.locked, left_out)
-        solved = solved and bool(found.converged[0])
-        q, error = found.q[0].copy(), found.error[0].copy()
+            self._hold(optimum, ~observed & ~self.problem.locked, left_out)
+        solved = solved and bool(optimum.converged[0])
+        q, error = optimum.q[0].copy(), optimum.error[0].copy()
         if not solved:
             q[:] = error[:] = np.nan
         elif self.q is None:
@@ -499,7 +499,7 @@ class FrameTracker:
             q = nearest_equivalent(q, self.q)
         if looked:
             observed &= self.problem.carriers
-        return FrameSolution(q, error, solved, observed & solved, found.pivots[0].copy(), looked)
+        return FrameSolution(q, error, solved, observed & solved, optimum.pivots[0].copy(), looked)
 
     def keep(self, solution: FrameSolution, time: float) -> FrameSolution:
         """Take a solution as the one that the next frame follows; give it with its whole trunk."""
@@ -530,10 +530,10 @@ class FrameTracker:
 
     def _first(self) -> tuple[Solved, bool]:
         """Solve a frame before which none was solved."""
-        found = self.problem.newton(ROW, self.problem.rigid_fit(ROW))
-        if not self.begun and doubtful(self.problem, found)[0]:
-            look_for_lower(self.problem, found, ROW)
-        return found, False
+        optimum = self.problem.newton(ROW, self.problem.rigid_fit(ROW))
+        if not self.begun and doubtful(self.problem, optimum)[0]:
+            look_for_lower(self.problem, optimum, ROW)
+        return optimum, False
 
     def _next(self, q: Array) -> tuple[Solved, bool]:
         """Solve a frame from the last one; where that is no good, from a rigid fit too.
@@ -541,15 +541,15 @@ class FrameTracker:
         Gives also whether a lower optimum is likely and is looked for.
         """
         problem = self.problem
-        found, looked = self.descent.solve(q), self.tries_left > 0
-        if self._start_is_no_good(found, q):
-            lower = try_start(problem, found, ROW, problem.rigid_fit(ROW))[0]
-            looked |= bool(lower and doubtful(problem, found)[0])
-        if looked and np.isfinite(found.q[0]).all():
+        optimum, looked = self.descent.solve(q), self.tries_left > 0
+        if self._start_is_no_good(optimum, q):
+            lower = try_start(problem, optimum, ROW, problem.rigid_fit(ROW))[0]
+            looked |= bool(lower and doubtful(problem, optimum)[0])
+        if looked and np.isfinite(optimum.q[0]).all():
             # one try in each frame, so that no frame is late
             number = (TRIES - self.tries_left) % TRIES
-            found.overwrite(ROW, lowest_of_tries(problem, found, slice(number, number + 1)))
-        return found, looked
+            optimum.overwrite(ROW, lowest_of_tries(problem, optimum, slice(number, number + 1)))
+        return optimum, looked
 
     def _start_is_no_good(self, found: Solved, q: Array) -> bool:
         if not found.converged[0] or np.abs(found.q[0] - q).max() > LIMITS.far:

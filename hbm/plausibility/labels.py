@@ -138,8 +138,8 @@ def _lasting(mask: Mask, time: Array, duration_s: float) -> Iterator[slice]:
 
 def _extent(position: Array) -> float:
     """Give the largest extent of positions, (F, 3), along an axis [m]; 0 where none is known."""
-    known = position[np.isfinite(position[:, 0])]
-    return float(np.ptp(known, axis=0).max()) if len(known) else 0.0
+    measured = position[np.isfinite(position[:, 0])]
+    return float(np.ptp(measured, axis=0).max()) if len(measured) else 0.0
 
 
 CROSSING_SEGMENTS: Final = ("forearm", "hand")

@@ -256,8 +256,8 @@ def unseen_segments(body: Body, motion: Motion) -> tuple[str, ...]:
 
 def seen_markers(motion: Motion) -> list[str]:
     """Give the markers that are seen in any frame of a motion."""
-    seen = np.atleast_1d(np.isfinite(motion.marker_error).any(axis=0))
-    return [name for name, ever in zip(motion.markers, seen, strict=True) if ever]
+    ever_seen = np.atleast_1d(np.isfinite(motion.marker_error).any(axis=0))
+    return [name for name, ever in zip(motion.markers, ever_seen, strict=True) if ever]
 
 
 def mass_share(body: Body, segments: Sequence[str]) -> float:

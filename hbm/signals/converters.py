@@ -155,7 +155,7 @@ def _exact_limit(side: Array, step_s: float) -> Mask | None:
     # files of a higher rate hold each value, or join values by straight lines
     moving = ((side > 0.05 * top) & ~at)[2:]
     steps = np.diff(side)[1:], np.diff(side, 2)
-    changes = min(int(np.sum(moving & (np.abs(each) > FINEST * top))) for each in steps)
+    changes = min(int(np.sum(moving & (np.abs(change) > FINEST * top))) for change in steps)
     held = max(1.0, np.count_nonzero(moving) / max(1, changes))
     coarse = step > LIMITS.coarse * top
     shortest = held * (LIMITS.flat_samples_coarse if coarse else LIMITS.flat_samples)

@@ -266,7 +266,7 @@ def _both_ways(
     kept = slice(padding, padding + len(time))
     filtered = reversed_pass(reversed_pass(extended(signal, padding).T)).T
     more = spline_derivatives(filtered, step) if derivatives else ()
-    return filtered[kept], *(each[kept] for each in more)
+    return filtered[kept], *(derivative[kept] for derivative in more)
 
 
 def _recursion(numerator: Array, feedback: Array, channels: Array) -> Array:

@@ -111,12 +111,12 @@ def interpolant(time: ArrayLike, values: ArrayLike) -> Signal:
     ]
 
     def evaluate(at: Array) -> Array:
-        wanted = at.ravel()
-        result = unknown((len(wanted), columns.shape[1]))
+        times = at.ravel()
+        result = unknown((len(times), columns.shape[1]))
         for (first, last), sharing, spline in splines:
-            inside = (wanted >= first - rounding) & (wanted <= last + rounding)
+            inside = (times >= first - rounding) & (times <= last + rounding)
             place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
-            result[place] = spline(wanted[inside])
+            result[place] = spline(times[inside])
         return result.reshape(*at.shape, *values.shape[1:])
 
     return evaluate
@@ -291,8 +291,8 @@ class Convolution:
             (T, K); NaN where a sample within reach is NaN, where the samples leave a gap, and where
             they end before the reach does.
         """
-        found = [self.at_one(time, values, each) for each in at.tolist()]
-        return np.array(found).reshape(len(at), values.shape[1])
+        rows = [self.at_one(time, values, instant) for instant in at.tolist()]
+        return np.array(rows).reshape(len(at), values.shape[1])
 
     def at_one(self, time: Array, values: Array, at: float) -> Array:
         """Do the same for one instant, (K,)."""

@@ -119,17 +119,17 @@ def bridged(columns: Array, time: Array, longest_s: float, degree: int) -> Array
     for which four samples are needed.
     """
     filled = columns
-    for known, numbers in _columns_by_gaps(np.isfinite(columns)):
+    for measured, numbers in _columns_by_gaps(np.isfinite(columns)):
         # only bridged samples are filled; longer gaps stay
-        rows = np.flatnonzero(without_short_gaps(known, time, longest_s) & ~known)
+        rows = np.flatnonzero(without_short_gaps(measured, time, longest_s) & ~measured)
         if len(rows):
-            through, at = columns[known][:, numbers], time[rows]
+            through, at = columns[measured][:, numbers], time[rows]
             filled = columns.copy() if filled is columns else filled
             place = rows if isinstance(numbers, slice) else np.ix_(rows, numbers)
             if degree == 1 or len(through) < MIN_SPLINE_SAMPLES:
-                filled[place] = np.transpose([np.interp(at, time[known], x) for x in through.T])
+                filled[place] = np.transpose([np.interp(at, time[measured], x) for x in through.T])
             else:
-                filled[place] = cubic_spline(time[known], through)(at)
+                filled[place] = cubic_spline(time[measured], through)(at)
     return filled
 
 
@@ -195,8 +195,8 @@ def _columns_by_gaps(known: Mask) -> Iterator[tuple[Mask, Mask | slice]]:
 
 def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Mask | slice]]:
     """Find blocks of at least ``needed`` finite rows in (T, K), and the columns that share them."""
-    for known, numbers in _columns_by_gaps(np.isfinite(columns)):
-        for start, stop in stretches(known):
+    for complete, numbers in _columns_by_gaps(np.isfinite(columns)):
+        for start, stop in stretches(complete):
             if stop - start >= needed:
                 yield slice(start, stop), numbers
 
