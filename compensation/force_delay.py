@@ -129,7 +129,7 @@ def soft_tissue(motion_force: Array, time: Array) -> Array:
     axes = motion_force[frames].T
     drive = np.column_stack([-np.interp(time, time[frames], axis) for axis in axes])
     _, added = oscillation(drive - drive[0], time, LIMITS.tissue_frequency, LIMITS.tissue_damping)
-    return LIMITS.tissue_mass * added
+    return np.asarray(LIMITS.tissue_mass * added)
 
 
 def _independent(used: Mask, step_s: float) -> float:
@@ -141,7 +141,7 @@ def _independent(used: Mask, step_s: float) -> float:
             f"without gaps are needed, got {duration_s:.2g} s"
         )
     # errors of a body model repeat with the stride: a longer recording has no more of them
-    return LIMITS.independent_rate * min(duration_s, LIMITS.stride)
+    return float(LIMITS.independent_rate * min(duration_s, LIMITS.stride))
 
 
 def _nearest_lag(plate: Array, expected: Array, reach: int) -> int:
