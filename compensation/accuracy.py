@@ -8,12 +8,10 @@ import scipy
 from numpy.typing import ArrayLike
 
 from compensation.inputs import read_rate, read_signal, read_table, refuse_constant, refuse_unequal
+from hbm.numbers import read_numbers
 from hbm.spatial import GRAVITY_MPS2, Array
 
-MIN_COSINE: Final = 0.9
-"""Between two signals of equal shape, whose sizes then show whether their units are equal."""
-MAX_UNIT_RATIO: Final = 10.0
-"""Between measured and true size, either way: no plate is that wrong, other units are."""
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "accuracy")
 
 
 def orthogonal_rmse(measured: ArrayLike, truth: ArrayLike) -> float:
@@ -37,6 +35,7 @@ def orthogonal_rmse(measured: ArrayLike, truth: ArrayLike) -> float:
         raise ValueError(f"{len(m)} samples are too few for a line, give at least 3")
     pairs = np.column_stack([t, m])
     refuse_constant(pairs, "the pair", ("truth", "measured"))
+    # the second singular value is what lies across the line of total least squares
     s = np.linalg.svd(pairs - pairs.mean(axis=0), compute_uv=False)
     return float(s[1] / np.sqrt(len(m)))
 
@@ -79,6 +78,7 @@ def linearity(known: ArrayLike, measured: ArrayLike) -> Linearity:
     refuse_constant(y[:, None], "measured loads", ("their only channel",))
     _refuse_other_scale(y, x)
     line = scipy.stats.linregress(x, y)
+    # three standard deviations about the regression line
     rest = y - (line.intercept + line.slope * x)
     return Linearity(3 * float(np.std(rest, ddof=1)), len(x) - 2)
 
@@ -86,17 +86,12 @@ def linearity(known: ArrayLike, measured: ArrayLike) -> Linearity:
 def _refuse_other_scale(m: Array, t: Array) -> None:
     """Raise a ValueError where measured and truth have equal shape, but not equal units."""
     sizes = np.linalg.norm(m), np.linalg.norm(t)
-    alike = abs(m @ t) > MIN_COSINE * sizes[0] * sizes[1]
-    if alike and not sizes[1] / MAX_UNIT_RATIO <= sizes[0] <= MAX_UNIT_RATIO * sizes[1]:
+    # by shape first: a plate that measures something else is not in another unit
+    alike = abs(m @ t) > LIMITS.least_cosine * sizes[0] * sizes[1]
+    if alike and not sizes[1] / LIMITS.largest_ratio <= sizes[0] <= LIMITS.largest_ratio * sizes[1]:
         raise ValueError(
             f"measured is {sizes[0] / sizes[1]:.3g} times the truth; are both in one unit?"
         )
-
-
-MAX_DISTANCE_M: Final = 20.0
-"""Of a marker or point from the origin; larger numbers are millimetres."""
-MAX_ACCELERATION_MPS2: Final = 50.0
-"""Median of a weight on a belt: five times gravity. Raw markers and millimetres show more."""
 
 
 def wrench_of_weight(
@@ -141,13 +136,15 @@ def wrench_of_weight(
     position, rate = read_table(marker, "marker", 3), read_rate(rate_hz)
     if len(position) < 3:
         raise ValueError(f"marker has {len(position)} samples; an acceleration needs at least 3")
+    # central differences, twice
     acceleration = np.gradient(np.gradient(position, 1 / rate, axis=0), 1 / rate, axis=0)
     fastest = float(np.median(np.linalg.norm(acceleration, axis=1)))
-    if np.max(np.abs(position)) > MAX_DISTANCE_M or fastest > MAX_ACCELERATION_MPS2:
+    if np.max(np.abs(position)) > LIMITS.farthest or fastest > LIMITS.largest_acceleration:
         raise ValueError(
             f"marker lies {np.max(np.abs(position)):.3g} m away and is accelerated by "
             f"{fastest:.3g} m/s²; is it in metres and low-passed?"
         )
+    # Newton: a weight that is accelerated; the centre rises with the marker on top
     force = mass_kg * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
     rise = position[:, 2] - position[0, 2]
     center = np.column_stack([position[:, :2], center_height_m + rise])
@@ -156,11 +153,6 @@ def wrench_of_weight(
 
 MIN_SPREAD_M: Final = 1e-9
 """Of the camera points about their mean; below it all places are one."""
-MAX_SPREAD_ERROR: Final = 0.5
-"""Share by which plate and camera points may spread differently; other units do. A plate whose
-moments are a third too large is a bad plate, to be found as one."""
-MIRROR_MARGIN: Final = 1.001
-"""By which mirrored points must fit better to be taken as mirrored; points on a line fit alike."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,19 +235,22 @@ def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> Pl
     if n < 3:
         raise ValueError(f"{n} places are too few for a static calibration, give at least 3")
     farthest = float(max(np.max(np.abs(plate)), np.max(np.abs(camera))))
-    if farthest > MAX_DISTANCE_M:
+    if farthest > LIMITS.farthest:
         raise ValueError(f"a point lies {farthest:.3g} m away; are both in metres?")
+    # rotation does not depend on the offset: about both means
     p, c = (points - points.mean(axis=0) for points in (plate, camera))
     apart = float(np.linalg.norm(c))
     ratio = float(np.linalg.norm(p)) / max(apart, MIN_SPREAD_M)
-    if apart < MIN_SPREAD_M or abs(ratio - 1) >= MAX_SPREAD_ERROR:
+    if apart < MIN_SPREAD_M or abs(ratio - 1) >= LIMITS.largest_spread_error:
         raise ValueError(
             f"plate points spread {np.linalg.norm(p):.3g} about their mean, camera points "
             f"{apart:.3g}, expected the same; are both in metres and in the same order?"
         )
+    # a rotation in the plane is a factor: Σ c̄ p has its angle (Procrustes in two dimensions)
     p_complex, c_complex = p @ [1, 1j], c @ [1, 1j]
     rotated = np.sum(np.conj(c_complex) * p_complex)
-    if np.abs(np.sum(c_complex * p_complex)) > MIRROR_MARGIN * np.abs(rotated):
+    # without conjugation: the same with one axis reversed
+    if np.abs(np.sum(c_complex * p_complex)) > LIMITS.mirrored * np.abs(rotated):
         raise ValueError(
             "plate and camera points fit better when mirrored; "
             "is one axis reversed, or are the axes exchanged?"
@@ -265,8 +260,10 @@ def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> Pl
     turned = camera @ turn.T
     offset = plate.mean(axis=0) - turn @ camera.mean(axis=0)
     residual = plate - turned - offset
+    # derivative of the points by the angle: turned by 90°
     by_angle = turned @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     jacobian = np.column_stack([by_angle.ravel(), np.tile([1.0, 0.0], n), np.tile([0.0, 1.0], n)])
+    # covariance of a linear fit with three parameters
     variance = np.sum(residual**2) / (2 * n - 3)
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
     return PlateAlignment(angle, offset, covariance)

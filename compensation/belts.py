@@ -8,24 +8,16 @@ import scipy
 from numpy.typing import ArrayLike
 
 from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.spatial import Array, freeze_arrays
 
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "belts")
+
 SETTLING_SAMPLES: Final = 100
 """At the start of a trial, which depend on the belt's motion before; 1 s at 100 Hz."""
-MIN_SAMPLES: Final = 1000
-"""10 s at 100 Hz; fewer do not determine five coefficients and their poles."""
-MAX_REFLECTION: Final = 0.9
-"""Largest reflection coefficient of a fit: keeps the poles well inside the unit circle."""
 START_GRID: Final = np.linspace(-0.8, 0.8, 5)
 """Reflection coefficients from which the fit starts; the error has several minima."""
-REFINED_STARTS: Final = 3
-"""Best starts of the grid that are refined; more find the same minimum."""
-MAX_SPEED_MPS: Final = 10.0
-"""No treadmill's belt is faster: larger numbers are mm/s or km/h."""
-MIN_MOMENT_PER_ACCELERATION: Final = 0.05
-MAX_MOMENT_PER_ACCELERATION: Final = 500.0
-"""N·m per m/s²; some 5 on a GRAIL. Moments in N·mm and accelerations in mm/s² are outside."""
 State = tuple[float, float]
 
 
@@ -63,10 +55,10 @@ def belt_acceleration(
     v = read_signal(speed, "belt speed")
     if len(v) < 2:
         raise ValueError("belt speed has 1 sample; an acceleration needs at least 2")
-    if np.max(np.abs(v)) > MAX_SPEED_MPS:
+    if np.max(np.abs(v)) > LIMITS.largest_speed:
         raise ValueError(
-            f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, expected below {MAX_SPEED_MPS:g}; "
-            "is it in m/s?"
+            f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, "
+            f"expected below {LIMITS.largest_speed:g}; is it in m/s?"
         )
     return low_pass(np.gradient(v, 1 / read_rate(rate_hz)), rate_hz, cutoff_hz, method)
 
@@ -104,6 +96,7 @@ class BeltModel:
         freeze_arrays(self, "belt model", theta=(5,))
         if self.advance < 0:
             raise ValueError(f"belt model: advance must be 0 or more samples, got {self.advance}")
+        # poles of the recursion inside the unit circle: the moment fades with the motion
         largest = np.max(np.abs(np.roots(self._recursion)))
         if not largest < 1:
             raise ValueError(f"belt model: unstable, its largest pole has size {largest:.3g}")
@@ -151,6 +144,7 @@ class BeltModel:
             Pitch moment `advance` samples ago [N·m], and the state of the next step.
         """
         theta_1, theta_2, theta_3, theta_4, theta_5 = self.theta.tolist()
+        # transposed direct form II, as scipy.signal.lfilter computes it
         moment = theta_3 * belt_acceleration + state[0]
         following = (
             theta_4 * belt_acceleration - theta_1 * moment + state[1],
@@ -212,25 +206,31 @@ def fit_belt(belt_acceleration: ArrayLike, pitch_moment: ArrayLike, advance: int
     a = read_signal(belt_acceleration, "belt acceleration")
     moment = read_signal(pitch_moment, "pitch moment")
     refuse_unequal(belt_acceleration=a, pitch_moment=moment)
-    if len(a) < MIN_SAMPLES:
-        raise ValueError(f"{len(a)} samples are too few to fit a belt model, give {MIN_SAMPLES}")
+    if len(a) < LIMITS.least_samples:
+        raise ValueError(
+            f"{len(a)} samples are too few to fit a belt model, give {LIMITS.least_samples}"
+        )
     refuse_constant(a[:, None], "belt acceleration", ("its only channel",))
     refuse_constant(moment[:, None], "pitch moment", ("its only channel",))
     ratio = float(np.std(moment) / np.std(a))
-    if not MIN_MOMENT_PER_ACCELERATION < ratio < MAX_MOMENT_PER_ACCELERATION:
+    if not LIMITS.least_moment < ratio < LIMITS.largest_moment:
         raise ValueError(
             f"pitch moment by belt acceleration is {ratio:.3g} N·m per m/s², expected "
-            f"{MIN_MOMENT_PER_ACCELERATION:g} to {MAX_MOMENT_PER_ACCELERATION:g}; the moment must "
+            f"{LIMITS.least_moment:g} to {LIMITS.largest_moment:g}; the moment must "
             "be in N·m, the acceleration in m/s²"
         )
     if advance < 0:
         raise ValueError(f"advance must be 0 or more samples, got {advance}")
+    # a moment that precedes its cause: the channels have different delays
     ahead, moment = a[advance:], moment[: len(moment) - advance]
+    # the output error has several minima: a grid of poles, with the best numerator for each
     starts = [_best_numerator(k1, k2, ahead, moment) for k1 in START_GRID for k2 in START_GRID]
     starts.sort(key=lambda start: start[0])
-    fits = [_refine(start, ahead, moment) for _, start in starts[:REFINED_STARTS]]
+    # more than three starts find the same minimum
+    fits = [_refine(start, ahead, moment) for _, start in starts[:3]]
     best = min(fits, key=lambda fit: float(fit.cost))
     theta = _theta(best.x)
+    # quality of the free-running model, as `predict` will be used
     measured = moment[SETTLING_SAMPLES:]
     error = measured - _sensitivities(theta, ahead)[0][SETTLING_SAMPLES:]
     return BeltModel(
@@ -252,11 +252,13 @@ def _delayed(signal: Array, samples: int) -> Array:
 
 def _theta(kappa_and_numerator: Array) -> Array:
     kappa_1, kappa_2, *numerator = kappa_and_numerator
+    # reflection coefficients between −1 and 1 are stable poles, whatever their combination
     return np.array([kappa_1 * (1 + kappa_2), kappa_2, *numerator])
 
 
 def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
     """Give the free-running output, (N,), and its derivatives by theta, (N, 5)."""
+    # derivatives of a recursion run through the same recursion
     recursion = [1, *theta[:2]]
     moment = scipy.signal.lfilter(theta[2:], recursion, a)
     by_past, by_input = (scipy.signal.lfilter([1], recursion, x) for x in (-moment, a))
@@ -267,6 +269,7 @@ def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
 def _best_numerator(kappa_1: float, kappa_2: float, a: Array, moment: Array) -> tuple[float, Array]:
     theta = _theta(np.array([kappa_1, kappa_2, 0.0, 0.0, 0.0]))
     basis = _sensitivities(theta, a)[1][SETTLING_SAMPLES:, 2:]
+    # with fixed poles the output is linear in the numerator
     numerator = np.linalg.lstsq(basis, moment[SETTLING_SAMPLES:])[0]
     error = moment[SETTLING_SAMPLES:] - basis @ numerator
     return float(error @ error), np.array([kappa_1, kappa_2, *numerator])
@@ -278,11 +281,13 @@ def _refine(start: Array, a: Array, moment: Array) -> "scipy.optimize.OptimizeRe
 
     def jacobian(x: Array) -> Array:
         by_theta = _sensitivities(_theta(x), a)[1][SETTLING_SAMPLES:]
+        # chain rule: θ₁ = κ₁ (1 + κ₂), θ₂ = κ₂
         by_kappa_1 = by_theta[:, 0] * (1 + x[1])
         by_kappa_2 = by_theta[:, 0] * x[0] + by_theta[:, 1]
         return np.column_stack([by_kappa_1, by_kappa_2, by_theta[:, 2:]])
 
-    bound = np.array([MAX_REFLECTION] * 2 + [np.inf] * 3)
+    # poles well inside the unit circle
+    bound = np.array([0.9] * 2 + [np.inf] * 3)
     return scipy.optimize.least_squares(
         error, start, jac=jacobian, bounds=(-bound, bound), x_scale="jac"
     )
@@ -290,8 +295,6 @@ def _refine(start: Array, a: Array, moment: Array) -> "scipy.optimize.OptimizeRe
 
 MIN_SPLINE_SAMPLES: Final = 10
 """Fewer hold no frequencies to tell signal from noise by."""
-GRID: Final = np.linspace(-8, 12, 201)
-"""Powers of ten of the smoothing about that which passes half of the spectrum; steps of 0.1."""
 
 
 def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
@@ -341,18 +344,23 @@ def spline_cutoff(signal: ArrayLike, rate_hz: float) -> float:
             f"{len(x)} samples are too few to find a smoothing, give at least {MIN_SPLINE_SAMPLES}"
         )
     refuse_constant(x[:, None], "signal", ("its only channel",))
+    # without its line the signal's periodic extension has no jump
     line = np.polynomial.Polynomial.fit(np.arange(len(x)), x, 1)
     amplitude: Array = scipy.fft.dct(x - line(np.arange(len(x))), norm="ortho")
     theta = np.pi * np.arange(len(x)) / len(x)
+    # eigenvalues of the cubic smoothing spline's penalty for equal steps, in the cosine basis
     penalty = (2 - 2 * np.cos(theta)) ** 2 / ((2 + np.cos(theta)) / 3) * rate**3
 
     def score(log_p: float) -> float:
         removed = 1 - 1 / (1 + 10**log_p * penalty)
+        # generalised cross-validation: error by the square of the degrees of freedom left
         return float(np.log(np.sum((removed * amplitude) ** 2)) - 2 * np.log(removed.mean()))
 
     middle = -3 * np.log10(rate)  # where half of the spectrum is smoothed, whatever the rate
-    grid = middle + GRID
+    # powers of ten of the smoothing, in steps of 0.1
+    grid = middle + np.linspace(-8, 12, 201)
     nearest = grid[int(np.argmin([score(log_p) for log_p in grid]))]
     bounds = nearest - 0.1, nearest + 0.1
     best = scipy.optimize.minimize_scalar(score, bounds=bounds, method="bounded")
+    # frequency that the spline halves, from its smoothing
     return float((10**best.x * (1 / rate)) ** (-1 / 4) / (2 * np.pi))

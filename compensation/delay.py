@@ -9,25 +9,18 @@ import scipy
 from numpy.typing import ArrayLike
 
 from compensation.inputs import read_rate, read_table, refuse_constant, refuse_unequal
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
-LONGEST_S: Final = 0.2
-"""Delays are sought up to this, either way."""
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "delay")
+
 BLOCKS: Final = 40
 """Blocks of a trial whose errors are taken as independent: a second and more in half a minute."""
-MAX_STEPS: Final = 20
-"""Of Gauss–Newton; four to eight are enough where there is one best delay."""
 STEP_TOLERANCE: Final = 1e-9
 """Last step of the delay, in samples: far below any uncertainty."""
-MIN_EXPLAINED: Final = 0.1
-"""Share of the late signal's variance; unrelated recordings of a minute explain some percent."""
-MAX_MOTION_HZ: Final = 20.0
-"""Neither platforms nor people move faster; what lies above is noise."""
 SAMPLES_PER_PERIOD: Final = 10
 """Of the fastest motion, so that a cubic spline passes through it."""
-MIN_SINGULAR_SHARE: Final = 1e-6
-"""Of the reference's largest singular value; a channel below it is a combination of others."""
 MIN_VARIANCE: Final = 1e-12
 """Share of a channel's variance; keeps the weight of a channel without any noise finite."""
 
@@ -113,24 +106,28 @@ def estimate_delay(reference: ArrayLike, late: ArrayLike, rate_hz: float) -> Del
     refuse_unequal(reference=x, late_signal=y)
     refuse_constant(x, "reference", tuple(f"channel {k + 1}" for k in range(x.shape[1])))
     refuse_constant(y, "late signal", tuple(f"channel {k + 1}" for k in range(y.shape[1])))
-    fewest = int(4 * LONGEST_S * given_rate) + BLOCKS * SAMPLES_PER_PERIOD
+    # the spline needs samples beyond both ends of the longest delay
+    fewest = int(4 * LIMITS.longest * given_rate) + BLOCKS * SAMPLES_PER_PERIOD
     if len(x) < fewest:
         raise ValueError(
-            f"{len(x)} samples are too few to seek delays up to {LONGEST_S} s at {given_rate} Hz; "
-            f"give at least {fewest}"
+            f"{len(x)} samples are too few to seek delays up to {LIMITS.longest} s "
+            f"at {given_rate} Hz; give at least {fewest}"
         )
     x, rate = decimated(x, given_rate)
     y, _ = decimated(y, given_rate)
-    reach = int(np.ceil(LONGEST_S * rate))
+    reach = int(np.ceil(LIMITS.longest * rate))
 
     lag, explained = _best_lag(x, y, reach)
-    if explained < MIN_EXPLAINED:
+    if explained < LIMITS.least_explained:
         raise ValueError(
             f"the late signal follows the reference in {explained:.0%} of its variance only, "
-            f"at no delay up to {LONGEST_S} s; are they of one trial?"
+            f"at no delay up to {LIMITS.longest} s; are they of one trial?"
         )
+    # a maximum at the end of the range is no maximum
     if abs(lag) == reach:
-        raise ValueError(f"the best agreement lies beyond {LONGEST_S} s; are both on one clock?")
+        raise ValueError(
+            f"the best agreement lies beyond {LIMITS.longest} s; are both on one clock?"
+        )
 
     model = _LateChannels([x], y, reach)
     late, covariance = without_step(model.gauss_newton, np.array([-float(lag)]), reach)
@@ -139,20 +136,23 @@ def estimate_delay(reference: ArrayLike, late: ArrayLike, rate_hz: float) -> Del
 
 def decimated(signal: Array, rate: float) -> tuple[Array, float]:
     """Low-pass, decimate and standardise (N, C) samples; give the new rate [Hz] too."""
-    cutoff_hz = min(MAX_MOTION_HZ, rate / SAMPLES_PER_PERIOD)
+    cutoff_hz = min(LIMITS.fastest_motion, rate / SAMPLES_PER_PERIOD)
     every = int(rate / (SAMPLES_PER_PERIOD * cutoff_hz))
     slow = low_pass(signal, rate, cutoff_hz, "zero_phase")[::every]
+    # standardised, so that channels of different units weigh alike
     return (slow - slow.mean(axis=0)) / slow.std(axis=0), rate / every
 
 
 def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
     """Whole samples that `y` lags by and the share of its variance explained there."""
+    # orthonormal channels: their correlations with the late signal add up to explained variance
     u, s, _ = np.linalg.svd(x, full_matrices=False)
     lags = np.arange(-reach, reach + 1)
     length = scipy.fft.next_fast_len(len(x) + reach, real=True)
     late = scipy.fft.rfft(y.T, length)
     power = np.zeros(len(lags))
-    for column in u[:, s > MIN_SINGULAR_SHARE * s[0]].T:
+    # correlations at all lags at once, by products of spectra
+    for column in u[:, s > 1e-6 * s[0]].T:
         correlation = scipy.fft.irfft(late * scipy.fft.rfft(column, length).conj(), length)
         power += np.sum(correlation[:, lags] ** 2, axis=0)
     best = int(np.argmax(power))
@@ -170,7 +170,9 @@ def without_step(
     """
     delays, inverse = start, np.eye(len(start))
     step, covariance = step_of(start)
-    for _ in range(MAX_STEPS):
+    # four to eight steps are enough where there is one best delay
+    for _ in range(20):
+        # a step at a time, no longer than a sample
         before, delays = delays, np.clip(delays + np.clip(inverse @ step, -1, 1), -limit, limit)
         change, last = delays - before, step
         step, covariance = step_of(delays)
@@ -178,6 +180,7 @@ def without_step(
         size = change @ shorter
         if np.max(np.abs(step)) < STEP_TOLERANCE or not size:
             break
+        # Broyden's update: how the step changes with the delays, from what the last one did
         inverse += np.outer(change - shorter, change @ inverse) / size
     return delays, covariance
 
@@ -201,6 +204,7 @@ class _LateChannels:
         Sensors on one rigid body agree in what sway does to them, and together they predict the
         plates; a wrong delay spoils either.
         """
+        # channels that have much in common span little volume
         together = np.hstack([*self._ahead(delays, 0, SEARCHED), self.signal[::SEARCHED]])
         variances = np.linalg.eigvalsh(np.cov(together, rowvar=False))
         return float(np.sum(np.log(np.maximum(variances, MIN_VARIANCE))))
@@ -208,34 +212,32 @@ class _LateChannels:
     def gauss_newton(self, delays: Array) -> tuple[Array, Array]:
         """Give the step of the delays and their covariance, in samples; gains are projected out."""
         channels = np.column_stack([*self._ahead(delays, 0), np.ones(len(self.inside))])
+        # gains are projected out: for any delays the best ones are a linear fit
         u, s, vt = np.linalg.svd(channels, full_matrices=False)
         kept = s > s[0] * len(channels) * np.finfo(float).eps
         basis, along = u[:, kept], u[:, kept].T @ self.signal
         gain, left = vt[kept].T @ (along / s[kept, None]), self.signal - basis @ along
+        # weight of each channel by what it leaves
         root = 1 / np.sqrt(np.maximum(np.mean(left**2, axis=0), MIN_VARIANCE))
         rates = self._ahead(delays, 1)
         ends = np.cumsum([rate.shape[1] for rate in rates])
-        slopes = [rate @ own for rate, own in zip(rates, np.split(gain, ends)[:-1], strict=True)]
+        parts = np.split(gain, ends)[:-1]
+        slopes = [rate @ part for rate, part in zip(rates, parts, strict=True)]
+        # of the part of the slope that other gains cannot make up for
         slopes = [(slope - basis @ (basis.T @ slope)) * root for slope in slopes]
         scores = np.column_stack([np.vecdot(slope, left * root) for slope in slopes])
         inverse = np.linalg.pinv([[np.vdot(one, other) for other in slopes] for one in slopes])
+        # errors are correlated in time: independent from block to block alone (sandwich)
         blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, BLOCKS)])
         covariance = inverse @ (blocks.T @ blocks) @ inverse * BLOCKS / (BLOCKS - 1)
         return inverse @ scores.sum(axis=0), covariance
 
 
-SOUGHT_S: Final = np.arange(-0.03, 0.0301, 0.003)
-"""About the common delay, in which the delay of each sensor is sought: the steps are a fraction of
-the fastest motion's period, so that one of them leads to the best."""
-SEARCHES: Final = 2
-"""Rounds over all sensors; the delay of one changes what fits best of another."""
 SEARCHED: Final = 4
 """Of the samples every which one is searched: their covariance needs no more."""
 MODEL_ERROR_S: Final = 0.00005
 """Standard error besides the noise's: a platform that vibrates on an elastic base, which no rigid
 motion explains, moves the estimate by up to this (virtual laboratory, 7 to 30 Hz)."""
-MAX_SEPARATE_ERROR_S: Final = 0.002
-"""Standard error above which the sensors cannot be distinguished and share the common delay."""
 
 
 def sensor_delays(accelerations: ArrayLike, wrench: ArrayLike, rate_hz: float) -> tuple[Delay, ...]:
@@ -286,16 +288,21 @@ def sensor_delays(accelerations: ArrayLike, wrench: ArrayLike, rate_hz: float) -
         return (alike,)
     x, rate = decimated(a, read_rate(rate_hz))
     model = _LateChannels(
-        np.split(x, count, axis=1), decimated(w, rate_hz)[0], round(LONGEST_S * rate)
+        np.split(x, count, axis=1), decimated(w, rate_hz)[0], round(LIMITS.longest * rate)
     )
     delays: Array = np.full(count, alike.seconds * rate)
-    for _ in range(SEARCHES):
-        for own in np.eye(count):
-            tried: list[Array] = [delays + step * own for step in SOUGHT_S * rate]
+    # a second round, since the delay of one sensor changes what fits best of another
+    for _ in range(2):
+        # one sensor at a time on a grid: Gauss–Newton alone might lead to another minimum
+        for direction in np.eye(count):
+            # within 30 ms, in steps that are a fraction of the fastest motion's period
+            tried: list[Array] = [
+                delays + step * direction for step in np.arange(-0.03, 0.0301, 0.003) * rate
+            ]
             delays = min(tried, key=model.misfit)
     delays, covariance = without_step(model.gauss_newton, delays)
     errors = np.hypot(np.sqrt(np.diag(covariance)) / rate, MODEL_ERROR_S)
-    if not np.all(errors < MAX_SEPARATE_ERROR_S):
+    if not np.all(errors < LIMITS.largest_separate_error):
         return tuple(alike for _ in range(count))
     return tuple(
         Delay(float(late / rate), float(error)) for late, error in zip(delays, errors, strict=True)

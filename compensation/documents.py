@@ -8,9 +8,6 @@ import numpy as np
 
 from hbm.spelling import printable, shown
 
-MAX_REASON = 300
-"""Characters of what is wrong, which names what the file holds."""
-
 
 def write_document(of: str, version: int, **parts: Any) -> str:
     """Write the parts of a calibration of something as JSON text; arrays become lists."""
@@ -35,14 +32,15 @@ def read_document(text: str, of: str, versions: Sequence[int], again: str) -> di
         raise ValueError(f"the text is no {name}: its format should be {format_name!r}; {again}")
     version = document.get("version")
     if version not in versions:
-        known = " and ".join(map(str, versions))
+        readable = " and ".join(map(str, versions))
         raise ValueError(
-            f"the {name} has version {shown(version)}, this program reads {known}; {again}"
+            f"the {name} has version {shown(version)}, this program reads {readable}; {again}"
         )
     return document
 
 
 def damaged(of: str, error: Exception, again: str) -> ValueError:
     """Give the error of a document whose parts do not make a calibration."""
-    reason = printable(str(error))[:MAX_REASON]
+    # a reason names what the file holds, which may be long
+    reason = printable(str(error))[:300]
     return ValueError(f"the {of} calibration is damaged: {reason}; {again}")

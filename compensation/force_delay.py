@@ -6,46 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.delay import Delay
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import oscillation
 from hbm.signals.resampling import Signal, interpolant
 from hbm.signals.samples import median_of
 from hbm.spatial import Array, Mask
 
-MAX_DELAY_S: Final = 0.15
-"""Delays are sought up to this, either way; walking repeats itself every half second."""
-MAX_UNCERTAINTY_S: Final = 0.010
-"""Half of the 95 % interval above which a delay is not determined: the usual size of delays, and so
-wide an interval as forces have of which the motion explains only half of the variance."""
-MAX_UNCERTAINTY_OF_MOTION_S: Final = 0.015
-"""The same where the motion explains more than half of it, as in two steps over plates."""
-MIN_EXPLAINED: Final = 0.5
-NOISE_FLOOR_N: Final = 1.0
-"""Of the force in each axis: no body model is better."""
-INDEPENDENT_PER_S: Final = 12.0
-"""Independent errors of a body model in a second: it errs up to about 6 Hz."""
-STRIDE_S: Final = 1.1
-"""Errors of a body model repeat in every stride, so that a longer recording has no more of them."""
-MIN_INDEPENDENT: Final = 4.0
-"""Independent errors of each axis, two of which offset and delay take."""
-TISSUE_HZ: Final = 4.5
-TISSUE_DAMPING: Final = 0.5
-TISSUE_SHARE: Final = 0.125
-TISSUE_DEVIATION: Final = 0.5
-"""Soft tissue that oscillates against the bones, as one mass: natural frequency, damping ratio, its
-share of body mass, and one standard deviation as part of that share (assumed). The share is that of
-the viscera (Minetti and Belli 1994, J Biomech 27:97). Trunks of standing people are in resonance at
-4 to 6 Hz (Matsumoto and Griffin 1998, J Sound Vib 212:85), and oscillate at 3.8 Hz in a model of
-running (Liu and Nigg 2000, J Biomech 33:219)."""
-GAIN_DEVIATION: Final = 0.03
-"""Of the ratio of both forces: of body mass and of the plates' gain."""
-USUAL: Final = np.array([1.0, TISSUE_DEVIATION, GAIN_DEVIATION])
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "force_delay")
+
+USUAL: Final = np.array([1.0, LIMITS.tissue_deviation, LIMITS.gain_deviation])
 """One standard deviation before the forces are looked at: of the delay [s], so large that they
 alone determine it, of soft tissue and of the ratio."""
-MAX_STEPS: Final = 50
-STEP_TOLERANCE: Final = 1e-6
-"""Last step of the delay, in samples."""
-SLOPE_STEP: Final = 0.01
-"""Of a sample, either way, over which the slope of the plates' force is taken."""
 
 
 def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: ArrayLike) -> Delay:
@@ -72,9 +43,8 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     ------
     ValueError
         If the arrays do not fit, if there are too few frames, if the best agreement is not within
-        ``MAX_DELAY_S``, or if the 95 % interval is wider than ± ``MAX_UNCERTAINTY_S``, or
-        ± ``MAX_UNCERTAINTY_OF_MOTION_S`` where the motion explains most of the force: too little
-        motion, or axes that disagree.
+        ± 150 ms, or if the 95 % interval is wider than ± 10 ms, or ± 15 ms where the motion
+        explains most of the force: too little motion, or axes that disagree.
 
     Notes
     -----
@@ -116,96 +86,112 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
         )
     step_s = float(np.median(np.diff(time)))
     _independent(np.isfinite(plate + motion).all(axis=1), step_s)
+    # the plates carry soft tissue too, which moves against the bones
     tissue = soft_tissue(motion, time)
-    wanted = motion + tissue
-    delay_s = step_s * _nearest_lag(plate, wanted, int(MAX_DELAY_S // step_s))
+    expected = motion + tissue
+    # whole frames first, then fractions by Gauss–Newton
+    delay_s = step_s * _nearest_lag(plate, expected, int(LIMITS.longest // step_s))
     scale, spline = np.full(3, np.inf), interpolant(time, plate)
-    wanted, tissue, seen_at = (x[np.isfinite(wanted).all(axis=1)] for x in (wanted, tissue, time))
+    expected, tissue, seen_at = (
+        x[np.isfinite(expected).all(axis=1)] for x in (expected, tissue, time)
+    )
 
     def plate_at(later_s: Array) -> Array:
         return spline(seen_at[:, None] + later_s)
 
-    for _ in range(MAX_STEPS):
-        step, error_s, scale = _step(plate_at, wanted, tissue, step_s, delay_s, scale)
+    for _ in range(50):
+        step, error_s, scale = _step(plate_at, expected, tissue, step_s, delay_s, scale)
+        # no farther than a frame at a time, where the slope of the force holds
         delay_s += float(np.clip(step, -step_s, step_s))
-        if abs(step) < STEP_TOLERANCE * step_s or abs(delay_s) > MAX_DELAY_S - step_s:
+        if abs(step) < 1e-6 * step_s or abs(delay_s) > LIMITS.longest - step_s:
             break
-    found = Delay(delay_s, error_s)
-    if abs(delay_s) > MAX_DELAY_S - step_s:
+    delay = Delay(delay_s, error_s)
+    if abs(delay_s) > LIMITS.longest - step_s:
         raise ValueError(
-            f"plates and markers agree nowhere within ±{1000 * MAX_DELAY_S:.0f} ms; "
+            f"plates and markers agree nowhere within ±{1000 * LIMITS.longest:.0f} ms; "
             "are they of the same trial, in the same axes?"
         )
-    of_motion = np.sum(scale**2) < (1 - MIN_EXPLAINED) * np.sum(np.nanvar(plate, axis=0))
-    most_s = MAX_UNCERTAINTY_OF_MOTION_S if of_motion else MAX_UNCERTAINTY_S
-    if not found.uncertainty <= most_s:
+    # a force that the motion explains well shows a delay through little change, too
+    of_motion = np.sum(scale**2) < (1 - LIMITS.least_explained) * np.sum(np.nanvar(plate, axis=0))
+    most_s = LIMITS.largest_uncertainty_of_motion if of_motion else LIMITS.largest_uncertainty
+    if not delay.uncertainty <= most_s:
         raise ValueError(
-            f"its 95 % interval would be ± {1000 * found.uncertainty:.1f} ms, more than "
+            f"its 95 % interval would be ± {1000 * delay.uncertainty:.1f} ms, more than "
             f"{1000 * most_s:.0f} ms: the force changes too little, or its axes disagree"
         )
-    return found
+    return delay
 
 
 def soft_tissue(motion_force: Array, time: Array) -> Array:
     """Give the force that soft tissue of usual mass adds to that of a rigid body, (T, 3) [N]."""
-    known = np.isfinite(motion_force).all(axis=1)
-    drive = np.column_stack([-np.interp(time, time[known], axis) for axis in motion_force[known].T])
-    _, added = oscillation(drive - drive[0], time, TISSUE_HZ, TISSUE_DAMPING)
-    return TISSUE_SHARE * added
+    frames = np.isfinite(motion_force).all(axis=1)
+    # seen from the body, the tissue is driven by minus the body's acceleration
+    axes = motion_force[frames].T
+    drive = np.column_stack([-np.interp(time, time[frames], axis) for axis in axes])
+    _, added = oscillation(drive - drive[0], time, LIMITS.tissue_frequency, LIMITS.tissue_damping)
+    return np.asarray(LIMITS.tissue_mass * added)
 
 
 def _independent(used: Mask, step_s: float) -> float:
     """Give how many independent errors the frames that are used have, (T,); refuse too few."""
     duration_s = np.count_nonzero(used) * step_s
-    if duration_s * INDEPENDENT_PER_S <= MIN_INDEPENDENT:
+    if duration_s * LIMITS.independent_rate <= LIMITS.least_independent:
         raise ValueError(
-            f"more than {MIN_INDEPENDENT / INDEPENDENT_PER_S:.2g} s of frames without gaps are "
-            f"needed, got {duration_s:.2g} s"
+            f"more than {LIMITS.least_independent / LIMITS.independent_rate:.2g} s of frames "
+            f"without gaps are needed, got {duration_s:.2g} s"
         )
-    return INDEPENDENT_PER_S * min(duration_s, STRIDE_S)
+    # errors of a body model repeat with the stride: a longer recording has no more of them
+    return float(LIMITS.independent_rate * min(duration_s, LIMITS.stride))
 
 
-def _nearest_lag(plate: Array, wanted: Array, reach: int) -> int:
+def _nearest_lag(plate: Array, expected: Array, reach: int) -> int:
     """Give the lag of the plates, in frames, at which forces (T, 3) agree best but for offsets."""
-    spreads, known = {}, np.count_nonzero(np.isfinite(plate + wanted).all(axis=1))
+    spreads, frames = {}, np.count_nonzero(np.isfinite(plate + expected).all(axis=1))
     for lag in sorted(range(-reach, reach + 1), key=abs):  # of those that agree alike, the shortest
         late = plate[max(lag, 0) : len(plate) + min(lag, 0)]
-        difference = late - wanted[max(-lag, 0) : len(wanted) - max(lag, 0)]
+        difference = late - expected[max(-lag, 0) : len(expected) - max(lag, 0)]
         difference = difference[np.isfinite(difference).all(axis=1)]
-        if 2 * len(difference) > known:
+        if 2 * len(difference) > frames:
             spreads[lag] = float(np.abs(difference - [*map(median_of, difference.T)]).mean())
     return min(spreads, key=spreads.__getitem__)
 
 
 def _step(
-    plate_at: Signal, wanted: Array, tissue: Array, step_s: float, delay_s: float, scale: Array
+    plate_at: Signal, expected: Array, tissue: Array, step_s: float, delay_s: float, scale: Array
 ) -> tuple[float, float, Array]:
     """Give how much later the plates are than `delay_s` says [s].
 
     With its standard error [s], and the size of what is left in each axis, (3,) [N], which the next
     step is given; infinite in the first.
     """
-    around = delay_s + SLOPE_STEP * step_s * np.array([-1.0, 0.0, 1.0])
+    # the plates' force at the delay, and a hundredth of a frame to either side
+    around = delay_s + 0.01 * step_s * np.array([-1.0, 0.0, 1.0])
     before, late, after = np.moveaxis(plate_at(around), 1, 0)
-    used = np.isfinite(before + late + after + wanted).all(axis=1)
+    used = np.isfinite(before + late + after + expected).all(axis=1)
     independent = _independent(used, step_s)
-    left = (wanted - late)[used]
-    columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -wanted[used]])
+    left = (expected - late)[used]
+    # derivatives of the difference by delay, amount of soft tissue and ratio of the forces
+    columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -expected[used]])
     left = left - [*map(median_of, left.T)]
+    # large errors count less (pseudo-Huber): heel strikes, other contacts
     weight = 1 / np.sqrt(1 + (left / scale) ** 2)
     # without the weighted mean over frames
     total = weight.sum(axis=0)
     left, columns = (x - (weight * x).sum(-2, keepdims=True) / total for x in (left, columns))
     scale = _size(left) if np.isinf(scale).all() else scale
-    per_frame = weight * independent / len(left) / np.maximum(scale, NOISE_FLOOR_N) ** 2
+    per_frame = weight * independent / len(left) / np.maximum(scale, LIMITS.noise_floor) ** 2
     flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
+    # ridge: what is usual of tissue and ratio is known beforehand
     covariance = np.linalg.inv(weighted @ flat.T + np.diag(USUAL**-2.0))
     size = covariance @ (weighted @ left.ravel())
     rest = left - (size @ flat).reshape(left.shape)
+    # what shows the delay alone, beside tissue and ratio
     alone = (covariance[0] / covariance[0, 0] @ flat).reshape(left.shape)
     of_axis = (alone**2 * per_frame).sum(axis=0)
     from_axis = (alone * rest * per_frame).sum(axis=0)
+    # axes that want different delays widen the interval: χ² of the axes, by two degrees
     disagreement = float(np.sum(from_axis**2 / np.maximum(of_axis, np.finfo(float).tiny))) / 2
+    # few independent errors: the variance of Student's t
     variance = covariance[0, 0] * independent / (independent - 2) * max(disagreement, 1.0)
     return float(size[0]), float(np.sqrt(variance)), _size(rest)
 
@@ -215,5 +201,6 @@ def _size(error: Array) -> Array:
 
     Halfway to that of all axes: one stride shows little of each axis by itself.
     """
-    variance = np.square([1.4826 * median_of(each) for each in np.abs(error).T])
+    # robust: median absolute deviation, between that of each axis and of all
+    variance = np.square([1.4826 * median_of(sizes) for sizes in np.abs(error).T])
     return np.asarray(np.sqrt((variance + variance.mean()) / 2))

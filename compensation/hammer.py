@@ -8,34 +8,13 @@ from numpy.typing import ArrayLike
 
 from compensation.delay import Delay
 from compensation.inputs import read_signal, refuse_constant, refuse_unequal
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 
-ONSET_SD: Final = 5.0
-"""Standard deviations from the baseline at which the force begins (van de Loosdrecht 2018)."""
-SD_PER_MAD: Final = 1.4826
-"""Standard deviation of normal noise per median absolute deviation, which impacts do not move."""
-MIN_IMPACTS: Final = 3
-"""For a standard error from their scatter."""
-QUIET_S: Final = 0.01
-"""Without force, for a contact to have ended."""
-APART_S: Final = 0.2
-"""After all other force, for an impact to count: what follows sooner is a bounce."""
-LONGEST_S: Final = 0.05
-"""Of a contact: a longer force is not an impact but a plate that rings, or a load."""
-WINDOW_S: Final = 0.1
-"""Before and after the middle of a contact, in which the marker's reversal is sought."""
-FLIGHT_S: Final = 0.06
-"""Of the marker's path before and after a contact that is used."""
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "hammer")
+
 MARGIN_S: Final = 0.001
 """Between a contact and the marker samples beside it, for the error of the delay so far."""
-MIN_SAMPLES: Final = 4
-"""Of the marker on either side: one more than a parabola has coefficients."""
-MIN_FORCE_HZ: Final = 500.0
-"""Of the force: a contact lasts some milliseconds, and shorter ones would lie between samples."""
-REPETITIONS: Final = 4
-"""Of the estimate, each with the delay of the one before to tell which samples are in contact."""
-NEWTON_STEPS: Final = 4
-"""To where two parabolas meet that are nearly straight."""
 
 
 def hammer_delay(
@@ -100,31 +79,32 @@ def hammer_delay(
     """
     t_m, height = _read_timed(marker_time, marker_height, "marker")
     t_f, load = _read_timed(force_time, force, "force")
-    if (rate_hz := 1 / float(np.median(np.diff(t_f)))) < MIN_FORCE_HZ:
+    if (rate_hz := 1 / float(np.median(np.diff(t_f)))) < LIMITS.least_rate:
         raise ValueError(
             f"a force at {rate_hz:.0f} Hz misses impacts between its samples, expected "
-            f"{MIN_FORCE_HZ:.0f} Hz at least; leave the impacts out, weights that a belt carries "
-            "back and forth show the delay too"
+            f"{LIMITS.least_rate:.0f} Hz at least; leave the impacts out, weights that a belt "
+            "carries back and forth show the delay too"
         )
     contacts = _contacts(t_f, load)
     turns = [(contact, _sharpest_turn(t_m, height, contact)) for contact in contacts]
     delays = _enough([contact.centroid - turn for contact, turn in turns if turn is not None])
-    unknown: list[float] = []
-    for _ in range(REPETITIONS):
+    gaps_s: list[float] = []
+    # each time with the delay of the time before, to tell which samples are in contact
+    for _ in range(4):
         delay = float(np.median(delays))
         impacts = (_impact(t_m, height, contact, delay) for contact in contacts)
-        found = [impact for impact in impacts if impact is not None]
-        delays, unknown = _enough([each for each, _ in found]), [each for _, each in found]
+        estimates = [impact for impact in impacts if impact is not None]
+        delays, gaps_s = _enough([x for x, _ in estimates]), [x for _, x in estimates]
     scatter = np.std(delays, ddof=1) / np.sqrt(len(delays))
-    error, freedom = float(np.hypot(scatter, np.mean(unknown))), len(delays) - 1
+    error, freedom = float(np.hypot(scatter, np.mean(gaps_s))), len(delays) - 1
     return Delay(float(np.mean(delays)), error, degrees_of_freedom=freedom)
 
 
 def _enough(delays: list[float]) -> list[float]:
-    if len(delays) < MIN_IMPACTS:
+    if len(delays) < LIMITS.least_impacts:
         raise ValueError(
             f"{len(delays)} impacts in both marker and force, expected at least "
-            f"{MIN_IMPACTS}; is the force unfiltered and are both on one clock?"
+            f"{LIMITS.least_impacts}; is the force unfiltered and are both on one clock?"
         )
     return delays
 
@@ -149,16 +129,21 @@ class _Contact(NamedTuple):
 
 def _contacts(time: Array, force: Array) -> list[_Contact]:
     """Find contacts that follow no other one closely."""
+    # the hammer is off the plate most of the time: the median is the zero
     load = force - float(np.median(force))
-    spread = SD_PER_MAD * float(np.median(np.abs(load)))
-    out = np.flatnonzero(np.abs(load) > ONSET_SD * spread)
-    parts = np.split(out, np.flatnonzero(np.diff(time[out], prepend=-np.inf) > QUIET_S))[1:]
+    # SD of normal noise by its median absolute deviation, which impacts do not move
+    spread = 1.4826 * float(np.median(np.abs(load)))
+    # contacts, apart by silence
+    out = np.flatnonzero(np.abs(load) > LIMITS.onset * spread)
+    parts = np.split(out, np.flatnonzero(np.diff(time[out], prepend=-np.inf) > LIMITS.quiet))[1:]
     begins = [-np.inf, *(float(time[part[0]]) for part in parts), np.inf]
     contacts = []
     for part, before, begin, after in zip(parts, begins, begins[1:], begins[2:], strict=False):
+        # the first sample below the onset on either side belongs to the contact
         rows = slice(max(part[0] - 1, 0), part[-1] + 2)
         end, impulse = float(time[part[-1]]), float(load[rows].sum())
-        if begin - before > APART_S and end - begin < LONGEST_S and impulse > 0:
+        if begin - before > LIMITS.apart and end - begin < LIMITS.longest and impulse > 0:
+            # centre of the impulse: what the marker's velocity changes by, as one instant
             centroid = float(np.sum(time[rows] * load[rows])) / impulse
             contacts.append(_Contact(begin, end, centroid, after))
     return contacts
@@ -167,11 +152,13 @@ def _contacts(time: Array, force: Array) -> list[_Contact]:
 def _sharpest_turn(time: Array, height: Array, contact: _Contact) -> float | None:
     """Give when the marker turns most sharply upwards near an impact, None where it does not."""
     turn = np.zeros(len(time))
+    # second difference over two samples: largest where the marker turns upwards
     turn[2:-2] = height[4:] - 2 * height[2:-2] + height[:-4]
-    near = np.flatnonzero(np.abs(time - contact.centroid) <= WINDOW_S)
+    near = np.flatnonzero(np.abs(time - contact.centroid) <= LIMITS.window)
     if not len(near):
         return None
     sharpest = int(near[np.argmax(turn[near])])
+    # a minimum of the height, no mere bend of the path
     around = height[sharpest - 2 : sharpest + 3]
     if len(around) < 5 or not around[0] > around[2] <= around[4]:
         return None
@@ -186,28 +173,29 @@ def _impact(
     The latter is the standard error for what is unknown of the hand's acceleration within the
     contact [s]. None where the paths are too short.
     """
+    # the contact in the marker's time
     begin, end, middle, next_begin = (t - delay_s for t in contact)
-    down = (time < begin - MARGIN_S) & (time >= begin - FLIGHT_S)
-    up = (time > end + MARGIN_S) & (time <= min(end + FLIGHT_S, next_begin - MARGIN_S))
-    if min(np.count_nonzero(down), np.count_nonzero(up)) < MIN_SAMPLES:
+    down = (time < begin - MARGIN_S) & (time >= begin - LIMITS.flight)
+    up = (time > end + MARGIN_S) & (time <= min(end + LIMITS.flight, next_begin - MARGIN_S))
+    # one sample more than a parabola has coefficients
+    if min(np.count_nonzero(down), np.count_nonzero(up)) < 4:
         return None
+    # free flight before and after: parabolas, continued into the contact
     fall, rise = (
         Polynomial.fit(time[part] - middle, height[part], 2).convert() for part in (down, up)
     )
     apart = rise - fall
+    # velocity and acceleration that the contact changes by
     kink, bend = float(apart.deriv()(0.0)), float(apart.deriv(2)(0.0))
     if kink <= 0:
         return None
     meets = 0.0
-    for _ in range(NEWTON_STEPS):
+    for _ in range(4):
+        # Newton's method for where both parabolas are at the same height
         meets -= float(apart(meets) / apart.deriv()(meets))
+    # error where accelerations differ: the impulse may lie anywhere in the contact (uniform)
     unknown_s = abs(bend) * (end - begin) ** 2 / 8 / kink / np.sqrt(3)
     return contact.centroid - (middle + meets), float(unknown_s)
-
-
-PRECISE_S: Final = 0.001
-"""Half of the 95 % interval up to which the delay in motion is taken, however precise the hammer's:
-a fifth of what the thesis' plates delayed by, and of the default limit of a delay."""
 
 
 class AgreedDelay(NamedTuple):
@@ -236,8 +224,9 @@ def agreed_delay(hammer: Delay | None, motion: Delay | None) -> AgreedDelay | No
         return None if hammer is None else AgreedDelay(hammer, "hammer")
     if hammer is None:
         return AgreedDelay(motion, "motion")
+    # two 95 % intervals that do not meet
     apart_s = abs(hammer.seconds - motion.seconds)
     disagree = apart_s > hammer.uncertainty + motion.uncertainty
-    if motion.uncertainty <= max(PRECISE_S, hammer.uncertainty):
+    if motion.uncertainty <= max(LIMITS.precise, hammer.uncertainty):
         return AgreedDelay(motion, "motion", disagree)
     return AgreedDelay(hammer, "hammer", disagree)

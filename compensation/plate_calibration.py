@@ -9,24 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.documents import damaged, read_document, write_document
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS, Array, read_only, rotate_wrench, shift_wrench
 from hbm.spelling import listed, printable, shown
+
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "plate_calibration")
 
 OF: Final = "plate"
 AGAIN: Final = "make it again with 'hbm plates'"
 VERSION: Final = 1
-MAX_ENTRY: Final = 100.0
-"""Of a matrix: a plate whose loads are wrong by more is in another unit, or not connected."""
-MAX_CONDITION: Final = 1e4
-"""Of a matrix in N and N·m; one of a plate is near 1, beyond this it turns noise into loads."""
-MAX_OFFSET: Final = 1e5
-"""[N, N·m]; more than any plate of a treadmill can carry."""
-MAX_DISTANCE_M: Final = 20.0
-"""Of a plate from the lab's origin; larger numbers are millimetres."""
-MAX_DELAY_S: Final = 0.5
-"""Two devices of one laboratory disagree by some tens of milliseconds."""
-MAX_PLATE: Final = 99
-"""Highest number of a plate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +65,15 @@ class PlateCalibration:
 
     def __post_init__(self) -> None:
         where = f"plate {shown(self.plate)}"
-        if type(self.plate) is not int or not 1 <= self.plate <= MAX_PLATE:
-            raise ValueError(f"plates are numbered from 1 to {MAX_PLATE}, got {shown(self.plate)}")
+        if type(self.plate) is not int or not 1 <= self.plate <= LIMITS.highest_number:
+            raise ValueError(
+                f"plates are numbered from 1 to {LIMITS.highest_number}, got {shown(self.plate)}"
+            )
         bounds = {
-            "matrix": ((6, 6), MAX_ENTRY),
-            "offset": ((6,), MAX_OFFSET),
+            "matrix": ((6, 6), LIMITS.largest_entry),
+            "offset": ((6,), LIMITS.largest_offset),
             "standard_error": ((6, 6), np.inf),
-            "center": ((3,), MAX_DISTANCE_M),
+            "center": ((3,), LIMITS.farthest),
         }
         for name, (shape, largest) in bounds.items():
             value = read_only(getattr(self, name))
@@ -89,7 +82,7 @@ class PlateCalibration:
             if (size := float(np.abs(value).max())) > largest:
                 raise ValueError(f"{where}: {name} holds {size:.3g}, expected {largest:g} at most")
             object.__setattr__(self, name, value)
-        if not np.linalg.cond(self.matrix) < MAX_CONDITION:
+        if not np.linalg.cond(self.matrix) < LIMITS.largest_condition:
             raise ValueError(
                 f"{where}: matrix is singular or nearly so: different loads would be corrected to "
                 "the same"
@@ -100,9 +93,10 @@ class PlateCalibration:
                 f"{where}: examined must be of {', '.join(WRENCH_COMPONENTS)}, "
                 f"got {listed(self.examined)}"
             )
-        if self.delay_s is not None and not abs(self.delay_s) <= MAX_DELAY_S:
+        if self.delay_s is not None and not abs(self.delay_s) <= LIMITS.longest_delay:
             raise ValueError(
-                f"{where}: delay_s must be within ±{MAX_DELAY_S} s, got {shown(self.delay_s)}"
+                f"{where}: delay_s must be within ±{LIMITS.longest_delay} s, "
+                f"got {shown(self.delay_s)}"
             )
 
     @property
@@ -146,6 +140,7 @@ class PlateCalibration:
         [   0.    0. -800.    0.    0.    0.]
         """
         measured, rotation = np.asarray(wrench, float), np.asarray(rotation, float)
+        # to lab axes about the calibration's point, and the change back
         to_center = self.center - np.asarray(center, float)
         change = self._change(shift_wrench(rotate_wrench(measured, rotation), to_center))
         return np.asarray(measured + rotate_wrench(shift_wrench(change, -to_center), rotation.T))

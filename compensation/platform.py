@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from compensation.delay import Delay, estimate_delay
 from compensation.inputs import read_rate, read_signal, refuse_gaps, refuse_unequal
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.resampling import interpolate
 from hbm.spatial import (
     GRAVITY_MPS2,
@@ -25,18 +26,10 @@ from hbm.spatial import (
     transform_wrench,
 )
 
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "platform")
+
 LEFT: Final = read_only([0.0, 1.0, 0.0])
 """The lab's left axis, along which the platform sways and about which it pitches."""
-MAX_SWAY_M: Final = 1.0
-"""No platform moves farther sideways: larger numbers are millimetres."""
-MAX_PITCH_RAD: Final = 0.8
-"""46°; no platform pitches farther: larger numbers are degrees."""
-MAX_PIVOT_M: Final = 10.0
-"""No pitch axis is farther from the lab's origin: larger numbers are millimetres."""
-MIN_MOTION: Final = 1e-3
-"""Range of a command, in metres or radians, below which it shows no delay."""
-ROTATION_TOLERANCE: Final = 1e-6
-"""Of ``RᵀR = 1``: the error of rotations that went through text with seven digits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +61,13 @@ class PlatformPose:
                 "platform rotation and position must have shape (frames, 3, 3) and (frames, 3), "
                 f"got {rotation.shape} and {position.shape}"
             )
-        seen = np.isfinite(rotation).all(axis=(1, 2))
-        if not np.array_equal(seen, np.isfinite(position).all(axis=1)):
+        is_known = np.isfinite(rotation).all(axis=(1, 2))
+        if not np.array_equal(is_known, np.isfinite(position).all(axis=1)):
             raise ValueError("platform rotation and position must have their gaps together")
-        product = rotation[seen] @ np.swapaxes(rotation[seen], 1, 2)
-        proper = (np.linalg.det(rotation[seen]) > 0).all()
-        if not (proper and np.allclose(product, np.eye(3), atol=ROTATION_TOLERANCE)):
+        product = rotation[is_known] @ np.swapaxes(rotation[is_known], 1, 2)
+        proper = (np.linalg.det(rotation[is_known]) > 0).all()
+        # rotations that went through text with seven digits
+        if not (proper and np.allclose(product, np.eye(3), atol=1e-6)):
             raise ValueError("platform rotation must hold proper rotations: RᵀR = 1 and det R = 1")
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "position", position)
@@ -123,14 +117,15 @@ def commanded_pose(sway: ArrayLike, pitch: ArrayLike, pivot: ArrayLike) -> Platf
     y, angle = read_signal(sway, "sway"), read_signal(pitch, "pitch")
     refuse_unequal(sway=y, pitch=angle)
     point = np.asarray(pivot, float)
-    if point.shape != (3,) or not np.all(np.abs(point) < MAX_PIVOT_M):
+    if point.shape != (3,) or not np.all(np.abs(point) < LIMITS.farthest_pivot):
         raise ValueError(f"pivot must be one point in metres, (3,), got {point}")
-    limits = (("sway", y, MAX_SWAY_M, "m"), ("pitch", angle, MAX_PITCH_RAD, "rad"))
+    limits = (("sway", y, LIMITS.largest_sway, "m"), ("pitch", angle, LIMITS.largest_pitch, "rad"))
     for name, values, most, unit in limits:
         if (largest := np.max(np.abs(values))) > most:
             raise ValueError(
                 f"{name} reaches {largest:.3g}, expected at most {most} {unit}; is it in {unit}?"
             )
+    # p_lab = R (p − pivot) + pivot + sway
     rotation = rotation_about(LEFT, angle)
     return PlatformPose(rotation, y[:, None] * LEFT + point - rotation @ point)
 
@@ -165,7 +160,7 @@ def pose_delay(commanded: PlatformPose, measured: PlatformPose, rate_hz: float) 
     '0.080'
     """
     signals = [np.column_stack([p.position[:, 1], p.pitch]) for p in (commanded, measured)]
-    moving = np.ptp(signals[0], axis=0) > MIN_MOTION
+    moving = np.ptp(signals[0], axis=0) > LIMITS.least_motion
     if not moving.any():
         raise ValueError("the commanded platform does not move: its delay cannot be estimated")
     return estimate_delay(signals[0][:, moving], signals[1][:, moving], rate_hz)
@@ -249,27 +244,23 @@ def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> Plat
     >>> print(between.pitch.round(6), between.position.round(6) + 0.0)
     [0.05] [[0.    0.025 0.   ]]
     """
-    known = np.asarray(np.isfinite(pose.position).all(axis=1))
+    is_known = np.asarray(np.isfinite(pose.position).all(axis=1))
     vectors = np.full((len(pose.position), 6), np.nan)
-    turned = scipy.spatial.transform.Rotation.from_matrix(pose.rotation[known])
-    vectors[known, :3] = turned.as_rotvec()
+    # rotation vectors of small pitch are smooth: a spline through them stays near a rotation
+    turned = scipy.spatial.transform.Rotation.from_matrix(pose.rotation[is_known])
+    vectors[is_known, :3] = turned.as_rotvec()
     vectors[:, 3:] = pose.position
-    wanted = interpolate(time, vectors, at)
-    found = np.asarray(np.isfinite(wanted).all(axis=1))
-    rotation = np.full((len(wanted), 3, 3), np.nan)
-    rotation[found] = scipy.spatial.transform.Rotation.from_rotvec(wanted[found, :3]).as_matrix()
-    return PlatformPose(rotation, np.where(found[:, None], wanted[:, 3:], np.nan))
+    interpolated = interpolate(time, vectors, at)
+    inside = np.asarray(np.isfinite(interpolated).all(axis=1))
+    rotation = np.full((len(interpolated), 3, 3), np.nan)
+    rotation[inside] = scipy.spatial.transform.Rotation.from_rotvec(
+        interpolated[inside, :3]
+    ).as_matrix()
+    return PlatformPose(rotation, np.where(inside[:, None], interpolated[:, 3:], np.nan))
 
 
-MAX_REST_SD_M: Final = 0.005
-"""Of a marker in neutral: more than the noise of cameras, less than any motion of a platform."""
-MIN_SPREAD_M: Final = 0.02
-"""Root-mean-square distance from a line, below which markers do not determine the rotation about
-it: 1 mm of noise is 3° there."""
 MAX_DISTANCE_M: Final = 20.0
 """Of a marker from the lab's origin; larger numbers are millimetres."""
-MAX_LEFT_OUT_SHARE: Final = 0.05
-"""Of the frames, in which a marker may be left out without a warning."""
 
 
 class PoseFit(NamedTuple):
@@ -322,7 +313,7 @@ def neutral_markers(markers: ArrayLike) -> Array:
     if len(missing):
         raise ValueError(f"platform markers {list(missing + 1)} are never seen in neutral")
     moved = np.nanstd(position, axis=0).max(axis=1)
-    if moved.max() > MAX_REST_SD_M:
+    if moved.max() > LIMITS.largest_rest_sd:
         raise ValueError(
             f"platform marker {int(np.argmax(moved)) + 1} moves by {1000 * moved.max():.1f} mm in "
             "the frames taken as neutral; choose frames in which the platform stands still"
@@ -377,17 +368,19 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
             f"{len(reference)} platform markers lie within 2 cm of a line: "
             "rotation about it cannot be determined"
         )
-    seen = np.asarray(np.isfinite(position).all(axis=2))
-    used = seen.copy()
+    visible = np.asarray(np.isfinite(position).all(axis=2))
+    used = visible.copy()
     rotation, origin, error = _fit(position, reference, used)
+    # marker by marker, as long as one is off and three are left
     while len(bad := np.flatnonzero(_beyond(error, used, outlier_m) & (used.sum(axis=1) > 3))):
         used[bad] = _without_worst(position[bad], reference, used[bad])
         rotation[bad], origin[bad], error[bad] = _fit(position[bad], reference, used[bad])
+    # three markers that agree, and not in a line
     lost = (used.sum(axis=1) < 3) | _beyond(error, used, outlier_m)
     some = np.flatnonzero(~used.all(axis=1))
     lost[some] |= ~_spread(reference, used[some])
     rotation[lost], origin[lost], used[lost] = np.nan, np.nan, False
-    error[~seen] = np.nan
+    error[~visible] = np.nan
     return PoseFit(PlatformPose(rotation, origin), error, used)
 
 
@@ -426,9 +419,9 @@ def check_pose(fit: PoseFit, names: Sequence[str], outlier_m: float) -> tuple[No
         )
     left_out = np.mean(np.isfinite(fit.marker_error) & ~fit.used & ~lost[:, None], axis=0)
     notes += [
-        Note.of("platform_marker_left_out", marker=name, limit_m=outlier_m, share=share)
-        for name, share in zip(names, left_out, strict=True)
-        if share > MAX_LEFT_OUT_SHARE
+        Note.of("platform_marker_left_out", marker=name, limit_m=outlier_m, share=fraction)
+        for name, fraction in zip(names, left_out, strict=True)
+        if fraction > LIMITS.most_left_out
     ]
     return tuple(notes)
 
@@ -451,6 +444,7 @@ def _read_markers(markers: ArrayLike) -> Array:
 
 def _fit(position: Array, reference: Array, used: Mask) -> tuple[Array, Array, Array]:
     """Give rotation, origin and every marker's error; the identity in frames without markers."""
+    # least squares of rigid motion: about the centroids, then the origin (Procrustes)
     weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
     filled = np.where(np.isfinite(position), position, 0.0)
     center = np.einsum("tm,tmi->ti", weight, filled)
@@ -472,6 +466,7 @@ def _without_worst(position: Array, reference: Array, used: Mask) -> Mask:
     for m in range(used.shape[1]):
         others = used.copy()
         others[:, m] = False
+        # an outlier drags the pose along: leave out each in turn, keep the best fit of the rest
         error = np.where(others, _fit(position, reference, others)[2], 0.0)
         misfit[:, m] = np.where(used[:, m], np.sum(error**2, axis=1), np.inf)
     kept = used.copy()
@@ -483,8 +478,9 @@ def _spread(reference: Array, used: Mask) -> Mask:
     """Whether the used ones of markers (M, 3) spread in two directions, for used (T, M): (T,)."""
     weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
     apart = reference - (weight @ reference)[:, None]
+    # the second largest variance is that across the line that fits best
     variances = np.linalg.eigvalsh(np.einsum("tm,tmi,tmj->tij", weight, apart, apart))
-    return np.asarray(variances[:, 1] > MIN_SPREAD_M**2)
+    return np.asarray(variances[:, 1] > LIMITS.least_spread**2)
 
 
 def to_lab(wrench_in_plate: ArrayLike, pose: PlatformPose) -> Array:
@@ -566,6 +562,7 @@ def center_of_pressure(
     """
     fx, fy, fz, mx, my, _ = np.asarray(wrench, float).T
     loaded = fz > threshold_n
+    # M about the point is vertical there: x = (h Fx − My) / Fz, y = (h Fy + Mx) / Fz
     height = np.where(loaded, np.asarray(surface_height_m, float), np.nan)
     divisor = np.where(loaded, fz, np.nan)
     return np.array([(height * fx - my) / divisor, (height * fy + mx) / divisor, height]).T

@@ -50,9 +50,6 @@ BELT_VARIANCE: Final = {1.0: 25.0, 2.0: 2000.0}
 
 USED_SHARE: Final = 0.95
 """Of range and belt acceleration that random motion and moves use."""
-SWAY_SD_MPS2: Final = 0.707
-PITCH_SD_DEGPS2: Final = 127.0
-"""Standard deviations of the white acceleration."""
 GAPS: Final = {60: 3, 300: 15}
 """Duration [s] -> number of gaps without perturbation."""
 REPEATS: Final = 3
@@ -153,12 +150,14 @@ def platform_signal(
     ValueError
         If the machine is so slow that the added parts leave no random motion in the duration.
     """
+    # every signal has random numbers of its own: one does not depend on which others are drawn
     name = f"{kind}_{duration}s_{belt_speed:g}mps"
     rng = np.random.default_rng((seed, PLATFORM_KINDS.index(kind), duration))
     sway = Extent(USED_SHARE * limits.sway_m, limits.sway_m_per_s, limits.sway_m_per_s2)
     degrees = (USED_SHARE * limits.pitch_deg, limits.pitch_deg_per_s, limits.pitch_deg_per_s2)
     pitch = Extent(*(float(np.radians(value)) for value in degrees))
     square, constant = ((1.0, -1.0), HOLD_S), ((1.0, 0.5), CONSTANT_S)
+    # after the square wave straight from end to end
     turning_sway = np.concatenate([positions(*square, sway), positions((1.0, -1.0), 0.0, sway)])
     parts = {
         "square_sway": _in_column(0, turning_sway),
@@ -169,8 +168,10 @@ def platform_signal(
     added = _additions(kind, duration, parts, gap=np.zeros((samples(GAP_S), 2)))
     random = []
     for count in _stretches(name, kind, duration, added):
-        y = random_position(rng, count, SWAY_SD_MPS2, MIN_SWAY_HZ, sway)
-        angle = random_position(rng, count, np.radians(PITCH_SD_DEGPS2), MIN_PITCH_HZ, pitch)
+        # white acceleration of 0.707 m/s² and 127 °/s² (SD); the high-pass is such that it fills
+        # the range: in 300 s, random pitch comes within 6 % of it on either side (100 seeds)
+        y = random_position(rng, count, 0.707, 0.2, sway)
+        angle = random_position(rng, count, np.radians(127.0), 0.15, pitch)
         random.append(np.column_stack([y, angle]))
     sway_signal, pitch_signal = _interleaved(random, added).T
     belt = np.full(len(sway_signal), float(belt_speed))
@@ -196,6 +197,7 @@ def belt_signal(kind: str, duration: int, seed: int, mean: float, limits: Machin
             f"the machine allows {limits.belt_m_per_s:g}"
         )
     rng = np.random.default_rng((seed, 100 + BELT_KINDS.index(kind), duration))
+    # as strong as the machine allows within the length of a pulse
     push = min(PULSE_MPS2, acceleration, USED_SHARE * reach / PULSE_S)
     parts = {
         "square": speeds(mean, (3.0, -3.0), HOLD_S, acceleration),
@@ -228,6 +230,7 @@ def _additions(kind: str, duration: int, parts: dict[str, Array], gap: Array) ->
 def _stretches(name: str, kind: str, duration: int, added: list[Array]) -> list[int]:
     """Count the samples of each stretch of random motion, which begins and ends gradually."""
     count = samples(duration)
+    # long signals keep their duration, short ones are as much longer as their additions
     if kind == "gaps" or duration == max(DURATIONS_S):
         count -= sum(map(len, added))
     if count < samples(2 * FADE_S) * (len(added) + 1):
@@ -252,20 +255,7 @@ def _in_column(column: int, motion: Array) -> Array:
 
 WALKING_MPS: Final = 1.3
 RUNNING_MPS: Final = 2.5
-SWAY_BACK_MPS: Final = 0.05
-SWAY_BACK_MPS2: Final = 0.1
-"""Speed and acceleration of the return, chosen such that it is no perturbation."""
-SWAY_HELD_S: Final = 7.0
-"""From the onset of a sway to its return."""
-PITCH_DEG: Final = 10.0
 PITCH_PERIOD_S: Final = 30.0
-BELT_FROM_MPS: Final = 1.0
-"""Mean speed of the random part of the belts, and speed from which their pulses start; chosen."""
-BELT_RANDOM_S: Final = 60.0
-BELT_PULSES: Final = 12
-"""Duration of the random part and number of pulses, a minute each; chosen."""
-RANDOM_STREAM: Final = 200
-"""Number of the random numbers of the validation, which are not those of a calibration signal."""
 
 
 def validation_signals(seed: int = 0) -> tuple[Signal, ...]:
@@ -289,7 +279,8 @@ def validation_signals(seed: int = 0) -> tuple[Signal, ...]:
     >>> [signal.name for signal in validation_signals()]
     ['sway', 'pitch', 'running', 'boarding', 'belt', 'belt_with_person']
     """
-    sway, pitch, belt = _sway(), _pitch(), _belt(np.random.default_rng((seed, RANDOM_STREAM)))
+    # the stream 200 of random numbers is none of a calibration signal's
+    sway, pitch, belt = _sway(), _pitch(), _belt(np.random.default_rng((seed, 200)))
     with_person = np.concatenate(_pulses(WALKING_MPS))
     rest = np.zeros(samples(60.0))
     return (
@@ -306,8 +297,9 @@ def _sway() -> Array:
     """Sway three times to either side, as far and fast as the thesis' machine goes."""
     thesis, far = MachineLimits(), MachineLimits().sway_m
     there = move(far, thesis.sway_m_per_s, thesis.sway_m_per_s2)
-    back = far + move(-far, SWAY_BACK_MPS, SWAY_BACK_MPS2)
-    held = np.full(samples(SWAY_HELD_S) - len(there), far)
+    # a return so slow (0.05 m/s, 0.1 m/s²) that it is no perturbation, 7 s after the onset
+    back = far + move(-far, 0.05, 0.1)
+    held = np.full(samples(7.0) - len(there), far)
     side, rest = np.concatenate([there, held, back]), np.zeros(samples(3.0))
     sides = (part for sign in (1, -1) * 3 for part in (sign * side, rest))
     return np.concatenate([rest, *sides])
@@ -316,40 +308,35 @@ def _sway() -> Array:
 def _pitch() -> Array:
     """Four periods of a sine, begun and ended within 3 s."""
     time = np.arange(samples(4 * PITCH_PERIOD_S)) / RATE_HZ
-    sine = np.radians(PITCH_DEG) * np.sin(2 * np.pi * time / PITCH_PERIOD_S)
+    sine = np.radians(10.0) * np.sin(2 * np.pi * time / PITCH_PERIOD_S)
     return np.asarray(sine * fade(len(time), 3.0))
 
 
 def _belt(rng: np.random.Generator) -> Array:
     """Random acceleration, then pulses."""
-    limits, mean = MachineLimits(), BELT_FROM_MPS
+    # a minute about 1 m/s, from which the pulses start too; chosen
+    limits, mean = MachineLimits(), 1.0
     sd, reach = float(np.sqrt(BELT_VARIANCE[mean])), limits.belt_m_per_s - mean
     acceleration = USED_SHARE * limits.belt_m_per_s2
-    random = mean + random_speed(rng, samples(BELT_RANDOM_S), sd, reach, acceleration)
+    random = mean + random_speed(rng, samples(60.0), sd, reach, acceleration)
     start, pulses, stop = _pulses(mean)
     return np.concatenate([start, random, pulses, stop])
 
 
 def _pulses(mean: float) -> tuple[Array, Array, Array]:
     """Give starting the belts, pulses from a speed, and stopping the belts."""
-    pulses = np.tile(pulse(mean, PULSE_MPS2, PULSE_S, PULSE_PERIOD_S), BELT_PULSES)
+    # twelve pulses, a minute; chosen
+    pulses = np.tile(pulse(mean, PULSE_MPS2, PULSE_S, PULSE_PERIOD_S), 12)
     start, stop = ramp(0.0, mean, GENTLE_MPS2), ramp(mean, 0.0, GENTLE_MPS2)
     return np.append(0.0, start), pulses, stop
 
 
-MIN_SWAY_HZ: Final = 0.2
-MIN_PITCH_HZ: Final = 0.15
-MIN_BELT_HZ: Final = 0.4
-"""High-pass of random motion, chosen such that it fills its range: in 300 s, random pitch comes
-within 6 % of it on either side (100 seeds)."""
 FADE_S: Final = 0.5
 """In which random motion begins and ends, chosen."""
 FILTER_SETTLING_S: Final = 20.0
 """Of random motion drawn beyond both ends and discarded: the high-pass settles in it."""
 ROUNDING_SAMPLES: Final = 1e-9
 """Of a duration in samples, which adds no sample."""
-SOFT_CLIP_SHARE: Final = 0.8
-"""Of the range, beyond which random motion bends smoothly towards its end."""
 
 
 class Extent(NamedTuple):
@@ -370,6 +357,7 @@ def random_position(
 ) -> Array:
     """Draw (count,) positions from white acceleration of a standard deviation, without drift."""
     white = _white(rng, count, sd, most.acceleration)
+    # white acceleration, integrated twice; the high-pass takes out the drift of both integrals
     x = _high_passed(np.cumsum(np.cumsum(white)) / RATE_HZ**2, min_hz)
     x = _soft_clipped(x, most.range) * fade(count, FADE_S)
     return _scaled_down(_scaled_down(x, 1, most.speed), 2, most.acceleration)
@@ -379,7 +367,8 @@ def random_speed(
     rng: np.random.Generator, count: int, sd: float, reach: float, acceleration: float
 ) -> Array:
     """Draw (count,) deviations from the mean speed from white acceleration."""
-    v = _high_passed(np.cumsum(_white(rng, count, sd, acceleration)) / RATE_HZ, MIN_BELT_HZ)
+    # at 0.4 Hz, chosen likewise
+    v = _high_passed(np.cumsum(_white(rng, count, sd, acceleration)) / RATE_HZ, 0.4)
     return _scaled_down(_soft_clipped(v, reach) * fade(count, FADE_S), 1, acceleration)
 
 
@@ -400,12 +389,14 @@ def move(distance: float, speed: float, acceleration: float) -> Array:
     a sample that the duration lacks.
     """
     far = abs(distance)
+    # trapezoid of speed, or a triangle where the way is too short to reach the limit
     fastest = min(speed, float(np.sqrt(far * acceleration)))
     ramp_s = fastest / acceleration
     seconds = far / fastest + ramp_s
     count = int(np.ceil(seconds * RATE_HZ - ROUNDING_SAMPLES))
     after = np.linspace(0, seconds, count + 1)[1:]
     cruised = fastest * np.clip(after - ramp_s, 0, seconds - 2 * ramp_s)
+    # way while the speed changes: a t² / 2 from either end
     begun, ended = np.minimum(after, ramp_s), np.clip(seconds - after, 0, ramp_s)
     changing = acceleration / 2 * (begun**2 + ramp_s**2 - ended**2)
     return np.asarray(np.sign(distance) * (cruised + changing))
@@ -437,6 +428,7 @@ def fade(count: int, seconds: float) -> Array:
     """Give weights that rise from 0 to 1 and fall again, without a jump in speed."""
     at = np.arange(count) / RATE_HZ
     to_end = np.minimum(at, at[::-1]) / seconds
+    # half a period of a cosine at either end
     return (1 - np.cos(np.pi * np.minimum(to_end, 1))) / 2
 
 
@@ -453,7 +445,8 @@ def _high_passed(drifting: Array, cutoff_hz: float) -> Array:
 
 def _soft_clipped(x: Array, reach: float) -> Array:
     """Compress what exceeds a share of the reach smoothly, so that it stays within."""
-    knee = SOFT_CLIP_SHARE * reach
+    # identity up to the knee, then a hyperbolic tangent of equal slope that ends at the reach
+    knee = 0.8 * reach
     beyond = np.maximum(np.abs(x) - knee, 0)
     return np.sign(x) * (
         np.minimum(np.abs(x), knee) + (reach - knee) * np.tanh(beyond / (reach - knee))

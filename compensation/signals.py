@@ -181,6 +181,8 @@ def resample_signal(signal: Signal, rate_hz: float) -> Signal:
     at = np.arange(count) * signal.rate_hz / rate
 
     def resampled(samples: Array) -> Array:
+        # a cubic B-spline with the samples as coefficients stays within their range, and so do its
+        # derivatives: no limit of the machine is left
         padded = np.pad(samples, 3, mode="edge")
         spline = scipy.interpolate.BSpline(np.arange(-5.0, len(padded) - 1), padded, 3)
         return np.asarray(spline(at))

@@ -25,6 +25,7 @@ from hbm.ik.tracking import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.plausibility.motion import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import (
@@ -40,6 +41,8 @@ from hbm.segments import (
 from hbm.spatial import Array, Indices, distance, unit
 from hbm.spelling import listed
 
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "body")
+
 __all__ = ["Body", "build_body"]
 
 PART_OF: Final = {"pelvis": "lower_trunk", "thorax": "upper_trunk"}
@@ -48,16 +51,11 @@ PART_OF: Final = {"pelvis": "lower_trunk", "thorax": "upper_trunk"}
 TOES_KG: Final = 1e-6
 """Mass of the toes, which de Leva's foot includes: not zero, so that no inertia is singular."""
 
-TOES_GYRATION_M: Final = 0.01
-"""Their radius of gyration, of the order of the toes' own."""
 
 FEET: Final = tuple(f"{side}_foot" for side in SIDES)
 BALL_ABOVE_SOLE: Final = 0.12
 """Height of the ball's markers above the bare foot's sole, by the length of the foot."""
 
-MIN_MASS_KG, MAX_MASS_KG = 10, 400
-"""From a toddler to beyond the load of instrumented treadmills; grams and pounds of light people
-fall outside."""
 
 MIN_STATURE_M, MAX_STATURE_M = 0.5, 2.6
 """From an infant to beyond the tallest people; centimetres fall outside."""
@@ -139,10 +137,11 @@ def build_body(
     >>> print(body)
     74.6 kg, 1.71 m, male; markers: 46 of Human Body Model 2, full body, 46 markers
     """
-    if not MIN_MASS_KG <= mass <= MAX_MASS_KG:
+    if not LIMITS.least_mass <= mass <= LIMITS.largest_mass:
         hint = "; that looks like grams, give kilograms" if mass > 1000 else ""
         raise ValueError(
-            f"body mass must be between {MIN_MASS_KG} and {MAX_MASS_KG} kg, got {mass:g}{hint}"
+            f"body mass must be between {LIMITS.least_mass} and {LIMITS.largest_mass} kg, "
+            f"got {mass:g}{hint}"
         )
     if height_m is not None and not MIN_STATURE_M <= height_m <= MAX_STATURE_M:
         raise ValueError(
@@ -155,6 +154,7 @@ def build_body(
     present = chosen.present(static_markers.names)
     segment, landmark = chosen.segment | present.segment, present.landmark
     used = list(present.segment)
+    # single jumps would hide the stillest second
     static_markers, jumps = without_jumps(static_markers, used)
     frames, speed = _select_frames(static_markers, used, window_s)
     calibration = _take(static_markers, used, frames)
@@ -166,13 +166,14 @@ def build_body(
         anatomy = locate_anatomy(landmarks, measures)
     except MissingLandmark as error:
         labels = [chosen.landmark[name] for name in error.names if name in chosen.landmark]
-        wanted = f" with {', '.join(labels)}" if labels else " that has them"
+        needed = f" with {', '.join(labels)}" if labels else " that has them"
         unused = [name for name in static_markers.names if name not in segment]
         others = f"; markers not in use: {listed(unused)}" if unused else ""
         raise ValueError(
-            f"{error}; give a static recording{wanted} (--static), or rename markers (--rename); "
+            f"{error}; give a static recording{needed} (--static), or rename markers (--rename); "
             f"the set is {chosen.name}{others}"
         ) from error
+    # a wrong unit of length shows in the legs, whatever the mass says
     by_legs_m = float(_stature(anatomy).mean())
     if not MIN_STATURE_M <= by_legs_m <= MAX_STATURE_M:
         raise ImplausibleLegs(
@@ -180,15 +181,19 @@ def build_body(
             f"{MIN_STATURE_M} to {MAX_STATURE_M} m: their unit is wrong"
         )
     stature_m = by_legs_m if height_m is None else height_m
+    # markers of segments whose joints are unknown cannot be placed on the skeleton
     unlocated = _unlocated_segments(anatomy)
     at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
+    # without trunk markers the trunk still has its mass: upright, by stature
     if "thorax" not in anatomy.frames:
         stand_trunk(anatomy, stature_m, sex)
     shape = shape_of(anatomy, table, stature_m, at, segment)
     markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
     segments = tuple(segment[name] for name in markers)
+    # a coordinate that carries no marked segment is locked in neutral
     shown = {i for s in set(segments) for i in support(LAST_Q[s])}
-    still = speed < MAX_STILL_SPEED_MPS
+    # skin moves against bone while the subject moves: positions are then fitted below
+    still = speed < LIMITS.still_speed
     posture = "standing still" if still else f"moving at {speed:.2f} m/s"
     pose = Note.of(
         "calibration_pose",
@@ -204,6 +209,7 @@ def build_body(
         notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
     lengths = {s: float(distance(*ends[:2])) for s, ends in shape.ends.items()}
     overrides = dict(overrides or {})
+    # a shoe is worn in addition: its mass is a part of the body's
     if shoe_mass_kg:
         notes.append(Note.of("shoes_stated", mass_kg=shoe_mass_kg, sole_height_m=sole_height_m))
         for foot in FEET:
@@ -234,6 +240,7 @@ def build_body(
         notes=tuple(notes),
         landmark_rules=landmark_rules,
     )
+    # mass whose place no marker shows adds to the residual: said once, here
     if unseen := mass_not_shown(body, undetermined(body, markers)[1]):
         body = replace(body, notes=(*notes, *unseen))
     if not still:
@@ -297,9 +304,11 @@ def _inertias(
             part = PART_OF.get(s, s).removeprefix("right_").removeprefix("left_")
             inertias[s] = segment_inertia(table[part], mass, *ends[s])
         else:
+            # de Leva's foot includes the toes: what these get, the foot loses
             foot = s.replace("toes", "foot")
             inertias[foot] = replace(inertias[foot], mass=inertias[foot].mass - TOES_KG)
-            tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
+            # a radius of gyration of the toes' own size, 1 cm
+            tensor = TOES_KG * 0.01**2 * np.eye(3)
             inertias[s] = Inertia(TOES_KG, np.zeros(3), tensor)
     return inertias
 
@@ -319,7 +328,9 @@ def shoe_inertia(ball: Array, length: float, mass_kg: float, sole_height_m: floa
     mass_kg, sole_height_m
         Mass and thickness of the sole.
     """
+    # level direction of the foot, in the foot's frame
     along = unit(ball * [1.0, 1.0, 0.0])
+    # from the ball back to the middle of the foot, and down to half the sole's thickness
     middle = ball + (0.5 - BALL_PER_FOOT) * length * along
     middle[2] = ball[2] - BALL_ABOVE_SOLE * length - sole_height_m / 2
     # of a rod along the foot: m L² / 12 about the two axes across it
@@ -329,6 +340,7 @@ def shoe_inertia(ball: Array, length: float, mass_kg: float, sole_height_m: floa
 
 def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: set[str]) -> Body:
     """Move markers that are not landmarks to their mean position on the fitted skeleton."""
+    # frames that the skeleton fits show where each marker is on its segment on average
     motion = solve_ik(body, calibration)
     if not motion.converged.any():
         raise ValueError(
@@ -338,19 +350,14 @@ def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: s
     rotation, origin = segment_frames(body, motion.q[motion.converged])
     tracked = set(calibration.names) - landmarks
     tracking = [k for k, name in enumerate(body.markers) if name in tracked]
-    own = [MOVING.index(body.marker_segment[k]) for k in tracking]
+    on = [MOVING.index(body.marker_segment[k]) for k in tracking]
     names = [body.markers[k] for k in tracking]
     measured = _take(calibration, names, np.flatnonzero(motion.converged)).position
-    local = np.einsum("tkji,tkj->tki", rotation[:, own], measured - origin[:, own]).mean(axis=0)
+    # p_local = Rᵀ (p − o), averaged over the frames
+    local = np.einsum("tkji,tkj->tki", rotation[:, on], measured - origin[:, on]).mean(axis=0)
     position = body.marker_position.copy()
     position[tracking] = local
     return replace(body, marker_position=position)
-
-
-MAX_JUMP_M: Final = 0.1
-"""Of one or two positions from those about them; 100 m/s² make 5 cm at 30 Hz."""
-MAX_JUMP_SHARE: Final = 0.2
-"""Of a marker's positions; with more it moves so, or its unit is wrong."""
 
 
 def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[Note, ...]]:
@@ -359,34 +366,24 @@ def without_jumps(markers: Markers, names: list[str]) -> tuple[Markers, tuple[No
     # NaN where a marker has gaps
     farthest = np.abs(np.diff(position, axis=0)).max(axis=(0, 2), initial=0)
     columns = {name: markers.names.index(name) for name in names}
-    for name in (name for name in names if not farthest[columns[name]] < MAX_JUMP_M / 2):
+    for name in (name for name in names if not farthest[columns[name]] < LIMITS.longest_jump / 2):
         path = position[:, columns[name]]
+        # steps over gaps are judged too, between samples that are known
         frames = np.flatnonzero(~np.isnan(path[:, 0]))
-        if len(frames) < 3 or np.abs(np.diff(path[frames], axis=0)).max() < MAX_JUMP_M / 2:
+        if len(frames) < 3 or np.abs(np.diff(path[frames], axis=0)).max() < LIMITS.longest_jump / 2:
             continue
         # the median of five is near a position that moves, and far from one or two that jump
         windows = sliding_window_view(np.pad(path[frames], ((2, 2), (0, 0)), "reflect"), 5, axis=0)
         away_m = np.linalg.norm(path[frames] - np.median(windows, axis=-1), axis=-1)
-        far = frames[away_m > MAX_JUMP_M]
-        if 0 < far.size < MAX_JUMP_SHARE * frames.size:
+        far = frames[away_m > LIMITS.longest_jump]
+        if 0 < far.size < LIMITS.most_jumps * frames.size:
             path[far], jumps[name] = np.nan, far.size
     note = Note.of("jumps_left_out", positions=sum(jumps.values()), of_marker=jumps)
     return Markers(markers.time, markers.names, position), (note,) if jumps else ()
 
 
-MAX_STILL_SPEED_MPS: Final = 0.05
-"""Mean marker speed up to which a subject counts as standing still: postural sway gives 0.01 to
-0.02 m/s, slow walking 0.3 m/s."""
-
 WINDOW_S: Final = 1.0
 """Duration of the calibration pose to look for."""
-
-SPEED_INTERVAL_S: Final = 0.1
-"""Interval over which speeds are measured: marker noise of 1 mm gives 0.01 m/s, and tremor averages
-out."""
-
-MAX_FRAMES: Final = 100
-"""Frames that the body is averaged over; more make no difference."""
 
 
 def _select_frames(
@@ -426,10 +423,11 @@ def _select_frames(
             f"from {time[0]:g} to {time[-1]:g} s"
         )
     paths = np.moveaxis(markers.position, 0, -1)[[markers.names.index(name) for name in used]]
-    seen = ~np.isnan(paths[:, 0, window].T)
-    complete = window[seen[:, seen.any(axis=0)].all(axis=1)]
+    visible = ~np.isnan(paths[:, 0, window].T)
+    # all joints are needed in the same frame; a marker that is never seen is no obstacle
+    complete = window[visible[:, visible.any(axis=0)].all(axis=1)]
     if not len(complete):
-        rarest = used[int(np.argmin(np.where(seen.any(axis=0), seen.sum(axis=0), np.inf)))]
+        rarest = used[int(np.argmin(np.where(visible.any(axis=0), visible.sum(axis=0), np.inf)))]
         raise ValueError(
             f"no frame from {time[window[0]]:.2f} to {time[window[-1]]:.2f} s shows all "
             f"calibration markers at once; {rarest} is missing most often; choose another window"
@@ -437,9 +435,10 @@ def _select_frames(
     speed = _speed(paths, time)
     if window_s is None:
         complete = _stillest(complete, speed, time)
-    spread = np.unique(np.linspace(0, len(complete) - 1, MAX_FRAMES).round().astype(int))
-    known = speed[complete][~np.isnan(speed[complete])]
-    return complete[spread], float(np.mean(known)) if len(known) else 0.0
+    # evenly spread frames are as good as all
+    spread = np.unique(np.linspace(0, len(complete) - 1, 100).round().astype(int))
+    known_speeds = speed[complete][~np.isnan(speed[complete])]
+    return complete[spread], float(np.mean(known_speeds)) if len(known_speeds) else 0.0
 
 
 def _speed(paths: Array, time: Array) -> Array:
@@ -447,25 +446,30 @@ def _speed(paths: Array, time: Array) -> Array:
     speed = np.full(len(time), np.nan)
     if len(time) < 2:
         return speed
-    step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(time) - 1)
-    ways = np.sqrt(((paths[..., step:] - paths[..., :-step]) ** 2).sum(axis=1))
-    count = np.count_nonzero(~np.isnan(ways), axis=0)
-    mean = np.nansum(ways, axis=0) / (time[step:] - time[:-step]) / np.maximum(count, 1)
+    # over an interval, since noise of single frames is no motion
+    # tremor averages out over 0.1 s, and marker noise of 1 mm gives 0.01 m/s
+    step = min(max(1, round(0.1 / float(np.median(np.diff(time))))), len(time) - 1)
+    distances = np.sqrt(((paths[..., step:] - paths[..., :-step]) ** 2).sum(axis=1))
+    count = np.count_nonzero(~np.isnan(distances), axis=0)
+    # mean over the visible markers [m/s]; at the middle of each interval
+    mean = np.nansum(distances, axis=0) / (time[step:] - time[:-step]) / np.maximum(count, 1)
     speed[step // 2 : step // 2 + len(mean)] = np.where(count > 0, mean, np.nan)
     return speed
 
 
 def _stillest(complete: Indices, speed: Array, time: Array) -> Indices:
     """Keep the complete frames of the stillest second; all of them if the subject never stands."""
-    known = complete[~np.isnan(speed[complete])]
-    if not len(known):
+    frames = complete[~np.isnan(speed[complete])]
+    if not len(frames):
         return complete
-    total = np.concatenate([[0.0], np.cumsum(speed[known])])
-    starts, stops = np.arange(len(known)), np.searchsorted(time[known], time[known] + WINDOW_S)
+    # mean speed of every window of a second, by differences of the running sum
+    total = np.concatenate([[0.0], np.cumsum(speed[frames])])
+    starts, stops = np.arange(len(frames)), np.searchsorted(time[frames], time[frames] + WINDOW_S)
     count = stops - starts
+    # windows that gaps leave half empty are not compared
     mean = np.where(2 * count >= count.max(), (total[stops] - total[starts]) / count, np.inf)
     best = int(np.argmin(mean))
-    if mean[best] >= MAX_STILL_SPEED_MPS:
+    if mean[best] >= LIMITS.still_speed:
         return complete
-    begin = time[known[best]]
+    begin = time[frames[best]]
     return np.asarray(complete[(time[complete] >= begin) & (time[complete] < begin + WINDOW_S)])

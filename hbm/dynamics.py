@@ -199,6 +199,7 @@ def inverse_dynamics_variants(
     >>> f"{one.residual[50, 2]:.1f} N, {abs(both.residual[50, 2]):.1f} N"
     '365.9 N, 0.0 N'
     """
+    # a wrench on an unknown segment, or of another length, would be left out without a word
     frames = len(motion.time)
     for wrenches in variants:
         for segment, wrench in wrenches.items():
@@ -220,17 +221,22 @@ def inverse_dynamics_variants(
         # rate of each coordinate: velocity of the point at the lab origin, angular velocity
         state = q, v, a, body.geometry, body.inertia_vector
         tau, wrench_needed, rates = kernels().newton_euler(*state, jobs=jobs)
+        # moments about the pelvis origin, which moves: forces stay
         needed, rates = shift_wrench(wrench_needed, q[:, :3]), rates.reshape(-1, N_Q, 6)
         for wrenches, force in zip(variants, forces, strict=True):
+            # tau = M a + c − Jᵀ w, where the transpose of the rates is Jᵀ about the lab origin
             force[block, :N_Q] = tau
             external = np.zeros_like(needed)
             for segment, wrench in wrenches.items():
                 acting = np.asarray(wrench, float)[block]
                 external += acting
+                # only coordinates between pelvis and segment carry its wrench
                 chain = np.array(support(LAST_Q[segment]))
                 force[block, chain] -= np.einsum("tci,ti->tc", rates[:, chain], acting)
+            # the residual is what is needed beyond what acts, about the pelvis origin
             force[block, N_Q:] = needed - shift_wrench(external, q[:, :3])
     return [
+        # power [W]: generalized force times rate, as one coordinate moves one axis
         Dynamics(motion.time, tau, residual, frozen(tau * motion.v), engine_name())
         for tau, residual in (np.split(frozen(force), [N_Q], axis=1) for force in forces)
     ]

@@ -16,8 +16,11 @@ from typing import Any, Final
 import numpy as np
 
 from hbm.coordinates import LIMBS, MOVING, SIDES
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, frozen, read_only
 from hbm.spelling import did_you_mean, listed, no_segment, packaged_toml, parse_toml, short, shown
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "marker_sets")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,16 +83,18 @@ class Markers:
         return float(1 / np.median(np.diff(self.time)))
 
 
-MIDLINE_LANDMARKS: Final = ("SACR", "C7", "T2", "T8", "T10", "JN", "XIPH", "THEAD", "GLAB")
-PAIRED_LANDMARKS: Final = (
-    *("ASIS", "PSIS", "HEAD", "FHEAD", "BHEAD", "MAS"),
-    *("GTRO", "LEK", "MEK", "KAX", "KD1", "KD2", "LM", "MM"),
-    *("HEE", "MT1", "MT2", "MT5", "MTS", "TOE"),
-    *("SHO", "LEE", "MEE", "LW", "MW", "WRA", "WRB", "FIN"),
-)
 LANDMARKS: Final = (
-    *MIDLINE_LANDMARKS,
-    *(side + name for side in ("L", "R") for name in PAIRED_LANDMARKS),
+    *("SACR", "C7", "T2", "T8", "T10", "JN", "XIPH", "THEAD", "GLAB"),
+    *(
+        side + name
+        for side in ("L", "R")
+        for name in (
+            *("ASIS", "PSIS", "HEAD", "FHEAD", "BHEAD", "MAS"),
+            *("GTRO", "LEK", "MEK", "KAX", "KD1", "KD2", "LM", "MM"),
+            *("HEE", "MT1", "MT2", "MT5", "MTS", "TOE"),
+            *("SHO", "LEE", "MEE", "LW", "MW", "WRA", "WRB", "FIN"),
+        )
+    ),
 )
 """Landmarks that a marker can mark; docs/marker_sets.md says what they are."""
 
@@ -193,9 +198,6 @@ def _spelling(names: Iterable[str]) -> Callable[[str], str | None]:
 EITHER_SIDE: Final = "?"
 """In a label: stands for L and R."""
 
-OR: Final = "|"
-"""Between the labels of one marker."""
-
 
 def read_marker_set(text: str, name: str = "own") -> MarkerSet:
     """Read a marker set from TOML.
@@ -281,12 +283,12 @@ def marker_sets() -> Mapping[str, MarkerSet]:
 
 def _marker_set(name: str, table: Mapping[str, Any], known: Mapping[str, MarkerSet]) -> MarkerSet:
     faults: list[str] = []
-    own = _markers(table.get("markers", {}), False, faults)
-    own += _markers(table.get("optional", {}), True, faults)
-    faults += _repeated(own)
+    rows = _markers(table.get("markers", {}), False, faults)
+    rows += _markers(table.get("optional", {}), True, faults)
+    faults += _repeated(rows)
     if not isinstance(table.get("title", ""), str):
         faults.append(f"title must be a text, got {shown(table['title'])}")
-    markers = (*_inherited(table.get("extends", []), own, known, faults), *own)
+    markers = (*_inherited(table.get("extends", []), rows, known, faults), *rows)
     if faults:
         raise ValueError(f"marker set {name!r}: " + "; ".join(dict.fromkeys(faults)))
     return MarkerSet(name, table.get("title", name), markers)
@@ -321,7 +323,7 @@ def _marker(key: str, entry: Any, side: str, optional: bool, faults: list[str]) 
     if landmark is not None and landmark not in landmarks:
         hint = did_you_mean(landmark, landmarks)
         faults.append(f"{short(key)}: no landmark {shown(landmark)}{hint}")
-    labels = tuple(key.replace(EITHER_SIDE, letter if side else EITHER_SIDE).split(OR))
+    labels = tuple(key.replace(EITHER_SIDE, letter if side else EITHER_SIDE).split("|"))
     return SetMarker(
         labels, segments.get(segment, segment), landmarks.get(landmark or ""), optional
     )
@@ -364,9 +366,6 @@ def _inherited(
     return inherited
 
 
-MIN_SHARE_OF_PART: Final = 1 / 2
-"""Of a part's markers that must be present for a set to show it: other sets share fewer labels."""
-
 REMEDY: Final = (
     "rename them (--rename OLD=NEW), or write a table of them (--marker-set set.toml, "
     "docs/marker_sets.md)"
@@ -374,10 +373,6 @@ REMEDY: Final = (
 WORD: Final = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 SIDE_WORDS: Final = {word: word[0] for word in ("l", "lt", "left", "r", "rt", "right")}
 """First or last word of a label -> letter of the side."""
-NOT_SEPARATOR: Final = re.compile(r"[^\W_]*$")
-"""The end of a text after its last separator."""
-LABELS_LISTED: Final = 20
-NEAREST_LISTED: Final = 2
 
 UPPER_PARTS: Final = {"thorax": "trunk", "head": "head"} | {
     segment: "arms" for side in SIDES for segment in LIMBS[f"{side} arm"]
@@ -449,35 +444,36 @@ def _needed(chosen: MarkerSet, part: str = LOWER_BODY) -> list[SetMarker]:
 def _short_of(chosen: MarkerSet, names: Iterable[str], part: str = LOWER_BODY) -> bool:
     """Whether too few of the markers of a part are present; of none, none are."""
     needed = _needed(chosen, part)
-    return len(_absent(needed, names)) > (1 - MIN_SHARE_OF_PART) * len(needed) or not needed
+    return len(_absent(needed, names)) > (1 - LIMITS.least_of_part) * len(needed) or not needed
 
 
 def _mismatch(names: tuple[str, ...]) -> str:
     """Say which labels there are, what the two nearest sets lack, and what to do."""
-    sets = [each for each in marker_sets().values() if _legs_shown(each, names)]
+    sets = [one for one in marker_sets().values() if _legs_shown(one, names)]
     nearest: list[MarkerSet] = []
-    while sets and len(nearest) < NEAREST_LISTED:
+    # the two nearest, each of another family
+    while sets and len(nearest) < 2:
         nearest.append(_nearest(sets, names))
         family = nearest[-1].name.removesuffix("_lower")
-        sets = [each for each in sets if each.name.removesuffix("_lower") != family]
-    lacking = "; ".join(_lacking(each, names) for each in nearest)
-    found = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
+        sets = [one for one in sets if one.name.removesuffix("_lower") != family]
+    lacking = "; ".join(_lacking(one, names) for one in nearest)
+    hint = f"nearest: {lacking}" if nearest else "none of them is of a shipped set"
     # what all labels begin with, letter by letter, may be a person's name
-    shared = NOT_SEPARATOR.sub("", commonprefix(names))  # noqa: RUF071
+    shared = re.compile(r"[^\W_]*$").sub("", commonprefix(names))  # noqa: RUF071
     bare = [f"{'…' if shared else ''}{name[len(shared) :]}" for name in names]
-    seen = f"the markers match no shipped set; labels: {listed(bare, LABELS_LISTED)}"
+    text = f"the markers match no shipped set; labels: {listed(bare, 20)}"
     if shared:
-        seen += " (… is what all begin with; --label-prefix removes it)"
+        text += " (… is what all begin with; --label-prefix removes it)"
     options = [f"--rename {quote(f'{old}={new}')}" for old, new in renaming(names).items()]
-    return f"{seen}; {found}; {' '.join(['try', *options]) if options else REMEDY}"
+    return f"{text}; {hint}; {' '.join(['try', *options]) if options else REMEDY}"
 
 
 def _lacking(chosen: MarkerSet, names: Sequence[str]) -> str:
     """Say how many markers of a set's pelvis and legs are there, and which are not."""
     needed = _needed(chosen)
     absent = sorted(marker.labels[0] for marker in _absent(needed, names))
-    found = f"{chosen.name} with {len(needed) - len(absent)} of its {len(needed)} markers"
-    return f"{found} of pelvis and legs (missing {listed(absent)})"
+    present = f"{chosen.name} with {len(needed) - len(absent)} of its {len(needed)} markers"
+    return f"{present} of pelvis and legs (missing {listed(absent)})"
 
 
 @lru_cache
@@ -491,8 +487,8 @@ def renaming(names: tuple[str, ...]) -> Mapping[str, str]:
         return {}
     spelt = {_letters(name): name for name in names} | {name: name for name in names}
     every = (label for s in sets for m in s.markers for label in m.labels)
-    found = {label: spelt.get(label, spelt.get(_letters(label))) for label in every}
-    alike = {label: name for label, name in found.items() if name is not None}
+    name_of = {label: spelt.get(label, spelt.get(_letters(label))) for label in every}
+    alike = {label: name for label, name in name_of.items() if name is not None}
     shown = [s for s in sets if not _short_of(s, alike)]
     if not shown:
         return {}
@@ -532,11 +528,11 @@ def _absent(markers: Iterable[SetMarker], names: Iterable[str]) -> list[SetMarke
 @cache
 def _meanings() -> Mapping[str, set[tuple[str, str | None]]]:
     """Give segment and landmark of each label of the shipped sets, in lower case."""
-    found: dict[str, set[tuple[str, str | None]]] = {}
+    meanings: dict[str, set[tuple[str, str | None]]] = {}
     for marker in (m for chosen in marker_sets().values() for m in chosen.markers):
         for label in marker.labels:
-            found.setdefault(label.casefold(), set()).add((marker.segment, marker.landmark))
-    return found
+            meanings.setdefault(label.casefold(), set()).add((marker.segment, marker.landmark))
+    return meanings
 
 
 def usual_landmarks(names: Iterable[str]) -> dict[str, str]:
@@ -561,12 +557,12 @@ def _landmark_of_letters() -> dict[str, str]:
 def _completed(chosen: MarkerSet, names: Sequence[str]) -> MarkerSet:
     """Add other sets' markers of trunk, head and arms where the chosen set's are not there."""
     parts = {part for part in UPPER_PARTS.values() if _short_of(chosen, names, part)}
-    known = {label.casefold() for marker in chosen.markers for label in marker.labels}
+    in_set = {label.casefold() for marker in chosen.markers for label in marker.labels}
     marked = set(chosen.present(names).landmark)
     added: list[SetMarker] = []
     for name in names:
         meant = _meanings().get(name.casefold(), set())
-        if name.casefold() not in known and len(meant) == 1:
+        if name.casefold() not in in_set and len(meant) == 1:
             ((segment, landmark),) = meant
             landmark = None if landmark in marked else landmark
             part = UPPER_PARTS.get(segment, LOWER_BODY)

@@ -115,8 +115,8 @@ class Body:
     def __post_init__(self) -> None:
         freeze_arrays(self, "body", marker_position=(len(self.markers), 3))
         for name in ("offsets", "axes"):
-            own = {key: read_only(vector) for key, vector in getattr(self, name).items()}
-            object.__setattr__(self, name, own)
+            vectors = {key: read_only(vector) for key, vector in getattr(self, name).items()}
+            object.__setattr__(self, name, vectors)
 
     def __str__(self) -> str:
         return (
@@ -158,6 +158,7 @@ class Body:
         """Mass, centre and inertia (xx yy zz xy xz yz) of the rigid bodies as one vector."""
         parts = list(self.rigid_bodies.values())
         tensors = np.array([part.tensor for part in parts])
+        # a symmetric tensor has six numbers
         six = tensors[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
         masses, centers = [part.mass for part in parts], [part.center for part in parts]
         return np.column_stack([masses, centers, six]).ravel()
@@ -195,6 +196,7 @@ def pin_model(body: Body) -> Any:
     frame: dict[str, int] = {}
 
     def attach(name: str, kind: Any, to: str, offset: Array, part: Inertia = NO_INERTIA) -> int:
+        # Pinocchio counts the universe as joint 0
         place, joint = pin.SE3(np.eye(3), np.array(offset)), LAST_Q[to] + 1
         inertia = pin.Inertia(part.mass, np.array(part.center), np.array(part.tensor))
         return int(model.addFrame(pin.Frame(name, joint, frame[to], place, kind, inertia)))

@@ -164,9 +164,11 @@ def clinical_angles(q: ArrayLike, *, ankle_zero: AnkleZero = "right_angle") -> A
     out = q[..., [INDEX[name] for name in HBM_ORDER]]
     for side in "RL":
         names = [f"{side}Shoulder{axis}" for axis in ("Abduction", "Flexion", "InternalRotation")]
-        own = np.stack([q[..., INDEX[name]] for name in names])
-        for name, angle in zip(names, _flexion_first(*own), strict=True):
+        # the original's shoulder begins with flexion, ours with abduction: the same rotation
+        angles = np.stack([q[..., INDEX[name]] for name in names])
+        for name, angle in zip(names, _flexion_first(*angles), strict=True):
             out[..., HBM_ORDER.index(name)] = angle
+        # the original measures the ankle from a foot in line with the shank
         if ankle_zero == "in_line":
             out[..., HBM_ORDER.index(f"{side}AnklePlantarFlexion")] += ANKLE_IN_LINE_RAD
     return out
@@ -174,12 +176,15 @@ def clinical_angles(q: ArrayLike, *, ankle_zero: AnkleZero = "right_angle") -> A
 
 def _flexion_first(a: Array, f: Array, i: Array) -> tuple[Array, Array, Array]:
     """Give abduction, flexion and internal rotation of the sequence that begins with flexion."""
+    # abduction a, flexion f, rotation i; arcsin gives ±90°, so poses beyond are mirrored
     beyond = np.cos(a) < 0
     sign = np.where(beyond, -1.0, 1.0)
+    # entries of R_flexion R_abduction R_internal = R_abduction R_flexion R_internal(i)
     abduction = np.arcsin(np.clip(np.sin(a) * np.cos(f), -1, 1))
     abduction = np.where(beyond, np.pi - abduction, abduction)
     flexion = np.arctan2(sign * np.sin(f), sign * np.cos(a) * np.cos(f))
     rotation = i + np.arctan2(sign * np.sin(a) * np.sin(f), sign * np.cos(a))
+    # of equivalent angles those near ours, so that curves do not jump
     return _nearest_equivalent(abduction, a), _nearest_equivalent(flexion, f), rotation
 
 

@@ -28,6 +28,7 @@ def segment_frames(body: Body, q: Array) -> tuple[Array, Array]:
         Proximal joints in the lab, (T, 19, 3) [m].
     """
     poses = kernels().segment_poses(q, body.geometry)[0]
+    # the kernel gives each frame column by column: three axes, then the origin
     poses = poses.reshape(len(q), len(MOVING), 4, 3)
     return np.swapaxes(poses[:, :, :3], 2, 3), poses[:, :, 3]
 
@@ -68,9 +69,11 @@ def marker_positions(body: Body, q: Array) -> Array:
         Positions in the lab, (T, K, 3) [m].
     """
     rotation, origin = segment_frames(body, q)
-    own = [MOVING.index(segment) for segment in body.marker_segment]
+    segments = [MOVING.index(segment) for segment in body.marker_segment]
     # a third of the time of an index
-    return origin.take(own, axis=1) + in_lab_axes(rotation.take(own, axis=1), body.marker_position)
+    return origin.take(segments, axis=1) + in_lab_axes(
+        rotation.take(segments, axis=1), body.marker_position
+    )
 
 
 def center_of_mass(body: Body, q: Array) -> Array:
@@ -89,8 +92,9 @@ def center_of_mass(body: Body, q: Array) -> Array:
         Positions in the lab, (T, 3) [m].
     """
     bodies = body.rigid_bodies
-    own = [MOVING.index(s) for s in bodies]
-    rotation, origin = (frames[:, own] for frames in segment_frames(body, q))
+    numbers = [MOVING.index(s) for s in bodies]
+    rotation, origin = (frames[:, numbers] for frames in segment_frames(body, q))
     local = np.array([part.center for part in bodies.values()])
+    # p = o + R p_local, averaged by mass: massless points do not count
     centers = origin + np.einsum("tsij,sj->tsi", rotation, local)
     return np.asarray(np.average(centers, axis=1, weights=[part.mass for part in bodies.values()]))

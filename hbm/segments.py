@@ -14,8 +14,11 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from hbm.coordinates import SEGMENTS
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, cross, freeze_arrays, read_only, skew, unit
 from hbm.spelling import did_you_mean, no_segment, parse_toml, shown
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "segments")
 
 Sex = Literal["male", "female", "unspecified"]
 SEXES: Final[tuple[Sex, ...]] = ("male", "female", "unspecified")
@@ -60,6 +63,7 @@ def _table(sex: str) -> dict[str, Array]:
     text = files("hbm").joinpath("de_leva_1996.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     raw = {row["segment"]: row for row in rows if row["sex"] == sex}
+    # rounded percentages do not quite add up to 100: fractions of their own sum
     total = sum(float(row["mass_pct"]) * (2 if s in PAIRED else 1) for s, row in raw.items())
     units = np.array([total, *4 * [100.0], 1000.0])
     stature = np.array([*5 * [1.0], SAMPLE_STATURE_M[sex]])
@@ -141,6 +145,7 @@ class Inertia:
         mass = self.mass + sign * other.mass
         if mass == 0:
             return self
+        # common centre of mass, then each tensor about it: I + m (c² 1 − c cᵀ) = I − m [c]×²
         center = (self.mass * self.center + sign * other.mass * other.center) / mass
         tensor = np.zeros((3, 3))
         for part, factor in ((self, 1.0), (other, sign)):
@@ -183,22 +188,14 @@ def segment_inertia(
     length = float(np.linalg.norm(along))
     if length == 0:
         raise ValueError("a segment's two ends coincide; check its landmarks")
+    # longitudinal axis through both ends, medio-lateral as near as can be
     z = along / length
     x = unit(cross(lateral, z))
     axes = np.column_stack([x, cross(z, x), z])
+    # I = A diag(m (k L)²) Aᵀ
     moments = part.mass * mass * (part.gyration * length) ** 2
     return Inertia(part.mass * mass, proximal + part.center * along, axes * moments @ axes.T)
 
-
-MAX_CENTER_DISTANCE_M: Final = 1.0
-"""Distance of a centre of mass from the joint: no segment is longer; larger numbers are
-millimetres."""
-
-MAX_MOMENT_KG_M2: Final = 10.0
-"""Principal moment of inertia: several times that of a heavy person's trunk."""
-
-MAX_ROUNDING: Final = 1e-9
-"""Relative to the largest principal moment, when a tensor is checked."""
 
 COUNTS: Final = {"mass_kg": (1,), "center_m": (3,), "inertia_kg_m2": (3, 6)}
 """Key of the file -> how many numbers it may have."""
@@ -249,9 +246,9 @@ class SegmentOverride:
                 continue
             if np.shape(value) != shape or not np.isfinite(value).all():
                 raise ValueError(f"{name} must be {shape} finite numbers, got {value}")
-            if name == "center_m" and np.abs(value).max() > MAX_CENTER_DISTANCE_M:
+            if name == "center_m" and np.abs(value).max() > LIMITS.farthest_center:
                 raise ValueError(
-                    f"center_m must be within {MAX_CENTER_DISTANCE_M:g} m of the joint, "
+                    f"center_m must be within {LIMITS.farthest_center:g} m of the joint, "
                     f"got {list(value)}; that looks like millimetres"
                 )
             object.__setattr__(self, name, read_only(value))
@@ -263,14 +260,16 @@ class SegmentOverride:
 def _require_physical(tensor: Array) -> None:
     """Refuse a tensor with a negative moment, or with one above the sum of the other two."""
     moments = np.linalg.eigvalsh(tensor)
-    slack = MAX_ROUNDING * float(np.abs(moments).max())
+    # rounding, relative to the largest moment
+    slack = 1e-9 * float(np.abs(moments).max())
     if not np.allclose(tensor, tensor.T) or moments[0] < -slack:
         raise ValueError("inertia_kg_m2 must be symmetric with no negative principal moment")
-    if moments[2] > MAX_MOMENT_KG_M2:
+    if moments[2] > LIMITS.largest_moment:
         raise ValueError(
-            f"inertia_kg_m2 must be at most {MAX_MOMENT_KG_M2:g} kg·m², got {moments[2]:g}; no "
-            "segment of a person has more"
+            f"inertia_kg_m2 must be at most {LIMITS.largest_moment:g} kg·m², got {moments[2]:g}; "
+            "no segment of a person has more"
         )
+    # of any rigid body: Ixx + Iyy − Izz = 2 Σ m z² ≥ 0
     if moments[2] > moments[0] + moments[1] + slack:
         raise ValueError("inertia_kg_m2 has a principal moment above the sum of the other two")
 
@@ -387,20 +386,22 @@ def apply_overrides(
     for segment in overrides:
         if segment not in inertias:
             raise ValueError(f"overrides: {no_segment(segment, inertias)}")
-    stated = {s: o.mass_kg for s, o in overrides.items() if o.mass_kg is not None}
+    mass_of = {s: o.mass_kg for s, o in overrides.items() if o.mass_kg is not None}
     worn = sum(o.worn.mass for o in overrides.values() if o.worn)
-    table = sum(part.mass for s, part in inertias.items() if s not in stated)
-    rest = mass - sum(stated.values()) - worn
+    table = sum(part.mass for s, part in inertias.items() if s not in mass_of)
+    # the total mass is measured: what is stated or worn is taken from the other segments
+    rest = mass - sum(mass_of.values()) - worn
     if table and not rest > 0:
         raise ValueError(
             f"the overrides weigh {mass - rest:.2f} kg, which leaves nothing of {mass:g} kg for "
             "the other segments"
         )
-    share = rest / table if table else 1.0
+    factor_of_rest = rest / table if table else 1.0
     result = {}
     for s, part in inertias.items():
         override = overrides.get(s, SegmentOverride())
-        factor = stated[s] / part.mass if s in stated else share
+        # a tensor that is not stated scales with its mass
+        factor = mass_of[s] / part.mass if s in mass_of else factor_of_rest
         center, tensor = override.center_m, override.inertia_kg_m2
         center = part.center if center is None else center
         tensor = factor * part.tensor if tensor is None else tensor

@@ -25,14 +25,15 @@ def read_only(value: ArrayLike) -> Array:
 
     Truth values stay such, all others become floats.
     """
-    given = np.asarray(value)
-    dtype = bool if given.dtype == bool else float
+    array = np.asarray(value)
+    # a mask stays a mask; integers, which division would truncate, become floats
+    dtype = bool if array.dtype == bool else float
     # unchangeable is an array if the one whose memory it is a part of is so too
-    owner = given if given.base is None else given.base
-    writeable = given.flags.writeable or not isinstance(owner, np.ndarray) or owner.flags.writeable
-    if given.dtype == dtype and not writeable:
-        return given
-    return frozen(np.array(given, dtype))
+    owner = array if array.base is None else array.base
+    writeable = array.flags.writeable or not isinstance(owner, np.ndarray) or owner.flags.writeable
+    if array.dtype == dtype and not writeable:
+        return array
+    return frozen(np.array(array, dtype))
 
 
 def freeze_arrays(owner: object, of: str, **shapes: tuple[int, ...]) -> None:
@@ -94,6 +95,7 @@ def rotate_wrench(wrench: ArrayLike, rotation: ArrayLike) -> Array:
         Wrenches in the new axes, (..., 6).
     """
     wrench, rotation = np.asarray(wrench, float), np.asarray(rotation, float)
+    # one rotation for all: forces and moments as rows, so that R w is w Rᵀ
     if rotation.ndim == 2:
         return np.reshape(wrench.reshape(-1, 3) @ rotation.T, wrench.shape)
     parts = [(rotation @ wrench[..., k : k + 3, None])[..., 0] for k in (0, 3)]
@@ -136,6 +138,7 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     Array
         Rotation matrices, (..., 3, 3).
     """
+    # R = 1 + sin φ [u]× + (1 − cos φ) [u]×²
     cross, angle = skew(axis), np.asarray(angle, float)[..., None, None]
     rotation: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
     return rotation
@@ -159,6 +162,7 @@ def skew(vector: ArrayLike) -> Array:
         Skew-symmetric matrices, (..., 3, 3).
     """
     vector = np.asarray(vector, float)
+    # entries are picked from 0, v and −v: no arithmetic, whatever the leading dimensions
     signed = np.concatenate([np.zeros((*vector.shape[:-1], 1)), vector, -vector], axis=-1)
     return np.asarray(signed[..., CROSS])
 
@@ -215,12 +219,14 @@ def perpendicular(vector: Array, to: Array) -> Array:
 
 def axes_from(left: Array, up: Array, exact: Literal["left", "up"]) -> Array:
     """Give rotations (columns: forward, left, up) from two directions, one of them exact."""
+    # the other direction gives up its part along the exact one (Gram–Schmidt)
     if exact == "left":
         y = unit(left)
         z = perpendicular(up, y)
     else:
         z = unit(up)
         y = perpendicular(left, z)
+    # forward completes the right-handed frame
     return np.stack(np.broadcast_arrays(cross(y, z), y, z), axis=-1)
 
 

@@ -112,18 +112,18 @@ def did_you_mean(word: object, known: Iterable[str]) -> str:
     return f", did you mean {short(close[0])!r}?" if close else ""
 
 
-def no_segment(name: object, known: Iterable[str]) -> str:
+def no_segment(name: object, names: Iterable[str]) -> str:
     """Say that a segment is none of those known here, and what to write instead.
 
     "trunk" is the name of earlier versions for thorax and mid trunk together.
     """
-    known = list(known)
+    names = list(names)
     if name in FIXED_TO:
         return f"{name!r} has no coordinates; write {FIXED_TO[str(name)]!r}, to which it is fixed"
     if name == "trunk":
-        parts = " and ".join(repr(s) for s in ("thorax", "mid_trunk") if s in known)
+        parts = " and ".join(repr(s) for s in ("thorax", "mid_trunk") if s in names)
         return f"no segment 'trunk', write {parts}"
-    return f"no segment {shown(name)}{did_you_mean(name, known)}"
+    return f"no segment {shown(name)}{did_you_mean(name, names)}"
 
 
 Table = dict[str, Any]

@@ -22,8 +22,6 @@ VERSION: Final = 7
 RELEASED: Final = 2
 """Version of 0.2.0: static models alone, which know of noise alone and are not judged, and no
 delays of the accelerometers, whose readings are then used as they are."""
-OF_UNITS: Final = ("acceleration_unit", "wrench_unit")
-"""Entries of that version, which were always m/s² and N, N·m."""
 UNKNOWN_THEN: Final[Mapping[str, Any]] = {
     "model_error": None,
     "correlation": np.eye(6),
@@ -115,6 +113,7 @@ class Calibration:
         """Plate -> mean force on it, of the plates that were loaded or not zeroed [N]."""
         loads_n = {}
         for name, model in self.in_use.items():
+            # the model at the mean acceleration is the mean wrench: of an empty plate next to 0
             k = len(model.acceleration_mean)  # differences have no mean
             mean = model.acceleration_mean @ model.gain[:k, :3] + model.gain[-1, :3]
             if (force_n := float(np.linalg.norm(mean))) > MIN_LOAD_N:
@@ -144,6 +143,7 @@ class Calibration:
         if self.correlation is None:
             blocks = (self.in_use[name].correlation for name in plates)
             return np.asarray(scipy.linalg.block_diag(*blocks))
+        # blocks of six rows and columns per plate
         order = list(self.plates)
         at = np.concatenate([6 * order.index(name) + np.arange(6) for name in plates])
         return np.asarray(self.correlation[np.ix_(at, at)])
@@ -204,6 +204,7 @@ calibration'; fit it again with 'hbm calibration fit'
     """
     document = read_document(text, OF, (RELEASED, VERSION), AGAIN)
     try:
+        # what that version did not write
         if document["version"] == RELEASED:
             document |= {"correlation": None, "sensors": [], "dynamic": {}}
             for plain in document["plates"].values():
@@ -225,7 +226,9 @@ calibration'; fit it again with 'hbm calibration fit'
 
 
 def _model(plain: dict[str, Any]) -> InertiaModel:
-    setup = {k: v for k, v in plain["setup"].items() if k not in OF_UNITS}
+    setup = {
+        k: v for k, v in plain["setup"].items() if k not in ("acceleration_unit", "wrench_unit")
+    }
     error = plain["model_error"]
     if error is not None:
         error = _exactly(ModelError, error)

@@ -9,26 +9,17 @@ from compensation.inertia.fit import LAGS_S, fit_trials, is_short, left_of_held_
 from compensation.inertia.model import InertiaModel
 from compensation.inertia.model_error import SLOW_HZ
 from compensation.inertia.quality import MAX_LEFT
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array
 
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "choice")
+
 Samples = Mapping[str, tuple[Array, Array]]
 """Plate -> what was felt, (N, K) [m/s²], and its wrench, (N, 6) [N, N·m], both without gaps."""
-MAX_SHARE: Final = 0.8
-"""Of what the static model leaves, that a dynamic one may leave to be chosen: less is no clear gain
-for four times as many numbers."""
-MAX_WORSE: Final = 1.05
-"""Factor by which a dynamic model, or the weight of people beside, may be worse in any component of
-a recording's held-out parts: in other motion neither is then clearly worse, more than 1.2 times."""
 BESIDE_WEIGHTS: Final = (1.0, 0.1, 0.01, 0.001, 0.0001)
 """Of a sample of people beside an empty plate, by one of commanded motion: alike, down to a
 ten-thousandth, at which gains are those of commanded motion wherever it determines them."""
-BANDS_HZ: Final = (2.0, SLOW_HZ)
-"""Cut-offs below which that weight is judged, besides all that passes the calibration's filter."""
-MIN_LEFT: Final = 1e-6
-"""Below which nothing is left [N, N·m]."""
-NEGLIGIBLE_SHARE: Final = 0.1
-"""Of what residuals allow: whether a component is left less than this does not count."""
 
 
 def weigh_beside(
@@ -74,17 +65,21 @@ def weigh_beside(
     }
 
     def left(samples: Sequence[tuple[Array, Array]], weight: float) -> Array:
+        # by parts to which the fit did not look, in all that is fitted and in slow bands
         error, *_ = left_of_held_out(samples, beside_weight=weight)
-        bands = [low_pass(error, rate_hz, hz, "zero_phase") for hz in BANDS_HZ]
-        return np.asarray(np.maximum(np.std([error, *bands], axis=1), MIN_LEFT))
+        bands = [low_pass(error, rate_hz, hz, "zero_phase") for hz in (2.0, SLOW_HZ)]
+        # below 1e-6 N nothing is left
+        return np.asarray(np.maximum(np.std([error, *bands], axis=1), 1e-6))
 
+    # measure: what commanded motion alone leaves of its own held-out parts
     alone = [left(samples[:1], 1.0) for samples in of_plate.values()]
     before = ""
     for weight in BESIDE_WEIGHTS:
         of_alone = [left(x, weight) / one for x, one in zip(of_plate.values(), alone, strict=True)]
         worse = np.max(of_alone, axis=1)
-        if worse.max() <= MAX_WORSE:
+        if worse.max() <= LIMITS.worse:
             break
+        # the largest weight that no component is clearly worse by
         plate, component = np.unravel_index(worse.argmax(), worse.shape)
         before = (
             f"; with {weight:g}, {WRENCH_COMPONENTS[component]} of {list(plates)[plate]} left of "
@@ -134,7 +129,7 @@ def choose(
     """
     setup = next(iter(static.values())).setup
     assert setup is not None
-    if stated != "dynamic" and any(is_short(felt) for felt, _ in trials[0][1].values()):
+    if stated != "dynamic" and any(is_short(channels) for channels, _ in trials[0][1].values()):
         return "static model: the recording is too short to judge a dynamic one", {}
     k, files = 3 * len(setup.sensors), [file for file, _ in (*trials, *checks)]
     of_plate = {
@@ -149,8 +144,9 @@ def choose(
         left[recording].append(np.stack([np.std(band, axis=1) for band in (pair, slow)], axis=1))
 
     for samples in of_plate.values():
-        both = [(felt, wrench) for _, felt, wrench in samples]
-        readings = [(felt[:, :k], wrench) for felt, wrench in both]
+        both = [(channels, wrench) for _, channels, wrench in samples]
+        readings = [(channels[:, :k], wrench) for channels, wrench in both]
+        # static and dynamic model, fitted without each part in turn
         simple = left_of_held_out(readings, beside_weight=beside_weight)
         better = left_of_held_out(both, len(LAGS_S), beside_weight)
         for (recording, *_), *pair in zip(samples, simple, better, strict=True):
@@ -160,16 +156,17 @@ def choose(
         for name, samples in of_plate.items():
             error = static[name].model_error
             dynamic[name] = fit_trials(
-                [(felt, wrench) for _, felt, wrench in samples],
+                [(channels, wrench) for _, channels, wrench in samples],
                 setup,
                 belts_mps=() if error is None else error.belts_mps,
                 beside_weight=beside_weight,
                 lags_s=LAGS_S,
             )
+    # recordings that no fit knows are judged as they are
     for recording, (_, plates) in enumerate(checks, len(trials)):
-        for name, (felt, wrench) in plates.items():
-            simple_left = static[name].compensate(felt[:, :k], wrench)
-            add(recording, simple_left, dynamic[name].compensate(felt, wrench))
+        for name, (channels, wrench) in plates.items():
+            simple_left = static[name].compensate(channels[:, :k], wrench)
+            add(recording, simple_left, dynamic[name].compensate(channels, wrench))
     clear, reason = _judged(left, files)
     kind = stated if stated != "auto" else "dynamic" if clear else "static"
     as_stated = "" if stated == "auto" else ", as given"
@@ -182,23 +179,25 @@ def _judged(left: Sequence[Sequence[Array]], files: Sequence[str]) -> tuple[bool
     From what static and dynamic model leave of each plate of each recording, (2, 2, 6): of all and
     below 6 Hz.
     """
-    shares, worse = [], list[str]()
+    fractions, worse = [], list[str]()
     for file, plates in zip(files, left, strict=True):
         if not plates:
             continue
         sizes = np.array(plates)
+        # RMS over components and plates, each by its limit
         of_static, of_dynamic = np.sqrt(np.mean((sizes[:, :, 0] / MAX_LEFT) ** 2, axis=(0, 2)))
-        shares.append(of_dynamic / max(of_static, np.finfo(float).tiny))
-        limit = MAX_WORSE * np.maximum(sizes[:, 0], NEGLIGIBLE_SHARE * MAX_LEFT)
+        fractions.append(of_dynamic / max(of_static, np.finfo(float).tiny))
+        # what is far below its limit may be worse
+        limit = LIMITS.worse * np.maximum(sizes[:, 0], LIMITS.negligible * MAX_LEFT)
         more = np.any(sizes[:, 1] > limit, axis=(0, 1))
         worse += [f"{WRENCH_COMPONENTS[c]} of {file}" for c in np.flatnonzero(more)]
-    share = float(np.mean(shares))
-    reason = f"of what was not fitted, the dynamic one leaves {share:.2f} of the static one's"
+    fraction = float(np.mean(fractions))
+    reason = f"of what was not fitted, the dynamic one leaves {fraction:.2f} of the static one's"
     if worse:
         return False, f"{reason}, but more of {', '.join(worse)}"
-    if share <= MAX_SHARE and len(shares) == 1:
+    if fraction <= LIMITS.largest_fraction and len(fractions) == 1:
         reason += (
             ", but in one kind of motion; recordings of people beside an empty plate (--beside, "
             "--check) show others"
         )
-    return share <= MAX_SHARE and len(shares) > 1, reason
+    return fraction <= LIMITS.largest_fraction and len(fractions) > 1, reason

@@ -22,22 +22,12 @@ from compensation.inputs import (
     refuse_still_platform,
     refuse_unequal,
 )
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS, Array, Indices
 
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "fit")
+
 Trial = tuple[ArrayLike, ArrayLike]
-MIN_SAMPLES_PER_GAIN: Final = 10
-"""Fewer fit the noise; a minute at 100 Hz has hundreds."""
-BLOCKS: Final = 60
-"""Blocks of a trial whose errors are taken as independent: a second each in a minute of motion."""
-MIN_SIGNAL_TO_NOISE: Final = 1.0
-"""Variance of motion per variance of noise, in a principal direction, above which the noise's share
-is taken out; below it the direction is noise, and taking its share out would change the sign."""
-MAX_SENSOR_NOISE_MPS2: Final = 1.0
-"""A tenth of gravity: no accelerometer on a platform is noisier after the filter."""
-HELD_OUT_PARTS: Final = 10
-"""Of a recording, each predicted by the rest: 6 s of a minute."""
-MIN_LEFT_SHARE: Final = 1e-3
-"""Of a direction's energy that must be in the rest for its gain to be found without a part."""
 LAGS_S: Final = (0.01, 0.02, 0.04)
 """Of the second differences: short against the periods that pass 20 Hz, up to a tenth of a second
 of motion in all. Longer ones hardly leave less in the virtual laboratory, and one accelerometer
@@ -208,6 +198,7 @@ def fit_trials(
         refuse_unequal(accelerations=one, wrench=other)
     felt, w = (np.vstack(both) for both in zip(*read, strict=True))
     n, channels = felt.shape
+    # readings first, then their differences lag by lag
     k = channels // (1 + len(lags_s))
     a, sensors = felt[:, :k], sensor_names(setup, k)
     if k * (1 + len(lags_s)) != channels:
@@ -223,7 +214,7 @@ def fit_trials(
     if is_short(felt):
         raise ValueError(
             f"{n} samples are too few to fit {channels + 1} gains per component; "
-            f"give at least {MIN_SAMPLES_PER_GAIN * (channels + 1)}, better a minute of motion"
+            f"give at least {LIMITS.least_samples * (channels + 1)}, better a minute of motion"
         )
     names = tuple(f"sensor {sensor} {axis}" for sensor in sensors for axis in "xyz")
     refuse_constant(a, "accelerations", names)
@@ -232,12 +223,13 @@ def fit_trials(
     refuse_still_platform(a)
     refuse_other_wrench_units(a, w)
     noise = np.broadcast_to(np.asarray(0.0 if lags_s else sensor_noise, float), (k,))
-    if (noise.any() and not (noise > 0).all()) or (noise > MAX_SENSOR_NOISE_MPS2).any():
+    if (noise.any() and not (noise > 0).all()) or (noise > LIMITS.largest_noise).any():
         raise ValueError(
-            f"sensor_noise must be positive and below {MAX_SENSOR_NOISE_MPS2:g} m/s² in every "
+            f"sensor_noise must be positive and below {LIMITS.largest_noise:g} m/s² in every "
             f"channel, or 0, got {noise}"
         )
 
+    # each recording has a zero of its own: about its means, gains do not see it
     counts = np.array([len(one) for one, _ in read])
     ends = np.cumsum(counts)[:-1]
     felt_mean = np.array([one.mean(axis=0) for one, _ in read])
@@ -245,19 +237,25 @@ def fit_trials(
     mean = felt_mean.mean(axis=0)
     weight, u, s, directions = _decomposed([x for x, _ in read], len(lags_s), beside_weight, noise)
     root = np.sqrt(weight)[:, None]
-    noisy = np.where(noise.any() & (s**2 > 1 + MIN_SIGNAL_TO_NOISE), 1.0, 0.0)  # of each direction
+    # errors in variables: noise adds 1 to the square of each scaled singular value
+    noisy = np.where(noise.any() & (s**2 > 1 + LIMITS.least_signal), 1.0, 0.0)  # of each direction
+    # least squares by a singular value decomposition: normal equations square the condition
     slopes = (s / (s**2 - noisy))[:, None] * (u.T @ (root * w))
+    # from directions back to channels, with the constant at zero acceleration
     to_gain = np.block([[directions, np.zeros((channels, 1))], [-mean @ directions, np.ones(1)]])
     gain = to_gain @ np.vstack([slopes, wrench_mean.mean(axis=0)])
     zeros = wrench_mean - felt_mean @ gain[:-1]
     residual = w - (gain[:-1].T @ felt.T).T - _repeated(zeros, counts)
 
+    # recordings weigh alike in the constant
     one_of_each = np.repeat(n / (len(read) * counts), counts)
     design = np.column_stack([root * u * s, one_of_each])
-    share = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
-    blocks = pairwise(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))
+    noise_part = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
+    # a second each in a minute of motion
+    blocks = pairwise(np.linspace(0, n, min(60, n) + 1).astype(int))
+    # covariance of the gains by the sandwich, from sums over blocks: errors in time are correlated
     scores = np.stack(
-        [design[i:j].T @ residual[i:j] + weight[i:j].sum() * share for i, j in blocks]
+        [design[i:j].T @ residual[i:j] + weight[i:j].sum() * noise_part for i, j in blocks]
     )
     if lags_s:
         scores -= scores.mean(axis=0)  # with a penalty they do not add up to 0
@@ -266,9 +264,10 @@ def fit_trials(
 
     rate_hz, cutoff_hz = (None, None) if setup is None else (setup.rate_hz, setup.cutoff_hz)
     slow = [slow_part(part, rate_hz) for part in np.split(residual, ends)]
-    known = [part for part in slow if part is not None]
-    all_slow = np.vstack(known) if len(known) == len(read) else residual
+    long_enough = [part for part in slow if part is not None]
+    all_slow = np.vstack(long_enough) if len(long_enough) == len(read) else residual
     about = w - _repeated(wrench_mean, counts)
+    # errors of parts that were not fitted are those of trials; of fitted ones they are too small
     unseen = _held_out(np.split(u, ends), np.split(root * about, ends), noisy / s**2)
     return InertiaModel(
         gain=gain,
@@ -315,9 +314,9 @@ def left_of_held_out(
     >>> bool(np.abs(left_of_held_out([(felt, wrench)])).max() < 1e-6)
     True
     """
-    felt, wrenches = zip(*trials, strict=True)
-    weight, u, s, _ = _decomposed(felt, lags, beside_weight, np.zeros(1))
-    root, ends = np.sqrt(weight)[:, None], np.cumsum([len(x) for x in felt])[:-1]
+    channels, wrenches = zip(*trials, strict=True)
+    weight, u, s, _ = _decomposed(channels, lags, beside_weight, np.zeros(1))
+    root, ends = np.sqrt(weight)[:, None], np.cumsum([len(x) for x in channels])[:-1]
     about = np.vstack([w - w.mean(axis=0) for w in wrenches])
     unseen = _held_out(np.split(u, ends), np.split(root * about, ends), np.zeros(len(s)))
     return np.split(np.vstack(unseen) / root, ends)
@@ -325,7 +324,7 @@ def left_of_held_out(
 
 def is_short(felt: Array) -> bool:
     """Whether channels (N, K) are too few samples to fit their gains."""
-    return bool(len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1))
+    return bool(len(felt) < LIMITS.least_samples * (felt.shape[1] + 1))
 
 
 def _decomposed(
@@ -337,15 +336,18 @@ def _decomposed(
     units of their noise or standard deviation, and directions (K, r) by which gains follow.
     """
     counts = np.array([len(x) for x in felt])
+    # the first recording is commanded motion; weights sum to the number of samples
     of_each = np.where(np.arange(len(felt)) == 0, 1.0, beside_weight)
     n, weight = counts.sum(), np.repeat(of_each * counts.sum() / (of_each @ counts), counts)
     a = np.vstack(felt)
     centred = a - _repeated(np.array([x.mean(axis=0) for x in felt]), counts)
     size = noise if noise.any() else np.std(a, axis=0)
     penalty, k = np.zeros(a.shape[1]), a.shape[1] // (1 + lags)
+    # ridge on the gains of differences: they follow only motion that differs by more
     penalty[k:] = DIFFERENCE_SD_MPS2[min(k // 3, len(DIFFERENCE_SD_MPS2)) - 1]
     scale = np.hypot(size, penalty) * np.sqrt(n)
     rows = np.sqrt(weight)[:, None] * (centred / scale)
+    # a penalty is one more row of the design for each channel
     rows = np.vstack([rows, np.diag(penalty * np.sqrt(n) / scale)[k:]])
     u, s, vt = np.linalg.svd(rows, full_matrices=False)
     rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
@@ -360,15 +362,18 @@ def _held_out(orthonormal: Sequence[Array], wrench: Sequence[Array], noise: Arra
     """
     right = np.sum([u.T @ w for u, w in zip(orthonormal, wrench, strict=True)], axis=0)
     count = sum(map(len, wrench))
-    found = []
+    errors = []
     for u, w in zip(orthonormal, wrench, strict=True):
-        left = np.empty_like(w)
-        for i, j in pairwise(np.linspace(0, len(w), HELD_OUT_PARTS + 1).astype(int)):
+        error = np.empty_like(w)
+        # ten parts, each predicted by the rest: 6 s of a minute
+        for i, j in pairwise(np.linspace(0, len(w), 10 + 1).astype(int)):
+            # normal matrix without the part: 1 − Uᵀ U of orthonormal columns; no new decomposition
             rest = np.diag(1 - noise * (count - (j - i)) / count) - u[i:j].T @ u[i:j]
-            slopes = np.linalg.pinv(rest, MIN_LEFT_SHARE, hermitian=True)
-            left[i:j] = w[i:j] - u[i:j] @ (slopes @ (right - u[i:j].T @ w[i:j]))
-        found.append(left)
-    return found
+            # a direction of which the rest holds less than a thousandth has no gain
+            slopes = np.linalg.pinv(rest, 1e-3, hermitian=True)
+            error[i:j] = w[i:j] - u[i:j] @ (slopes @ (right - u[i:j].T @ w[i:j]))
+        errors.append(error)
+    return errors
 
 
 def dynamic_channels(
@@ -390,6 +395,7 @@ def dynamic_channels(
     a = np.asarray(accelerations, float)
     channels = [a]
     for lag_s in lags_s:
+        # second difference over a lag: what a platform that bends adds to its rigid motion
         step = max(round(lag_s * rate_hz), 1)
         difference = np.zeros_like(a)  # in memory as the readings are
         if 2 * step < len(a):

@@ -253,16 +253,18 @@ class InertiaModel:
             zero. Without `model_error` it is noise and gains alone. NaN where the readings are.
         """
         a = np.asarray(accelerations, float)
-        known = np.isfinite(a).all(axis=1)
+        finite = np.isfinite(a).all(axis=1)
         variance = np.full((len(a), 6), np.nan)
-        if known.any():
-            x = self._design(a[known])
-            variance[known] = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], 1)
+        if finite.any():
+            x = self._design(a[finite])
+            # xᵀ C x of each component: uncertainty of the gains
+            variance[finite] = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], 1)
         error = self.model_error
         if error is None:
             noise = np.asarray(self.rms_slow if slow else self.sigma)
             return np.asarray(np.sqrt(variance + noise**2))
         rate = rate_hz or (self.setup.rate_hz if self.setup is not None else 1.0)
+        # and what no gain explains, by how the platform moves
         variance += error.variance(a[:, : len(self.sensor_noise)], rate, slow, belts_mps)
         return np.asarray(np.sqrt(variance + (error.zero**2 if zero else 0.0)))
 

@@ -16,46 +16,23 @@ import scipy
 from numpy.typing import ArrayLike
 
 from compensation.inputs import refuse_gaps
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array, read_only
+
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "model_error")
 
 SLOW_HZ: Final = 6.0
 """Cut-off of the Human Body Model, through which residuals pass."""
 ZERO_SD: Final = np.repeat([0.5, 0.25], 3)
 """Standard deviation of a plate's zero from recording to recording [N, N·m], as far as recordings
 do not show it; assumed, of a plate that is zeroed on the same day."""
-ZERO_DEGREES: Final = 3
-"""Degrees of freedom that the assumed value is worth beside those that recordings show of three
-forces or moments, three per recording after the first; and what is pooled over them beside those of
-one component, one per recording after the first."""
-EDGES_HZ: Final = (2.0, 4.0, 6.0, 9.0, 12.0)
-"""Between the bands of frequencies: commanded motion and steps, their harmonics, the modes of a
-platform's base, and the rest up to the calibration's low-pass."""
 SMOOTHING_S: Final = 1.0
 """Over which energies are averaged: a few periods of what shakes a platform."""
-MIN_RATE_PER_CUTOFF: Final = 5.0
-"""Sampling rate by cut-off that keeps what passed a second-order low-pass."""
 ITERATIONS: Final = 7
 """Of the weights of the fit; recordings gain weight in the second half."""
-MAX_UNDERRATED: Final = 10.0
-"""Factor by which one iteration may find the squares of a recording too small."""
-MIN_EXPECTED_SHARE: Final = 0.05
-MIN_OF_MEAN: Final = 0.001
-"""Of a squared error, and of the mean of all, below which the expectation of a squared error counts
-as no smaller in the weights."""
-MIN_VARIATION: Final = 0.6
-"""Standard deviation by mean of an energy over time, below which it is not told from a constant: of
-what is left of six treadmills that bend, made without this package, ± 1 and ± 2 standard deviations
-then hold 71 and 95 % without people in the calibration, else 86 and 98 %
-(tests/pipeline/trial/ground/test_people_beside.py)."""
 RUNNING_MPS: Final = 0.05
 """Speed above which belts run: the noise of a speed channel is less."""
-MIN_FASTER: Final = 1.2
-"""Factor between two speeds of which one shows how vibration grows with speed."""
-BELT_DEGREES: Final = 4
-"""Degrees of freedom that one recording has of the square of what unbalanced rollers do: that of
-two equal forces at a random angle to each other, which stays the same throughout a recording, has a
-variance of half of its squared mean, as χ² of four degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,12 +129,14 @@ class ModelError:
         """
         a = np.asarray(accelerations, float)
         fastest = self.fastest_mps or 0.0
+        # where the belts' speed is unknown, that of the calibration's fastest recording
         speed = np.asarray(fastest if belts_mps is None else belts_mps, float)
         terms = _belt_terms(np.where(np.isnan(speed), fastest, speed))
         floor = self.floor[int(slow)] + terms @ self.per_belts[int(slow)]
-        known = np.isfinite(a).all(axis=1)
+        finite = np.isfinite(a).all(axis=1)
         if not len(self.directions):
-            return np.where(known[:, None], floor, np.nan)
+            return np.where(finite[:, None], floor, np.nan)
+        # variance in proportion to the energy of motion in each direction and band
         energy = _smooth(self.motion(a, rate_hz) ** 2, rate_hz)
         return np.asarray(energy @ self.per_energy[int(slow)] + floor)
 
@@ -170,8 +149,8 @@ class ModelError:
         a = np.asarray(accelerations, float)
         if not len(self.directions):
             return np.empty((len(a), 0))
-        known = np.isfinite(a).all(axis=1, keepdims=True)
-        bands = _bands(np.where(known, a, np.nan) - self.center, rate_hz)
+        finite = np.isfinite(a).all(axis=1, keepdims=True)
+        bands = _bands(np.where(finite, a, np.nan) - self.center, rate_hz)
         return _turned(bands, self.directions)
 
 
@@ -225,7 +204,8 @@ def fit_model_error(
         none = np.zeros((0, k, k)), np.zeros((2, 0, 6))
         return ModelError(center, *none, floor, np.array(zero), belts_mps=speeds)
     if cutoff_hz is not None:  # fewer samples hold as much of a low-passed signal
-        thin = max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
+        # five samples per period of the cut-off keep what passed a second-order low-pass
+        thin = max(int(rate_hz / (5.0 * cutoff_hz)), 1)
         rate_hz /= thin
         accelerations, unseen, left_slow = (
             [part[::thin] for part in parts] for parts in (accelerations, unseen, left_slow)
@@ -240,24 +220,27 @@ def fit_model_error(
         return _smooth(values**2, rate_hz)[step // 2 :: step]
 
     energies = [averaged(_turned(band, directions)) for band in bands]
+    # terms of belts only where recordings tell them apart
     running = speeds[speeds > RUNNING_MPS]
-    several = running.max(initial=0.0) > MIN_FASTER * running.min(initial=np.inf)
+    several = running.max(initial=0.0) > LIMITS.faster * running.min(initial=np.inf)
     shown = [len(running) < len(speeds), bool(several)]  # whether recordings tell each term apart
     of_belts = _belt_terms(speeds) * shown if len(speeds) else np.zeros((len(energies), 2))
     designs = [
         np.column_stack([energy, np.tile([*terms, 1.0], (len(energy), 1))])
         for energy, terms in zip(energies, of_belts, strict=True)
     ]
+    # an energy that hardly varies cannot be told from the constant
     together = np.vstack(designs)
-    changing = together.std(axis=0) > MIN_VARIATION * together.mean(axis=0)
+    changing = together.std(axis=0) > LIMITS.least_variation * together.mean(axis=0)
     changing[-3:] = True  # belts and constant
     designs = [design * changing for design in designs]
     factors = np.array(
         [_not_negative(designs, [averaged(part) for part in side]) for side in (unseen, left_slow)]
     )
     if speeds.any():  # the factor of the variance that grows with speed: few recordings show it
+        # effective number of recordings with unbalanced rollers, as of weights
         recordings = np.sum(speeds**4) ** 2 / np.sum(speeds**8)
-        factors[:, -2 if several else -3] *= widening(BELT_DEGREES * recordings) ** 2
+        factors[:, -2 if several else -3] *= widening(LIMITS.belt_degrees * recordings) ** 2
     energies_and_belts = factors[:, :-3], factors[:, -1], np.array(zero), factors[:, -3:-1]
     return ModelError(center, directions, *energies_and_belts, speeds)
 
@@ -298,17 +281,19 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     array([0.71, 0.71, 0.71, 0.35, 0.35, 0.35])
     """
     zeros = np.asarray(zeros, float)
+    # a trial's zero differs by its own scatter, and by the error of the calibration's mean
     both = np.sqrt(1 + 1 / len(zeros))
     if len(zeros) == 1 or stated is not None:
         sd = np.broadcast_to(np.asarray(ZERO_SD if stated is None else stated, float), (6,))
         if not np.all(np.isfinite(sd) & (sd >= 0)):
             raise ValueError(f"zero_sd must be 0 or positive, got {sd}")
         return np.asarray(both * sd)
+    # variances shrink to the mean of three forces or moments, and that to the assumed one
     squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0)
     alike = np.repeat(squares.reshape(2, 3).sum(axis=1), 3)
-    degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
-    pooled = (alike + ZERO_DEGREES * ZERO_SD**2) / degrees
-    variance = (squares + ZERO_DEGREES * pooled) / (len(zeros) - 1 + ZERO_DEGREES)
+    degrees = LIMITS.zero_degrees + 3 * (len(zeros) - 1)
+    pooled = (alike + LIMITS.zero_degrees * ZERO_SD**2) / degrees
+    variance = (squares + LIMITS.zero_degrees * pooled) / (len(zeros) - 1 + LIMITS.zero_degrees)
     return np.asarray(both * np.sqrt(variance) * widening(degrees))
 
 
@@ -349,7 +334,8 @@ def _belt_terms(speed: Array) -> Array:
 
 def _bands(moved: Array, rate_hz: float) -> list[Array]:
     """Split readings (N, k) into bands of frequencies; short parts between gaps count as slow."""
-    below = [_below(moved, rate_hz, edge) for edge in EDGES_HZ]
+    # commanded motion and steps, their harmonics, modes of a platform's base, and the rest
+    below = [_below(moved, rate_hz, edge) for edge in (2.0, 4.0, 6.0, 9.0, 12.0)]
     edges = [np.zeros_like(moved), *below, moved]
     return [high - low for low, high in pairwise(edges)]
 
@@ -357,6 +343,7 @@ def _bands(moved: Array, rate_hz: float) -> list[Array]:
 def _below(moved: Array, rate_hz: float, edge_hz: float) -> Array:
     if edge_hz >= rate_hz / 2 or len(moved) * edge_hz < rate_hz or len(moved) < 2:
         return moved
+    # gaps and short parts have no slow part: they stay whole in one band
     slow = low_pass(moved, rate_hz, edge_hz, "zero_phase")
     return np.where(np.isnan(slow), moved, slow)
 
@@ -365,6 +352,7 @@ def _directions(recordings: Sequence[Array]) -> Array:
     """Give the principal directions of a band, (k, k), all recordings counting alike."""
     squares = [part.T @ part for part in recordings]
     traces = [max(float(np.trace(square)), np.finfo(float).tiny) for square in squares]
+    # each recording by its own energy, so that long or strong ones do not decide
     alike = np.sum([s / trace for s, trace in zip(squares, traces, strict=True)], axis=0)
     return np.asarray(np.linalg.eigh(alike)[1])
 
@@ -378,13 +366,14 @@ def _turned(bands: Sequence[Array], directions: Array) -> Array:
 def _smooth(squares: Array, rate_hz: float) -> Array:
     """Average (N, C) over `SMOOTHING_S`, over what is known of it; gaps stay gaps."""
     count = max(round(SMOOTHING_S * rate_hz), 1)
-    known = np.isfinite(squares).all(axis=1, keepdims=True)
-    filled = np.where(known, squares, 0.0)
-    total, share = (
+    finite = np.isfinite(squares).all(axis=1, keepdims=True)
+    filled = np.where(finite, squares, 0.0)
+    # mean over the known samples of the window: sum by the part that is known
+    total, fraction = (
         scipy.ndimage.uniform_filter1d(x.T, count, mode="constant").T
-        for x in (filled, known.astype(float))
+        for x in (filled, finite.astype(float))
     )
-    return np.asarray(np.where(known, total / np.maximum(share, 0.5 / count), np.nan))
+    return np.asarray(np.where(finite, total / np.maximum(fraction, 0.5 / count), np.nan))
 
 
 def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:
@@ -402,10 +391,13 @@ def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:
         total = np.bincount(recording, square)
         for iteration in range(ITERATIONS):
             if iteration > ITERATIONS // 2:
+                # recordings whose squares are found too small gain weight
                 underrated = total / np.maximum(np.bincount(recording, expected), 1e-9 * total)
-                of_recording = of_recording * np.clip(underrated, 1, MAX_UNDERRATED) ** 2
-            least = np.maximum(MIN_EXPECTED_SHARE * square, MIN_OF_MEAN * square.mean())
+                of_recording = of_recording * np.clip(underrated, 1, 10.0) ** 2
+            # weights by the expectation: squares scatter in proportion to it
+            least = np.maximum(0.05 * square, 0.001 * square.mean())
             weight = np.sqrt(of_recording)[recording] / np.maximum(expected, least)
+            # variances add and cannot be negative
             solved, _ = scipy.optimize.nnls(scaled * weight[:, None], square * weight)
             expected = scaled @ solved
         factors[:, k] = solved / size

@@ -10,26 +10,21 @@ from compensation.delay import BLOCKS
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import InertiaModel
 from compensation.inertia.model_error import SLOW_HZ
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask, read_only
 from hbm.spelling import written
 
-MIN_COMMANDED_MPS2: Final = 0.2
-"""Largest standard deviation of a channel of a platform that follows commands. Trials have 1 m/s²
-and more (pitch of ± 10°, sway of 5 cm in 0.3 s); people on the boards shake a platform by less than
-0.1 m/s²."""
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "quality")
+
 MIN_LOAD_N: Final = 150.0
 """Mean force above which a zeroed plate is not empty: a fifth of a body weight."""
-MAX_UNEXPLAINED_N: Final = 30.0
-"""Standard deviation of the force that a fit on an empty plate leaves; usual are a few newtons."""
 PERSON_RMS: Final = np.array([37.1, 30.4, 63.1, 11.4, 20.5, 4.5])
 """RMS of the pelvis residuals of nine adults, of about 75 kg, who walk on a treadmill whose
 platform is at rest: forward, sideways, up [N, N·m] (van de Loosdrecht 2018, Table III, baseline
 without compensation)."""
 PERSON_KG: Final = 75.0
 """Their mean body mass; limits of another person change in proportion."""
-MAX_RISE: Final = 0.05
-"""By which what compensation leaves may raise these residuals; our choice."""
 UNITS: Final = ("N",) * 3 + ("N·m",) * 3
 HIP_HEIGHT_M: Final = 1.0
 """Above the plates: a horizontal force on them is a moment about the hips."""
@@ -43,9 +38,9 @@ def _max_left() -> Array:
     a plate's horizontal axes lie is not known: both have the RMS of the person's two. A horizontal
     force is as large a moment about the hips, 1 m above, and is limited by that of moments.
     """
-    share = np.sqrt(((1 + MAX_RISE) ** 2 - 1) / 2)
-    _, tilt = share * np.sqrt(np.mean(PERSON_RMS.reshape(2, 3)[:, :2] ** 2, axis=1))
-    up, turn = share * PERSON_RMS[[2, 5]]
+    fraction = np.sqrt(((1 + LIMITS.largest_rise) ** 2 - 1) / 2)
+    _, tilt = fraction * np.sqrt(np.mean(PERSON_RMS.reshape(2, 3)[:, :2] ** 2, axis=1))
+    up, turn = fraction * PERSON_RMS[[2, 5]]
     return read_only([tilt / HIP_HEIGHT_M, tilt / HIP_HEIGHT_M, up, tilt, tilt, turn])
 
 
@@ -102,6 +97,7 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
     rows = []
     for k, name in enumerate(WRENCH_COMPONENTS):
         after, r_squared = float(model.rms_compensated[k]), float(model.r_squared[k])
+        # what the recording excited of the component, from R² = 1 − after² / excited²
         excited = after / np.sqrt(1 - r_squared) if r_squared < 1 else float(model.rms_measured[k])
         slow, limit = float(np.asarray(model.rms_slow)[k]), float(MAX_LEFT[k])
         rows.append(LeftOver(name, UNITS[k], float(excited), after, slow, limit, r_squared))
@@ -136,41 +132,35 @@ def refuse_unusable(plates: Mapping[str, InertiaModel]) -> None:
     ValueError: no calibration: the platform moved too little (accelerations vary by 0.10 m/s², \
 expected 0.2 or more); record the empty treadmill while it follows a calibration signal
     """
-    seen = []
+    faults = []
     moved = max(float(np.sqrt(np.diag(m.acceleration_covariance).max())) for m in plates.values())
-    if moved < MIN_COMMANDED_MPS2:
-        seen.append(
+    if moved < LIMITS.least_commanded:
+        faults.append(
             f"the platform moved too little (accelerations vary by {moved:.2f} m/s², expected "
-            f"{MIN_COMMANDED_MPS2:g} or more)"
+            f"{LIMITS.least_commanded:g} or more)"
         )
     for name, model in plates.items():
         unexplained = float(np.linalg.norm(model.sigma[:3]))
-        if unexplained > MAX_UNEXPLAINED_N:
+        if unexplained > LIMITS.largest_unexplained:
             mean = np.append(model.acceleration_mean, 1.0) @ model.gain[:, 2]
-            seen.append(
+            faults.append(
                 f"{name} was loaded or not in time with the accelerometers (they leave "
                 f"{unexplained:.0f} N unexplained, expected a few; mean vertical force "
                 f"{mean:.0f} N): was somebody on the boards?"
             )
-    if seen:
+    if faults:
         raise ValueError(
-            f"no calibration: {'; '.join(seen)}; record the empty treadmill while it follows a "
+            f"no calibration: {'; '.join(faults)}; record the empty treadmill while it follows a "
             "calibration signal"
         )
 
 
 MAX_GAIN: Final = 0.5
 """By how much more of the limits than a new fit a calibration may leave on another day."""
-MAX_ROLLERS: Final = 4.0
-"""Of what is expected, that a new fit may leave: rollers out of balance leave up to twice as much
-in one recording as in another, and no new calibration changes that. Whatever rattles or leans on a
-plate leaves more."""
 MAX_ZERO_CHANGE: Final = np.repeat([3.0, 0.6], 3)
 """By which the zero of a plate may have changed [N, N·m]; in children, errors of 3 N do not change
 joint moments beyond their spread (doi 10.1016/j.jbiomech.2024.112351). 0.6 N·m, a millimetre under
 75 kg, are our choice."""
-CONTROL_LIMIT: Final = 3.0
-"""Standard deviations of a zero from recording to recording that are no drift (Shewhart 1931)."""
 
 
 class DayCheck(NamedTuple):
@@ -227,18 +217,20 @@ def check_another_day(
     new, setup = fit_inertia(a, w, model.setup), model.setup
     assert setup is not None  # that of a calibration states it
     refuse_unusable({"the plate": new})
+    # only what passes the filter of trials
     error, newly = (
-        low_pass(each.compensate(a, w), setup.rate_hz, SLOW_HZ, "zero_phase")
-        for each in (model, new)
+        low_pass(one.compensate(a, w), setup.rate_hz, SLOW_HZ, "zero_phase") for one in (model, new)
     )
     left, by_new, zero = error.std(axis=0), newly.std(axis=0), error.mean(axis=0)
     expected = model.uncertainty(a, slow=True, zero=False, belts_mps=belts_mps)
-    rollers = MAX_ROLLERS * np.sqrt(np.mean(expected**2, axis=0))
+    rollers = LIMITS.rollers * np.sqrt(np.mean(expected**2, axis=0))
+    # squares, since independent errors add so
     beyond = left**2 - by_new**2 > (MAX_GAIN * MAX_LEFT) ** 2
     beyond |= by_new > np.maximum(MAX_LEFT, rollers)
+    # standard error of the mean from means of blocks: errors in time are correlated
     means = [block.mean(axis=0) for block in np.array_split(error, BLOCKS)]
     usual = np.std(means, axis=0, ddof=1) / np.sqrt(BLOCKS)
     if model.model_error is not None:
         usual = np.hypot(usual, model.model_error.zero)
-    moved = np.abs(zero) > np.maximum(MAX_ZERO_CHANGE, CONTROL_LIMIT * usual)
+    moved = np.abs(zero) > np.maximum(MAX_ZERO_CHANGE, LIMITS.control_limit * usual)
     return DayCheck(left, by_new, zero, beyond, moved)

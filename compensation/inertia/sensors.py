@@ -13,7 +13,10 @@ from compensation.delay import sensor_delays
 from compensation.inertia.model import InertiaModel, Setup, sensor_names
 from compensation.inputs import read_table
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
+
+LIMITS: Final = read_numbers("compensation", "thresholds.toml", "sensors")
 
 QUANTILE_95: Final = 1.96
 """Half of a 95 % interval, in standard deviations."""
@@ -21,26 +24,6 @@ RIGID_DIRECTIONS: Final = 5
 """Of sway and pitch: ``f₀``, the angular acceleration and the angular velocity squared."""
 NOISE_BAND: Final = (2.0, 0.4)
 """Times the cut-off, and times the sampling rate: between them readings are noise alone."""
-MAX_NOISE_EXCESS: Final = 1.1
-"""Factor by which the sensors may disagree more than their noise explains. On a platform that bends
-or vibrates it is more, and its part cannot be taken out as noise."""
-CLIPPED_SHARE: Final = 0.98
-"""Of a sensor's range, from which on a sample counts as clipped; room for an error of the gain."""
-MAX_EXCESS_SHARE: Final = 0.05
-"""Of the calibration's range, by which a trial may exceed it; a linear model extrapolates."""
-MIN_ROTATION_DEG: Final = 45.0
-"""Between calibration and trial; the platform itself tilts by 10° at most."""
-GRAVITY_FACTOR: Final = 2.0
-"""Either way from gravity; a sensor whose median is outside is dead or in another unit."""
-TINY: Final = np.finfo(float).tiny
-CONSTRAINT_MPS2: Final = 0.05
-"""Standard deviation below which a combination of channels was constant in the calibration."""
-DRIFT_MPS2: Final = 0.03
-"""By which the offsets of sensors are assumed to change between calibration and trial."""
-MAX_VIOLATION: Final = 9.0
-"""Mean square of the constraints, in units of that drift squared: three times the drift."""
-MIN_IMPROVEMENT: Final = 4.0
-"""Factor by which exchanging two sensors must reduce that mean square; 2 in root mean square."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +56,8 @@ class Sensor:
     def correction_s(self) -> float:
         """The delay that is undone: the estimate where its interval excludes 0, else 0 [s]."""
         error = self.delay_error_s
-        known = error is not None and abs(self.delay_s) > QUANTILE_95 * error
-        return self.delay_s if known else 0.0
+        determined = error is not None and abs(self.delay_s) > QUANTILE_95 * error
+        return self.delay_s if determined else 0.0
 
 
 def find_sensors(
@@ -128,11 +111,11 @@ def find_sensors(
         delays = [(d.seconds, d.standard_error) for d in sensor_delays(a, w, setup.rate_hz)]
     except ValueError:
         delays = []
-    found = []
+    sensors = []
     for k, name in enumerate(names):
         late, error = delays[k] if delays and np.isfinite(delays[k][1]) else (0.0, None)
-        found.append(Sensor(name, late, error, None if noise is None else float(noise[k])))
-    return tuple(found)
+        sensors.append(Sensor(name, late, error, None if noise is None else float(noise[k])))
+    return tuple(sensors)
 
 
 def noise_for_fit(sensors: tuple[Sensor, ...], accelerations: ArrayLike) -> Array | float:
@@ -142,10 +125,11 @@ def noise_for_fit(sensors: tuple[Sensor, ...], accelerations: ArrayLike) -> Arra
     moves as one rigid body, and what is left between them is noise.
     """
     a = read_table(accelerations, "accelerations", 3 * len(sensors))
+    # sway and pitch are five directions: only more channels than these show noise beside motion
     noise = np.array([sensor.noise_mps2 or 0.0 for sensor in sensors])
     if a.shape[1] <= RIGID_DIRECTIONS or not np.all(noise > 0):
         return 0.0
-    rigid = sensor_noise_of(a) < MAX_NOISE_EXCESS * float(np.sqrt(np.mean(noise**2)))
+    rigid = sensor_noise_of(a) < LIMITS.largest_noise_excess * float(np.sqrt(np.mean(noise**2)))
     return np.repeat(noise, 3) if rigid else 0.0
 
 
@@ -162,6 +146,7 @@ def sensor_noise_of(accelerations: Array) -> float:
     principal directions is noise, taken as equal in all channels. On a platform that also rolls,
     yaws or bends the estimate is too large.
     """
+    # smallest eigenvalues: directions that no rigid motion reaches
     variance = np.linalg.eigvalsh(np.cov(accelerations, rowvar=False))
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
@@ -228,13 +213,17 @@ def sensor_faults(
     """Give what `check_trial` finds as data: fault -> the values of its note."""
     a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
     names, readings = model.sensors, a.reshape(len(a), -1, 3)
+    # gravity in the median, whatever the motion
     size = np.median(np.linalg.norm(readings, axis=2), axis=0)
     still = (a == a[0]).all(axis=0)
-    dead = np.abs(np.log(np.maximum(size, TINY) / GRAVITY_MPS2)) >= np.log(GRAVITY_FACTOR)
+    # factor from gravity either way; a channel that never changes is dead too
+    dead = np.abs(np.log(np.maximum(size, np.finfo(float).tiny) / GRAVITY_MPS2)) >= np.log(
+        LIMITS.gravity_factor
+    )
     dead |= still.reshape(-1, 3).any(axis=1) & ~still.all()
     faults = _faulty(model, a, readings, size, dead, range_g)
     low, high = model.acceleration_low, model.acceleration_high
-    margin = MAX_EXCESS_SHARE * (high - low)
+    margin = LIMITS.largest_excess * (high - low)
     outside = (a < low - margin) | (a > high + margin)
     outside[:, np.repeat(dead, 3)] = False
     if outside.any():
@@ -270,15 +259,16 @@ def _faulty(
         return {SensorFault.DEAD: {"sensors": sensors, "gravity_mps2": GRAVITY_MPS2}}
     faults = dict[SensorFault, dict[str, Any]]()
     limit = range_g * GRAVITY_MPS2
-    clipped = np.mean(np.abs(readings) >= CLIPPED_SHARE * limit, axis=0).max(axis=1)
+    clipped = np.mean(np.abs(readings) >= LIMITS.clipped * limit, axis=0).max(axis=1)
     if clipped.any():
         shares = {names[k]: clipped[k] for k in np.flatnonzero(clipped)}
         faults[SensorFault.CLIPPED] = {"shares": shares, "limit_mps2": limit}
     now, then = (mean.reshape(-1, 3) for mean in (a.mean(axis=0), model.acceleration_mean))
+    # mean readings are gravity in the sensor's axes: the angle is how far it was turned
     cosine = np.vecdot(now, then) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
     angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    if (angle > MIN_ROTATION_DEG).any():
-        angles = {names[k]: angle[k] for k in np.flatnonzero(angle > MIN_ROTATION_DEG)}
+    if (angle > LIMITS.turned).any():
+        angles = {names[k]: angle[k] for k in np.flatnonzero(angle > LIMITS.turned)}
         faults[SensorFault.TURNED] = {"angles_deg": angles}
     elif swapped := _swapped(model, a):
         faults[SensorFault.SWAPPED] = {"first": swapped[0], "second": swapped[1]}
@@ -288,10 +278,11 @@ def _faulty(
 def _swapped(model: InertiaModel, a: Array) -> tuple[str, str] | None:
     """Give two sensors that, exchanged, keep constant what the calibration kept; else None."""
     variance, directions = np.linalg.eigh(model.acceleration_covariance)
-    constant = variance < CONSTRAINT_MPS2**2
+    # combinations of channels that rigid motion keeps constant: exchanged sensors violate them
+    constant = variance < LIMITS.constant_sd**2
     if not constant.any():
         return None
-    weights = directions[:, constant] / np.sqrt(np.maximum(variance[constant], 0) + DRIFT_MPS2**2)
+    weights = directions[:, constant] / np.sqrt(np.maximum(variance[constant], 0) + LIMITS.drift**2)
 
     def violation(first: int, second: int) -> float:
         """Give the mean square of the constraints with two sensors exchanged."""
@@ -302,7 +293,7 @@ def _swapped(model: InertiaModel, a: Array) -> tuple[str, str] | None:
 
     as_is, pairs = violation(0, 0), list(combinations(range(len(model.sensors)), 2))
     best = min(pairs, key=lambda pair: violation(*pair), default=(0, 0))
-    if as_is < MAX_VIOLATION or violation(*best) > as_is / MIN_IMPROVEMENT:
+    if as_is < LIMITS.largest_violation or violation(*best) > as_is / LIMITS.least_improvement:
         return None
     return model.sensors[best[0]], model.sensors[best[1]]
 
@@ -317,9 +308,11 @@ def _noise(readings: Array, rate_hz: float, setup: Setup) -> Array | None:
         return None
     frequency, density = scipy.signal.welch(readings, rate_hz, nperseg=length, axis=0)
     inside = (frequency > low) & (frequency < high)
+    # one-sided density times half the rate
     white = np.median(density[inside], axis=0) * rate_hz / 2  # variance per sample
     impulse = np.zeros(4 * length)
     impulse[2 * length] = 1.0
+    # energy of the filter's impulse response: the part of white noise that passes
     passed = float(np.sum(setup.low_pass(impulse, rate_hz) ** 2))
-    found: Array = np.sqrt(passed * white.reshape(-1, 3).mean(axis=1))
-    return found
+    noise: Array = np.sqrt(passed * white.reshape(-1, 3).mean(axis=1))
+    return noise

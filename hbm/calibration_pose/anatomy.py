@@ -9,8 +9,11 @@ from numpy.typing import ArrayLike
 
 from hbm.coordinates import SIDES
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.segments import Sex
 from hbm.spatial import Array, cross, distance, dot, perpendicular, unit
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "calibration_pose")
 
 HipRule = Literal["harrington", "bell"]
 MEDIAL_SIGN: Final = {"right": 1.0, "left": -1.0}
@@ -134,9 +137,6 @@ HALF_WIDTH_PER_SHANK: Final = {"knee": 0.118, "ankle": 0.085}
 """Half the width of a joint without medial marker or stated width, as a share of the distance from
 lateral epicondyle to lateral malleolus (Reed et al. 1999, SAE 1999-01-0959)."""
 
-LATERAL_AND_MEDIAL: Final = {"knee": ("LEK", "MEK"), "ankle": ("LM", "MM")}
-"""Joint -> its two landmarks, without the side."""
-
 
 def locate_hinge(
     anatomy: Anatomy,
@@ -153,7 +153,8 @@ def locate_hinge(
     gives, by half the joint's width as measured or by `HALF_WIDTH_PER_SHANK`.
     """
     s, joint, purpose = SIDES[side], f"{side}_{part}", f"the {side} {part}"
-    lateral, other = (s + name for name in LATERAL_AND_MEDIAL[part])
+    lateral, other = (s + name for name in {"knee": ("LEK", "MEK"), "ankle": ("LM", "MM")}[part])
+    # measured, else by the shank's length: half the width is the centre's depth
     width_m = getattr(measures.limb(side), f"{part}_width_m")
     half_width: ArrayLike | None = measures.to_center(width_m)
     if half_width is None and {s + "LEK", s + "LM"} <= at.keys():
@@ -161,12 +162,14 @@ def locate_hinge(
     if other in at or half_width is None:
         by_width = f"{lateral} with {part}_width_m"
         outer, inner = need(at, lateral, other, purpose=purpose, instead=by_width)
+        # the width does not matter where both sides are marked
         center = (outer + inner) / 2
     else:
         (outer,) = need(at, lateral, purpose=purpose, instead=other)
         center = chord(outer, proximal, medial, half_width, joint)
         anatomy.rules[other] = f"{joint} half the joint's width medial to {lateral}"
     anatomy.points[joint] = center
+    # axes point to the subject's left on both sides
     anatomy.axes[joint] = MEDIAL_SIGN[side] * unit(center - outer)
 
 
@@ -177,15 +180,17 @@ def chord(marker: Array, proximal: Array, medial: Array, offset: ArrayLike, join
     joint, of which the part along the bone does not count. A ValueError where the offset is longer
     than the bone. Kadaba et al. 1990 (J Orthop Res 8:383), Davis et al. 1991 (Hum Mov Sci 10:575).
     """
+    # angle at the marker between bone and joint: its cosine is offset by length of the bone
     up, offset = unit(proximal - marker), np.asarray(offset)[..., None]
-    share = offset / distance(proximal, marker)[..., None]
-    if (share >= 1).any():
+    cosine = offset / distance(proximal, marker)[..., None]
+    if (cosine >= 1).any():
         raise ValueError(
             f"the {joint} would be {1000 * offset.max():.0f} mm from its lateral marker, farther "
             "than the next joint; check the widths and the markers' names"
         )
+    # with the joint at the right angle: along the bone and inward from the marker
     inward = perpendicular(medial, up)
-    return np.asarray(marker + offset * (share * up + np.sqrt(1 - share**2) * inward))
+    return np.asarray(marker + offset * (cosine * up + np.sqrt(1 - cosine**2) * inward))
 
 
 HALF_WIDTH_PER_FOREARM: Final = 0.155
@@ -195,9 +200,6 @@ from lateral epicondyle to wrist (Reed et al. 1999, SAE 1999-01-0959)."""
 SHOULDER_DROP_PER_WIDTH: Final = 0.17
 """Distance of the shoulder joint below the acromion, as a share of the distance between the
 acromions (Rab et al. 2002, J Orthop Res 20:71)."""
-
-STRAIGHT_ELBOW_RAD: Final = np.radians(15.0)
-"""Flexion below which an error of 5 mm in half an elbow's width turns its axis by more than 9°."""
 
 
 def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, side: str) -> None:
@@ -209,6 +211,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
     measured. Knuckle: half the hand's thickness below its marker, where that was measured.
     """
     s, limb, sign = SIDES[side], measures.limb(side), MEDIAL_SIGN[side]
+    # a wrist has markers of its own or the two ends of a bar
     ulnar, radial = at.get(s + "LW", at.get(s + "WRB")), at.get(s + "MW", at.get(s + "WRA"))
     ends = [end for end in (ulnar, radial) if end is not None]
     missing = [name for name in (s + "SHO", s + "LEE") if name not in at]
@@ -230,9 +233,11 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         return elbow_center(shoulder, lateral, wrist, half_width, side)
 
     elbow = elbow_with(wrist)
+    # from the little finger's side to the thumb's: the wrist flexes about it
     thumb = None if ulnar is None or radial is None else radial - ulnar
     bar = measures.to_center(limb.wrist_width_m) if {s + "WRA", s + "WRB"} <= set(at) else None
     if bar is not None and thumb is not None:
+        # a bar lies on the back of the wrist; the elbow's plane moves with the wrist
         wrist = wrist + bar * _palmar(thumb, wrist - elbow, side)
         elbow = elbow_with(wrist)
     anatomy.points |= {f"{side}_shoulder": shoulder, f"{side}_elbow": elbow, f"{side}_wrist": wrist}
@@ -277,12 +282,15 @@ def elbow_center(
     to 30° apart, so that this axis is not quite the one that leads to the marker.
     """
     along, half_width = unit(wrist - shoulder), np.asarray(half_width)[..., None]
+    # part of the marker's place that is perpendicular to the line of shoulder and wrist
     outward = lateral - shoulder
     outward = outward - dot(outward, along) * along
-    share = np.minimum(half_width / np.linalg.norm(outward, axis=-1, keepdims=True), 1.0)
+    # a marker nearer to the line than half the width: a straight arm, whose axis is outward
+    cosine = np.minimum(half_width / np.linalg.norm(outward, axis=-1, keepdims=True), 1.0)
     outward = unit(outward)
+    # of both planes that are half the width away, the one that flexes the elbow
     across = MEDIAL_SIGN[side] * cross(along, outward)
-    return np.asarray(lateral + half_width * (np.sqrt(1 - share**2) * across - share * outward))
+    return np.asarray(lateral + half_width * (np.sqrt(1 - cosine**2) * across - cosine * outward))
 
 
 def straight_elbows(anatomy: Anatomy) -> list[Note]:
@@ -291,9 +299,9 @@ def straight_elbows(anatomy: Anatomy) -> list[Note]:
     for side, s in SIDES.items():
         if s + "MEE" in anatomy.rules:
             flexion = float(_flexion(anatomy, side).mean())
-            if flexion < STRAIGHT_ELBOW_RAD:
-                found = {"marker": s + "MEE", "flexion_deg": np.degrees(flexion)}
-                notes.append(Note.of("elbow_axis_uncertain", side=side, **found))
+            if flexion < np.radians(LIMITS.straight_elbow):
+                values = {"marker": s + "MEE", "flexion_deg": np.degrees(flexion)}
+                notes.append(Note.of("elbow_axis_uncertain", side=side, **values))
     return notes
 
 
@@ -314,6 +322,7 @@ def _shoulder(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, sid
     acromion, thorax = at[SIDES[side] + "SHO"], anatomy.frames["thorax"]
     offset = measures.limb(side).shoulder_offset_m
     if offset is not None and "JN" in at:
+        # the skin lies a marker's offset behind the marker's centre
         notch = at["JN"] - measures.marker_offset_m * thorax[..., 0]
         down = MEDIAL_SIGN[side] * cross(notch - acromion, thorax[..., 0])
         reach = offset + measures.marker_offset_m
@@ -321,6 +330,7 @@ def _shoulder(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, sid
     if {"LSHO", "RSHO"} <= set(at):
         width = distance(at["LSHO"], at["RSHO"])
     else:
+        # twice the distance from the trunk's mid-plane, where the other acromion is not marked
         width = 2 * np.abs(dot(acromion - anatomy.points["trunk_top"], thorax[..., 1]))[..., 0]
     return np.asarray(acromion - SHOULDER_DROP_PER_WIDTH * width[..., None] * thorax[..., 2])
 

@@ -6,15 +6,10 @@ import numpy as np
 
 from hbm.calibration_pose.landmarks import pelvis_frame
 from hbm.markers import Markers, MarkerSet, recognise_marker_set
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, fit_rotation
 
-MIN_SINGULAR_VALUE: Final = 0.04
-"""Singular value of the equations for the centre, per frame: where a thigh swings less
-than ±5° in the plane of least motion, noise determines one component of the centre."""
-
-SHAPE_ITERATIONS: Final = 3
-"""Iterations of fitting poses to a cluster's mean shape and averaging the shape again: the error is
-2e-7 m after the first and falls ten thousandfold each time."""
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "calibration_pose")
 
 
 def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> dict[str, Array]:
@@ -64,23 +59,25 @@ def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> di
     hips = {}
     for side in ("right", "left"):
         pelvis, thigh = (_cluster(markers, chosen, s) for s in ("pelvis", f"{side}_thigh"))
-        seen = ~np.isnan(pelvis[1]).any(axis=(1, 2)) & ~np.isnan(thigh[1]).any(axis=(1, 2))
-        if seen.sum() < 3:
+        complete = ~np.isnan(pelvis[1]).any(axis=(1, 2)) & ~np.isnan(thigh[1]).any(axis=(1, 2))
+        if complete.sum() < 3:
             raise ValueError(
                 f"functional hips: no three frames show all of {', '.join(pelvis[0] + thigh[0])}"
             )
-        shape, R, o = _poses(pelvis[1][seen])
-        _, S, p = _poses(thigh[1][seen])
-        own = dict(zip(pelvis[0], shape, strict=True))
-        at = {mark: own[name] for mark, name in chosen.landmark.items() if name in own}
+        shape, R, o = _poses(pelvis[1][complete])
+        _, S, p = _poses(thigh[1][complete])
+        # the pelvis frame in the axes of its cluster, from landmarks of the mean shape
+        shape_of = dict(zip(pelvis[0], shape, strict=True))
+        at = {mark: shape_of[name] for mark, name in chosen.landmark.items() if name in shape_of}
         axes, origin, _, _ = pelvis_frame(at)
+        # the centre of rotation in the pelvis frame, as hip rules give it
         hips[side] = axes.T @ (_center(R, o, S, p, side) - origin)
     return hips
 
 
 def _cluster(markers: Markers, chosen: MarkerSet, segment: str) -> tuple[list[str], Array]:
-    own = chosen.segment
-    names = [n for n in markers.names if own.get(n) == segment]
+    segment_of = chosen.segment
+    names = [n for n in markers.names if segment_of.get(n) == segment]
     if len(names) < 3:
         raise ValueError(
             f"functional hips need three markers on the {segment}, got {', '.join(names) or 'none'}"
@@ -93,7 +90,9 @@ def _poses(position: Array) -> tuple[Array, Array, Array]:
     centroid = position.mean(axis=1)
     centred = position - centroid[:, None]
     shape = centred[0]
-    for _ in range(SHAPE_ITERATIONS):
+    # the error is 2e-7 m after the first time and falls ten thousandfold each time
+    for _ in range(3):
+        # shape and poses in turn (generalised Procrustes, without scaling)
         R = fit_rotation(np.einsum("tki,kj->tij", centred, shape))
         shape = np.einsum("tij,tki->kj", R, centred) / len(R)
     return shape, R, centroid
@@ -101,14 +100,16 @@ def _poses(position: Array) -> tuple[Array, Array, Array]:
 
 def _center(R: Array, o: Array, S: Array, p: Array, side: str) -> Array:
     """Give the centre of rotation in the first cluster's frame."""
+    # R c + o = S d + p in every frame: c in the pelvis, d in the thigh (Ehrig et al. 2006)
     system = np.concatenate([R, -S], axis=2).reshape(-1, 6)
     smallest = np.linalg.svd(system, compute_uv=False)[-1] / np.sqrt(len(R))
-    if smallest < MIN_SINGULAR_VALUE:
+    if smallest < LIMITS.least_singular_value:
         raise ValueError(
             f"the {side} thigh rotates too little, or in one plane only, to show its hip centre; "
             "swing it forward, back and sideways by at least 30°"
         )
     both = np.linalg.lstsq(system, (p - o).ravel(), rcond=None)[0]
     c, d = both[:3], both[3:]
+    # the thigh's centre as the pelvis sees it, averaged with the pelvis' own
     from_thigh = np.einsum("tji,tj->ti", R, (S @ d) + p - o).mean(axis=0)
     return np.asarray((c + from_thigh) / 2)

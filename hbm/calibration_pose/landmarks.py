@@ -79,10 +79,6 @@ NECK_ELEVATION_DEG: Final = {"male": 8.0, "female": 14.0, "unspecified": 11.0}
 """C7/T1 from C7, as share of the distance from C7 to jugular notch and angle above that line (Reed
 et al. 1999; Dumas et al. 2007)."""
 
-TRUNK_LANDMARKS: Final = frozenset(("C7", "T2", "T8", "T10", "JN", "XIPH", "LSHO", "RSHO"))
-HEAD_PAIRS: Final = ("HEAD", "FHEAD", "BHEAD", "MAS")
-"""Landmarks of which the head has a left and a right one."""
-
 
 def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Measures) -> None:
     """Find the pelvis frame, both hip centres (the body's origin is midway) and the lumbar joint.
@@ -97,6 +93,7 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     anatomy.frames["pelvis"] = R
     anatomy.points |= {"mid_asis": origin, "mid_psis": back}
     spines = _iliac_spines(landmarks)[0]
+    # pelvis width between the ASIS, depth between the middles of ASIS and PSIS
     width, depth = distance(spines["LASIS"], spines["RASIS"]), distance(origin, back)
     for side, letter in SIDES.items():
         knee = landmarks.get(letter + "MEK", landmarks.get(letter + "LEK"))
@@ -104,6 +101,7 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
         leg = None
         if knee is not None and ankle is not None:  # the same when the knee is flexed
             leg = distance(spines[letter + "ASIS"], knee) + distance(knee, ankle)
+        # a leg length to the lateral malleolus gives way to a measured one
         if leg is None or letter + "MM" not in landmarks:
             stated_m = measures.limb(side).leg_length_m
             leg = np.asarray(stated_m) if stated_m else leg
@@ -112,6 +110,7 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
         if leg is None and measures.hip == "harrington":
             rule = "hip centre by Harrington's single measures"
             anatomy.rules[f"the {side} leg length"] = rule
+    # origin of the pelvis coordinates: the middle of the hips
     anatomy.points["pelvis"] = (anatomy.points["right_hip"] + anatomy.points["left_hip"]) / 2
     forward, up = LUMBAR_PER_PELVIS_WIDTH[measures.sex]
     lumbar = width[..., None] * np.array([forward, 0.0, up])
@@ -133,6 +132,7 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, d
     else:
         (back,) = need(at, "SACR", purpose="the pelvis", instead="LPSIS with RPSIS")
         rules["PSIS"] = "the sacrum marker stands in for their midpoint"
+    # left axis along the ASIS, forward in the plane of the four spines
     origin, across = (left + right) / 2, left - right
     return axes_from(across, cross(origin - back, across), exact="left"), origin, back, rules
 
@@ -145,6 +145,7 @@ def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], dic
         if "L" + b in landmarks and "R" + b in landmarks:
             for side, other in ("LR", "RL"):
                 if side + a not in at and other + a in at:
+                    # mirror plane: through the middle of the complete pair, across it
                     normal = unit(at["R" + b] - at["L" + b])
                     middle = (at["L" + b] + at["R" + b]) / 2
                     point = at[other + a]
@@ -174,8 +175,10 @@ def hip_center(
             raise ValueError(f"functional hip centres must name right and left, {side} is missing")
         return np.array(measures.hip[side], float)
     if measures.hip == "bell":
+        # Bell et al. 1990, by the width alone
         ahead, out, up = -0.19 * width, 0.36 * width, -0.30 * width
     elif measures.hip == "harrington":
+        # Harrington et al. 2007 [m]: width and depth of the pelvis, leg length where known
         ahead = -0.24 * depth - 0.0099
         if leg is None:
             out, up = 0.33 * width + 0.0073, -0.30 * width - 0.0109
@@ -184,6 +187,7 @@ def hip_center(
             up = -0.16 * width - 0.04 * np.asarray(leg) - 0.0071
     else:
         raise ValueError(f"hip must be 'harrington' or 'bell', got {measures.hip!r}")
+    # rules count from the bone; markers lie a marker's offset in front of it
     center = ahead - measures.marker_offset_m, outward * out, up
     return np.stack(np.broadcast_arrays(*center), axis=-1)
 
@@ -197,14 +201,17 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     the midpoint of T10 and xiphoid up to the level of the jugular notch. In both cases the neck is
     the upper end of the axis; else it follows from C7 and notch (`NECK_PER_C7_TO_NOTCH`).
     """
+    # lower end of the trunk's axis: between T10 and xiphoid, else the lumbar joint
     low = "T10" in at and "XIPH" in at
     bottom = (at["T10"] + at["XIPH"]) / 2 if low else anatomy.points["lumbar"]
     rules = {} if low else {"T10 or XIPH": "trunk axis from the lumbar joint"}
     if "C7" in at and "JN" in at:
+        # upper end between C7 and jugular notch, as ISB has it
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = axes_from(cross(top - bottom, forward), top - bottom, exact="up")
         length = NECK_PER_C7_TO_NOTCH[measures.sex] * distance(at["JN"], at["C7"])[..., None]
         angle, ahead = np.radians(NECK_ELEVATION_DEG[measures.sex]), unit(forward)
+        # the neck's joint lies ahead of C7, raised from the line to the notch
         above = perpendicular(R[..., 2], forward)
         neck = at["C7"] + length * (np.cos(angle) * ahead + np.sin(angle) * above)
     elif "LSHO" in at and "RSHO" in at:
@@ -212,19 +219,21 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
         R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
         rules["C7 or JN"] = "trunk axis to the middle of the acromions"
     elif low and "JN" in at:
+        # without C7 the level of the notch on the axis through the lumbar joint
         root = anatomy.points["lumbar"]
         up = unit(bottom - root)
         top = neck = root + dot(at["JN"] - root, up) * up
         R = axes_from(cross(up, at["XIPH"] - at["T10"]), up, exact="up")
         rules["C7"] = "trunk axis from the lumbar joint to the level of JN"
     else:
-        if not TRUNK_LANDMARKS.isdisjoint(at):
+        if not frozenset(("C7", "T2", "T8", "T10", "JN", "XIPH", "LSHO", "RSHO")).isdisjoint(at):
             needed = "C7 or T2 with JN, both acromions, or T10 or T8 with XIPH and JN"
             anatomy.rules[needed] = (
                 "trunk upright in the lab, head and arms in line with it, without their markers"
             )
         return
     pelvis = anatomy.frames["pelvis"]
+    # forward and up of both can be opposite only by wrong labels
     if any((dot(R[..., k], pelvis[..., k]) < 0).any() for k in (0, 2)):
         raise ValueError(
             "trunk and pelvis face opposite directions; front and back markers (C7, T10 against "
@@ -242,13 +251,16 @@ def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
     show its left, and its up is the vertical of the lab: the head is taken as level in the
     calibration pose, as Plug-in-Gait does. Its top is then above the middle of front and back.
     """
-    pairs = [name for name in HEAD_PAIRS if {"L" + name, "R" + name} <= set(at)]
+    pairs = [
+        name for name in ("HEAD", "FHEAD", "BHEAD", "MAS") if {"L" + name, "R" + name} <= set(at)
+    ]
     middle = {name: (at["L" + name] + at["R" + name]) / 2 for name in pairs}
     if "HEAD" in middle and "THEAD" in at:
         across, up = at["LHEAD"] - at["RHEAD"], at["THEAD"] - middle["HEAD"]
         anatomy.frames["head"] = axes_from(across, up, exact="left")
         anatomy.points["vertex"] = at["THEAD"]
     elif middle:
+        # no marker on top: the head is taken as level in the calibration pose
         across = np.sum([at["L" + name] - at["R" + name] for name in pairs], axis=0)
         anatomy.frames["head"] = axes_from(across, np.array(UP), exact="left")
         front = middle.get("FHEAD", at.get("GLAB"))
@@ -282,16 +294,16 @@ def with_spine(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> dict[str,
     along the line from the lumbar joint to the midpoint of T2 and jugular notch, by the heights of
     cervicale and notch (`height_per_cervicale`).
     """
-    found = dict(at)
+    spine = dict(at)
     if "T8" in at and "T10" not in at:
-        found["T10"] = at["T8"]
+        spine["T10"] = at["T8"]
         anatomy.rules["T10"] = "T8 stands in for it"
     if {"T2", "JN"} <= set(at) and "C7" not in at:
         up = unit((at["T2"] + at["JN"]) / 2 - anatomy.points["lumbar"])
         notch, second = (dot(at[name] - anatomy.points["pelvis"], up) for name in ("JN", "T2"))
-        found["C7"] = at["T2"] + (notch / height_per_cervicale("notch", sex) - second) * up
+        spine["C7"] = at["T2"] + (notch / height_per_cervicale("notch", sex) - second) * up
         anatomy.rules["C7"] = "T2 stands in for it"
-    return found
+    return spine
 
 
 def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> None:
@@ -309,6 +321,7 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
     """
     up = anatomy.frames["thorax"][..., 2]
     top, hips = anatomy.points["trunk_top"], anatomy.points["pelvis"]
+    # de Leva's lengths are measured along the trunk's axis
     hips_on_axis = top + dot(hips - top, up) * up
 
     def height(point: Array) -> Array:
@@ -329,6 +342,7 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
     else:
         xiphoid = height_per_cervicale("xiphoid", sex) * cervicale
         anatomy.rules["XIPH"] = "its level on the trunk's axis follows from the cervicale"
+    # levels in another order come from wrong labels, and would turn masses around
     if not ((xiphoid > 0) & (xiphoid < cervicale)).all():
         lower_mm, upper_mm = 1000 * np.mean(xiphoid), 1000 * np.mean(cervicale)
         raise ValueError(
@@ -352,9 +366,10 @@ def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
     ahead of the hips; in a third with iliac spines marked at very different heights, 23 mm ahead.
     """
     pelvis, hips = anatomy.frames["pelvis"], anatomy.points["pelvis"]
+    # upright in the lab, facing as the pelvis does
     upright = axes_from(cross(np.array(UP), pelvis[..., 0]), np.array(UP), exact="up")
     for level in ("cervicale", "mid_shoulders", "xiphoid"):
-        share = mean_height(level, sex, lambda column: 1000 * SAMPLE_STATURE_M[column])
-        anatomy.points[level] = hips + share * height_m * upright[..., 2]
+        height_per_stature = mean_height(level, sex, lambda column: 1000 * SAMPLE_STATURE_M[column])
+        anatomy.points[level] = hips + height_per_stature * height_m * upright[..., 2]
     anatomy.points["neck"] = anatomy.points["cervicale"]
     anatomy.frames["thorax"] = upright

@@ -30,11 +30,6 @@ from hbm.spatial import (
     unit,
 )
 
-SUBTALAR_INCLINATION_RAD: Final = np.radians(42.0)
-SUBTALAR_DEVIATION_RAD: Final = np.radians(16.0)
-"""Deviation of the subtalar axis upward from the sole, and medially from the foot's long axis
-(Manter 1941, Anat Rec 80:397)."""
-
 SHOULDER_WIDTH_PER_STATURE: Final = 0.129
 """Distance of a shoulder that no marker shows from the trunk's axis (Drillis and Contini 1966, as
 in Winter 2009, Fig. 4.1)."""
@@ -107,24 +102,28 @@ def shape_of(
         build.leg(side)
     shape = build.shape
     for s, parent in PARENT.items():
+        # place of each joint in its parent's frame: Rᵀ (o_child − o_parent)
         R, o = build.frames[parent]
         shape.offsets[s] = in_axes_of(R, build.frames[s][1] - o)
     shape.markers = dict(markers)
     for s in {segment[name] for name in markers}:
         names = [name for name in markers if segment[name] == s]
         R, o = build.frames[s]
+        # p_local = Rᵀ (p − o), row by row
         local = (np.stack([markers[name] for name in names], axis=1) - o[:, None]) @ R
         shape.markers |= zip(names, local.swapaxes(0, 1), strict=True)
 
     def means(of_frames: Mapping[str, Array]) -> dict[str, Array]:
         return dict(zip(of_frames, np.mean([*of_frames.values()], axis=1), strict=True))
 
+    # a mean of unit vectors is shorter than one
     axes = {name: unit(axis) for name, axis in means(shape.axes).items()}
     return Shape(means(shape.offsets), axes, means(shape.ends), means(shape.markers))
 
 
 def _angle_about(axis: Array, zero: Array, direction: Array) -> Array:
     """Give the angle about axes from one direction to another, both projected along them, (F,)."""
+    # sine and cosine of the angle between the projections
     across = dot(axis, cross(zero, direction))
     along = dot(zero, direction) - dot(axis, zero) * dot(axis, direction)
     return np.asarray(np.arctan2(across, along)[..., 0])
@@ -137,7 +136,9 @@ def _subtalar(along: Array, medial: float) -> Array:
     it would not, and the markers of the feet would pull the pelvis sideways.
     """
     left = perpendicular(np.array(LEFT), along)
-    deviation, inclination = SUBTALAR_DEVIATION_RAD, SUBTALAR_INCLINATION_RAD
+    # medially from the foot's long axis, upward from the sole (Manter 1941, Anat Rec 80:397)
+    deviation, inclination = np.radians(16.0), np.radians(42.0)
+    # turned inward in the sole's plane, then raised out of it
     level = np.cos(deviation) * along + medial * np.sin(deviation) * left
     return np.asarray(np.cos(inclination) * level + np.sin(inclination) * cross(along, left))
 
@@ -165,12 +166,14 @@ class _Builder:
         at, length = self.at, self.length
         hips, cervicale, xiphoid = at["pelvis"], at["cervicale"], at["xiphoid"]
         lower, middle = length["lower_trunk"], length["mid_trunk"]
+        # the navel is not marked: by de Leva's lengths of middle and lower trunk
         navel = xiphoid + middle / (middle + lower) * (hips - xiphoid)
         pelvis, thorax, head = (self.frames[s][0] for s in ("pelvis", "thorax", "head"))
         self.ends("pelvis", navel, hips, pelvis[..., 1])
         self.ends("mid_trunk", xiphoid, navel, thorax[..., 1])
         self.ends("thorax", cervicale, xiphoid, thorax[..., 1])
         up = self.head_up
+        # along the head's axis: the point at the cervicale's level
         below = at.get("mid_head", cervicale)
         below = below + dot(cervicale - below, up) * up
         vertex = at.get("vertex", below + length["head"] * up)
@@ -181,6 +184,7 @@ class _Builder:
         s, sign, length = SIDES[side], MEDIAL_SIGN[side], self.length
         thorax, _ = self.frames["thorax"]
         ahead, left, up = (thorax[..., k] for k in range(3))
+        # all frames of a neutral arm are parallel to the trunk's
         joints = [self.at["mid_shoulders"] - sign * self.shoulder_width * left]
         parts = [f"{side}_{part}" for part in ("upper_arm", "forearm", "hand")]
         self.frames[f"{side}_shoulder"] = thorax, joints[0]
@@ -204,23 +208,29 @@ class _Builder:
         elbow_axis, wrist_axis = self.axes[f"{side}_elbow"], self.axes[f"{side}_wrist"]
         knuckle = at.get(f"{side}_knuckle")
 
+        # upper arm: up exact, left near the elbow's axis
         R = axes_from(elbow_axis, shoulder - elbow, exact="up")
         self.frames[f"{side}_shoulder"] = thorax, shoulder
         self.frames[arm] = R, shoulder
 
+        # forearm: from the upper arm by flexion about the elbow's axis, so that neutral is straight
         bend, along = -in_axes_of(R, elbow_axis), in_axes_of(R, unit(wrist - elbow))
         R = R @ rotation_about(bend, _angle_about(bend, np.array(DOWN), along))
+        # and by pronation about its length, until the wrist's axis fits
         up, axis = in_axes_of(R, unit(elbow - wrist)), in_axes_of(R, elbow_axis)
         R = R @ rotation_about(up, _angle_about(up, axis, in_axes_of(R, wrist_axis)))
         self.frames[forearm] = R, elbow
         axes[f"{s}ElbowFlexion"], axes[f"{s}ForeArmPronation"] = bend, sign * up
 
+        # wrist axes: flexion about the markers' line, abduction across it
         left = perpendicular(in_axes_of(R, wrist_axis), up)
         ahead = cross(left, up)
         axes[f"{s}WristFlexion"], axes[f"{s}HandAbduction"] = -left, -sign * ahead
+        # a hand without knuckle is in line with the forearm
         tip = wrist - self.length["hand"] * in_lab_axes(R, up) if knuckle is None else knuckle
         along = in_axes_of(R, unit(tip - wrist))
         x, y, z = (dot(axis, along)[..., 0] for axis in (ahead, left, up))
+        # hand: flexion, then abduction, that bring neutral to where the knuckle is
         R = R @ rotation_about(-left, np.arctan2(x, -z))
         R = R @ rotation_about(-sign * ahead, sign * np.arcsin(-y))
         self.frames[hand] = R, wrist
@@ -236,19 +246,23 @@ class _Builder:
         hip, knee, ankle = (at[f"{side}_{x}"] for x in ("hip", "knee", "ankle"))
         knee_axis, ankle_axis = self.axes[f"{side}_knee"], self.axes[f"{side}_ankle"]
 
+        # thigh: up exact, left near the knee's axis
         R = axes_from(knee_axis, hip - knee, exact="up")
         self.frames[thigh] = R, hip
+        # shank: from the thigh by flexion about the knee's axis, so that neutral is straight
         bend, along = in_axes_of(R, knee_axis), in_axes_of(R, unit(ankle - knee))
         R = R @ rotation_about(bend, _angle_about(bend, np.array(DOWN), along))
         self.frames[shank] = R, knee
         axes[f"{s}KneeFlexion"] = bend
 
+        # foot: from the shank by plantar flexion, so that in neutral it points forward
         bend, foot_axis = in_axes_of(R, ankle_axis), self.axes[f"{side}_foot"]
         along = in_axes_of(R, foot_axis)
         R = R @ rotation_about(bend, _angle_about(bend, np.array(FORWARD), along))
         self.frames[foot] = R, ankle
         self.frames[toes] = R, at[f"{side}_toes"]
         axes[f"{s}AnklePlantarFlexion"] = bend
+        # pronation is about the subtalar axis; signs so that both sides pronate positively
         axes[f"{s}FootPronation"] = -sign * _subtalar(in_axes_of(R, foot_axis), sign)
         axes[f"{s}ToeFlexion"] = in_axes_of(R, self.axes[f"{side}_toes"])
 

@@ -50,10 +50,12 @@ def continuous(q: Array) -> Array:
     angles = q[solved]
     if not len(angles):
         return q.copy()
+    # most joints never jump: their columns are left as they are
     jumps = np.abs(np.diff(angles, axis=0)).max(axis=0, initial=0)
     first = np.abs(angles[0])
     for i in BALL_JOINTS:
         joint = slice(i, i + 3)
+        # the middle angle is to begin within ±90°, where one of the two sets always is
         if jumps[joint].max() > MIN_JUMP_RAD or np.abs(angles[:, i + 1]).max() > np.pi / 2:
             angles[:, joint] = _continuous_joint(angles[:, joint])
             jumps[joint] = np.inf
@@ -74,10 +76,12 @@ def nearest_equivalent(q: Array, before: Array) -> Array:
     result = q.copy()
     for i in BALL_JOINTS:
         joint, last = slice(i, i + 3), before[i : i + 3]
+        # both sets of a joint's angles, compared without their full turns
         sets = np.array([q[joint], other_set(q[joint])])
         apart = np.square(_within_half_turn(sets - last)).sum(axis=1)
         result[joint] = sets[int(apart.argmin())]
     turns = list(ROTATIONS)
+    # full turns that bring each angle nearest to the one before
     result[turns] = before[turns] + _within_half_turn(result[turns] - before[turns])
     beyond = np.flatnonzero((np.abs(result) > MAX_JOINT_RAD) & OF_JOINTS)
     result[beyond] = _within_half_turn(result[beyond])
@@ -87,17 +91,20 @@ def nearest_equivalent(q: Array, before: Array) -> Array:
 def _continuous_joint(angles: Array) -> Array:
     """Give a joint's three angles, (F, 3), in the set that is nearer to the frame before."""
     first = _within_half_turn(angles)
+    # begin with the set whose middle angle is within ±90°
     first = np.where(np.abs(first[:, 1:2]) > np.pi / 2, other_set(first), first)
     second = other_set(first)
     same, other = (
         np.square(_within_half_turn(x[1:] - first[:-1])).sum(axis=1) for x in (first, second)
     )
+    # the nearer set changes wherever the other one is nearer to the frame before: a parity
     crossings = np.concatenate([np.zeros(min(1, len(angles)), int), np.cumsum(other < same)])
     return np.where((crossings % 2 == 1)[:, None], second, first)
 
 
 def other_set(angles: Array) -> Array:
     """Give the other three angles of the same rotation, (F, 3)."""
+    # (a, b, c) and (a + π, π − b, c + π) are the same rotation
     return np.asarray(_within_half_turn(angles * [1, -1, 1] + np.pi))
 
 

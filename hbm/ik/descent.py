@@ -61,17 +61,19 @@ class MarkerAttachment:
 
     def sums(self, position: Array) -> Array:
         """Sum markers at given positions, (K, 3), per segment (`N_SUMS`), (23 · segments,)."""
-        seen = np.isfinite(position[:, 0])
-        p, m = self.local, np.where(seen[:, None], position, 0.0)
+        is_finite = np.isfinite(position[:, 0])
+        p, m = self.local, np.where(is_finite[:, None], position, 0.0)
+        # Σ w, Σ w p, Σ w p pᵀ, Σ w m, Σ w m pᵀ, Σ w mᵀm: all that cost and derivatives need
         squares = [p[:, i] * p[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         crossed = (p[:, :, None] * m[:, None]).reshape(-1, 9)
         of_marker = np.column_stack([np.ones(len(p)), p, *squares, m, crossed, np.vecdot(m, m)])
         sums = np.zeros((len(MOVING), N_SUMS))
-        np.add.at(sums, self.segment, (seen * self.weight)[:, None] * of_marker)
+        np.add.at(sums, self.segment, (is_finite * self.weight)[:, None] * of_marker)
         return sums.ravel()
 
     def errors(self, kernels: Kernels, position: Array, q: Array) -> Array:
         """Give the distance of given positions, (F, K, 3), from the model, (F, K) [m]."""
+        # p_lab = [R o] [p 1]ᵀ of each marker's segment
         poses = kernels.segment_poses(q, self.geometry)[0].reshape(len(q), len(MOVING), 4, 3)
         local = np.column_stack([self.local, np.ones(len(self.local))])
         model = np.einsum("tkai,ka->tki", poses[:, self.segment], local)
@@ -208,6 +210,7 @@ def solve_frames(
     ready = kernels()
     rows = np.ascontiguousarray(rows, np.int64)
     solved = Solved.empty(rows, len(attachment.segment))
+    # a prior that is the same in all frames is repeated without a copy
     start, prior, reference = (
         np.broadcast_to(np.ascontiguousarray(term, float), (len(rows), N_Q)) for term in terms
     )
@@ -272,6 +275,7 @@ def _structure(
         frames=len(block),
         markers=len(attachment.segment),
         measured=attachment.position.shape[1],
+        # strides in numbers, 0 where one row serves all frames
         prior_stride=prior.strides[0] // prior.itemsize,
         reference_stride=reference.strides[0] // reference.itemsize,
         max_iterations=MAX_ITERATIONS,
@@ -289,22 +293,26 @@ def _interpreted(
     """Do what ``descent.c`` does, frame by frame; arguments as of `_structure`."""
     newton_step = OneFrameKernel(ready.newton_step, attachment.geometry)
     start, prior, reference = terms
+    # about the pelvis of the start: far from the lab's origin sums lose digits
     origin = np.zeros(start.shape)
     origin[:, :3] = start[:, :3]
     measured = attachment.measured(solved.row) - origin[:, None, :3]
     for frame in range(len(start)):
         q = accepted_q = start[frame] - origin[frame]
         fixed = attachment.sums(measured[frame]), prior[frame], reference[frame] - origin[frame]
+        # curvature 1: exact Hessian; 0: without the markers' distances, which is never indefinite
         cost, gradient, curvature, lowest = np.inf, np.nan, 1.0, 0.0
         damping = step_damping = along = DAMPING
         for iteration in range(MAX_ITERATIONS):
             step, report = newton_step(q, *fixed, np.array(damping), np.array(curvature))
             new_cost, new_gradient, slope, *pivots = report.tolist()
+            # the step went too far: go back and damp it (Levenberg–Marquardt)
             if not new_cost <= cost * (1 + MAX_RELATIVE_RISE) + MAX_ABSOLUTE_RISE:
                 if np.isinf(cost):  # there is no starting point
                     break
                 q, damping = accepted_q, DAMPING_FACTOR * max(along, step_damping)
                 continue
+            # a pivot below zero: the exact Hessian is indefinite, its step may lead uphill
             if min(pivots) <= 0 < curvature:
                 curvature, lowest = 0.0, min(pivots)
                 continue
@@ -313,11 +321,13 @@ def _interpreted(
             cost, gradient, step_damping = new_cost, new_gradient, damping
             # second derivative along the step: what made it longer than allowed, or too long
             along = (-slope / square if square > 0 else 0.0) - damping
+            # too long a step is cut, and damped as much as would have made it so short
             excess, damping = max(size / MAX_STEP, 1.0), damping / DAMPING_DIVISOR
             damping = DAMPING if damping < NEGLIGIBLE_DAMPING else damping
             damping = max(along * (excess - 1), damping) if excess > 1 else damping
             accepted_q, q = q, q + step / excess
             curvature = 1.0 if size < NEAR_OPTIMUM else curvature
+            # done by the undamped step alone: damping makes any step small
             no_gain = -slope < (NEGLIGIBLE_GAIN if iteration < SLOW else MAX_ABSOLUTE_RISE)
             if undamped and (no_gain or (exact and size < tolerance)):
                 solved.converged[frame] = exact or lowest > -MAX_SADDLE_CURVATURE

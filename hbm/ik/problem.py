@@ -19,31 +19,16 @@ from hbm.ik.start import Start
 from hbm.ik.upright import TRUNK, standing_trunk
 from hbm.markers import Markers
 from hbm.model import Body
+from hbm.numbers import read_numbers
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import packaged_toml
 
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "observed")
+
 MARKER_SD_M: Final = 0.01
 """Error of a marker on its segment, from skin and from the calibration pose."""
 
-POSTURE_SD_DEG: Final = packaged_toml("hbm", "joint_ranges.toml")["posture_sd_deg"]
-"""Segment, without its side -> standard deviation of its joint's angles in human posture."""
-
-SHOULDER_SD_M: Final = 0.03
-"""The same of the shoulders' translations: up, forward and inward by some 12 cm."""
-
-FLAT_SD: Final = np.pi
-"""Of every coordinate before anything is known [rad or m]: any angle at all."""
-
-MIN_SLOPE_M: Final = 1e-3
-"""Of markers along a coordinate [m/rad, or 1]: those nearer to its axis do not show it."""
-
-MIN_PIVOT: Final = 1e-6
-"""Curvature, per unit of weight, from which on a coordinate counts as observed [m²/rad² or 1]: that
-of a marker 1 mm from the axis."""
-
-MAX_PLACE_SD_M: Final = 0.05
-"""Of a segment's centre of mass, from which on markers do not show where it is."""
 
 CACHED_BODIES: Final = 8
 
@@ -54,9 +39,12 @@ STEP: Final = 1e-6
 def _posture_precision() -> Array:
     """Give the inverse variance of every coordinate in human posture, (46,); 0 of the pelvis."""
     parts = [c.segment.removeprefix("right_").removeprefix("left_") for c in TREE]
-    angle = [np.radians(POSTURE_SD_DEG.get(part, np.inf)) for part in parts]
+    # standard deviations in human posture; none of the pelvis: infinite, and no precision
+    sd_deg = packaged_toml("hbm", "joint_ranges.toml")["posture_sd_deg"]
+    angle = [np.radians(sd_deg.get(part, np.inf)) for part in parts]
+    # up, forward and inward by some 12 cm [m]
     shoulder = np.array([part == "shoulder" for part in parts])
-    return np.where(shoulder, SHOULDER_SD_M, angle) ** -2.0
+    return np.where(shoulder, 0.03, angle) ** -2.0
 
 
 POSTURE_PRECISION: Final = _posture_precision()
@@ -76,6 +64,7 @@ def neutral_slopes(body: Body) -> Array:
 
 
 def _slopes(moved: Array) -> Array:
+    # central differences: their error is of second order in the step
     return np.asarray((moved[:N_Q] - moved[N_Q:]) / (2 * STEP))
 
 
@@ -85,8 +74,9 @@ def covariance(slope: Array, seen: Mask) -> Array:
     From the markers' slopes along n coordinates, (n, K, 3), and which are seen, (K,); (n, n) [rad
     and m], standard deviations half a turn at most.
     """
+    # inverse of the information: JᵀJ / σ² of the markers, and a flat prior that keeps it regular
     shown = slope[:, seen].reshape(len(slope), -1)
-    total = shown @ shown.T / MARKER_SD_M**2 + np.eye(len(slope)) / FLAT_SD**2
+    total = shown @ shown.T / MARKER_SD_M**2 + np.eye(len(slope)) / np.pi**2
     return np.asarray(np.linalg.inv(total))
 
 
@@ -97,21 +87,18 @@ def undetermined(body: Body, markers: tuple[str, ...]) -> tuple[Mask, tuple[str,
     Gives the coordinates that a prior holds near neutral, (46,), and the segments whose centre of
     mass the markers alone leave uncertain by more than 5 cm.
     """
-    seen = np.array([name in markers for name in body.markers])
-    spread = covariance(neutral_slopes(body), seen)
+    used = np.array([name in markers for name in body.markers])
+    # propagated to each segment's centre of mass: trace of Jᵀ Σ J
+    spread = covariance(neutral_slopes(body), used)
     rotation, origin = segment_frames(body, NEAR_NEUTRAL)
     unplaced = []
     for s in SEGMENTS:
-        own = MOVING.index(FIXED_TO.get(s, s))
-        slope = _slopes(rotation[:, own] @ body.segments[s].center + origin[:, own])
-        if np.trace(slope.T @ spread @ slope) > MAX_PLACE_SD_M**2:
+        moving = MOVING.index(FIXED_TO.get(s, s))
+        slope = _slopes(rotation[:, moving] @ body.segments[s].center + origin[:, moving])
+        if np.trace(slope.T @ spread @ slope) > LIMITS.largest_place_sd**2:
             unplaced.append(s)
     return np.diag(spread) * POSTURE_PRECISION > 1, tuple(unplaced)
 
-
-LOCK: Final = 1e9
-"""Prior weight of a coordinate that is held [m²/rad², or 1 for a translation]: markers, which weigh
-about 1, move it by about 1e-9 rad."""
 
 FRAMES_AT_ONCE: Final = 4000
 """Bounds the memory of the rigid fits."""
@@ -119,8 +106,8 @@ FRAMES_AT_ONCE: Final = 4000
 
 def known_markers(body: Body, markers: Markers) -> list[int]:
     """Give the numbers of the body's markers that are in the trial; a ValueError where none is."""
-    if known := [k for k, name in enumerate(body.markers) if name in markers.names]:
-        return known
+    if in_trial := [k for k, name in enumerate(body.markers) if name in markers.names]:
+        return in_trial
     raise ValueError(
         f"none of the body's markers is in the trial; the body has "
         f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
@@ -133,20 +120,20 @@ class Problem:
     def __init__(
         self, body: Body, markers: Markers, tolerance: float = 1e-6, jobs: int = 1
     ) -> None:
-        known = known_markers(body, markers)
+        in_trial = known_markers(body, markers)
         self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
-        self.names = tuple(body.markers[k] for k in known)
-        self.segment = tuple(body.marker_segment[k] for k in known)
+        self.names = tuple(body.markers[k] for k in in_trial)
+        self.segment = tuple(body.marker_segment[k] for k in in_trial)
         self.attachment = MarkerAttachment(
             np.array([MOVING.index(s) for s in self.segment]),
-            body.marker_position[known],
+            body.marker_position[in_trial],
             np.ones(len(self.names)),
             body.geometry,
             markers.position,
             np.array([markers.names.index(name) for name in self.names]),
         )
         self.start = Start(self.attachment, body.joints)
-        self.slope = neutral_slopes(body)[:, known]
+        self.slope = neutral_slopes(body)[:, in_trial]
         self.prior, self.reference = np.empty(N_Q), np.zeros((1, N_Q))
         position = markers.position[:, self.attachment.column, 0]
         self.hold(np.asarray(np.isfinite(position).any(axis=0)))
@@ -162,16 +149,20 @@ class Problem:
         """
         self.seen, used = seen, seen & (self.attachment.weight > 0)
         variance = np.diag(covariance(self.slope, used))
+        # above 0 the markers leave more uncertainty than posture itself has
         doubt = variance * POSTURE_PRECISION - 1
         moves = np.linalg.norm(self.slope[:, used], axis=2).max(axis=1, initial=0)
-        self.locked = (POSTURE_PRECISION > 0) & (moves <= MIN_SLOPE_M)
+        # a coordinate that moves no marker is no unknown
+        self.locked = (POSTURE_PRECISION > 0) & (moves <= LIMITS.least_slope)
         undetermined = (doubt > 0) | self.locked
+        # the prior in units of a marker's weight; it fades in with the doubt, without a jump
         posture = MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
         self.prior[:] = np.where(undetermined, posture, 0.0)
         self.carriers = OF_CARRIERS & ~self.locked
         self.unseen_trunk = bool(self.locked[TRUNK].all())
         self.weak_trunk = bool((self.prior[TRUNK] * ~self.locked[TRUNK]).any())
-        self.least_pivots = np.full(N_Q, MIN_PIVOT * self.attachment.weight.max())
+        # what a prior holds counts as observed always, what is locked never
+        self.least_pivots = np.full(N_Q, LIMITS.least_pivot * self.attachment.weight.max())
         self.least_pivots[undetermined] = -np.inf
         self.least_pivots[self.locked] = np.inf
 
@@ -179,6 +170,7 @@ class Problem:
         """Refer the prior of a trunk that markers show weakly to the lab's vertical."""
         if not self.weak_trunk:
             return
+        # the pelvis of the rigid fits shows where the trunk faces
         fitted = self.rigid_fit(np.arange(len(self.time)))
         self.reference = np.zeros(fitted.shape)
         self.reference[:, TRUNK] = np.nan_to_num(standing_trunk(self.time, fitted))
@@ -190,6 +182,7 @@ class Problem:
     def without(self, segments: Collection[str]) -> "Problem":
         """Give the problem with the markers of some segments without weight."""
         other, weight = copy(self), self.attachment.weight.copy()
+        # without these markers other coordinates are undetermined: priors are set anew
         weight[self.markers_on(segments)] = 0.0
         other.attachment = replace(self.attachment, weight=weight)
         other.prior = np.empty(N_Q)
@@ -225,8 +218,9 @@ class Problem:
         Coordinates that are ``held``, (F, 46), stay at values, (F, 46).
         """
         locked, prior, reference = self.locked, self.prior, self.references(rows)
+        # a prior of so much weight holds a coordinate as a constraint would
         if held is not None:
             locked = locked | held[0]
-            prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)
+            prior, reference = np.where(held[0], 1e9, prior), np.where(held[0], held[1], reference)
         terms = np.where(locked, reference, start), prior, reference
         return solve_frames(self.attachment, rows, terms, self.tolerance, self.jobs)

@@ -15,29 +15,6 @@ from hbm.ik.descent import MarkerAttachment
 from hbm.model import Joint
 from hbm.spatial import Array, Mask, cross, fit_rotation, skew
 
-MIN_FRAMES_CLOSED_FORM: Final = 24
-"""For fewer frames singular values are as fast."""
-
-ROOT_ITERATIONS: Final = 5
-"""Newton's method on the quartic starts at an upper bound of its largest root, from where five
-iterations suffice unless two roots nearly coincide."""
-
-MAX_LAST_STEP: Final = 1e-6
-"""Last step of that root, relative to it: convergence is quadratic, so the error is its square."""
-
-MIN_SLOPE: Final = 1e-9
-"""Slope of the quartic, relative to the cube of its root, below which the root is a double root."""
-
-MIN_SCALE: Final = 1e-2
-"""Scale of the closed form, relative to the cube of the root: it vanishes for markers on one line,
-and the closed form loses precision as it becomes small."""
-
-MIN_AMPLITUDE: Final = 1e-300
-"""Avoids the division of zero by zero, where any angle is equally good."""
-
-HINGE_ITERATIONS: Final = 4
-"""How often the two angles of a double hinge are improved in turn: enough for a starting point."""
-
 
 def nearest_rotation(covariance: Array) -> Array:
     """Give the proper rotations nearest to cross-covariances, as `fit_rotation` does.
@@ -58,26 +35,32 @@ def nearest_rotation(covariance: Array) -> Array:
     faster for many frames than singular values. For few frames, and where the closed form is
     singular, as for markers on one line, `fit_rotation` is used.
     """
-    if len(covariance) < MIN_FRAMES_CLOSED_FORM:
+    # for fewer frames singular values are as fast
+    if len(covariance) < 24:
         return fit_rotation(covariance)
     flat = covariance.reshape(-1, 9)
     # the cofactors of a row are the cross product of the two other rows; entry by entry in memory
     cofactor = cross(covariance[:, (1, 2, 0)], covariance[:, (2, 0, 1)])
     cofactor = np.asfortranarray(cofactor.reshape(-1, 9))
+    # the largest root of (x² − |B|²)² − 8 det B · x = 4 |cof B|² is the sum of singular values,
+    # the smallest with the sign of det B: so rotations need no decomposition
     norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
     determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
     root = np.sqrt(norm + np.sqrt(3 * size))
-    for _ in range(ROOT_ITERATIONS):
+    # from an upper bound five iterations suffice, unless two roots nearly coincide: a flat slope
+    for _ in range(5):
         rest = root**2 - norm
         slope, step = 4 * root * rest - 8 * determinant, np.zeros_like(root)
         value = rest**2 - 8 * determinant * root - size
-        np.divide(value, slope, out=step, where=slope > MIN_SLOPE * root**3)
+        np.divide(value, slope, out=step, where=slope > 1e-9 * root**3)
         root -= step
+    # R = ((½(x² − |B|²) + |B|²) B + x cof B − B Bᵀ B) / (½(x² − |B|²) x − det B)
     half = (root**2 - norm) / 2
     scale = half * root - determinant
     square = covariance @ np.swapaxes(covariance, 1, 2) @ covariance
     rotation = (half + norm)[:, None] * flat + root[:, None] * cofactor - square.reshape(-1, 9)
-    singular = (scale <= MIN_SCALE * root**3) | (np.abs(step) > MAX_LAST_STEP * root)
+    # markers on a line or in a point: singular values tell what is left of the rotation
+    singular = (scale <= 1e-2 * root**3) | (np.abs(step) > 1e-6 * root)
     rotation = (rotation / np.where(singular, 1, scale)[:, None]).reshape(-1, 3, 3)
     if singular.any():
         rotation[singular] = fit_rotation(covariance[singular])
@@ -101,6 +84,7 @@ def three_angles(R: Array, first: int) -> Array:
     """
     (i, j, k), (a, b, c) = _axes_and_signs(first)
     sign = 1.0 if (j - i) % 3 == 1 else -1.0  # whether the axes follow the right-hand rule
+    # R = R_i(α) R_j(β) R_k(γ): β from the one entry that is its sine, the others by two entries
     angles = np.empty((len(R), 3))
     angles[:, 0] = a * np.arctan2(-sign * R[:, j, k], R[:, k, k])
     angles[:, 1] = b * np.arcsin(np.clip(sign * R[:, i, k], -1, 1))
@@ -141,17 +125,21 @@ def hinge_angles(covariance: Array, terms: Array, starts: tuple[float, ...]) -> 
     result is kept.
     """
     flat = covariance.reshape(-1, 9)
+    # one hinge: the trace is c₀ + c₁ cos φ + c₂ sin φ, largest at the angle of (c₁, c₂)
     if len(terms) == 1:
         factors = _best_factors(flat @ terms[0].T)
         return _angle(factors)[:, None], (factors @ terms[0]).reshape(-1, 3, 3)
     first, second = terms.reshape(2, 3, 3, 3)
+    # two hinges: the trace is bilinear in (1, cos, sin) of both, improved in turn from each start
     bilinear = (flat @ (first[:, None] @ second).reshape(9, 9).T).reshape(-1, 3, 3)
     transposed = np.swapaxes(bilinear, 1, 2)
     distal = np.stack([np.ones_like(starts), np.cos(starts), np.sin(starts)], axis=-1)
-    for _ in range(HINGE_ITERATIONS):
+    # enough for a starting point
+    for _ in range(4):
         proximal = _best_factors(distal @ transposed)
         distal = _best_factors(proximal @ bilinear)
     traces = np.vecdot(proximal @ bilinear, distal)
+    # the best of the starts, frame by frame
     best = np.arange(len(covariance)), traces.argmax(axis=1)
     proximal, distal = proximal[best], distal[best]
     rotation = (proximal @ terms[0]).reshape(-1, 3, 3) @ (distal @ terms[1]).reshape(-1, 3, 3)
@@ -171,6 +159,7 @@ def rotation_terms(axes: Array) -> Array:
     Array
         Three matrices per axis, flat, (n, 3, 9).
     """
+    # R = u uᵀ + cos φ (1 − u uᵀ) + sin φ [u]×
     along = axes[:, :, None] * axes[:, None]
     return np.stack([along, np.eye(3) - along, skew(axes)], axis=1).reshape(-1, 3, 9)
 
@@ -178,7 +167,8 @@ def rotation_terms(axes: Array) -> Array:
 def _best_factors(coefficients: Array) -> Array:
     """Give 1, cos and sin of the angles that make their sum with coefficients (..., 3) largest."""
     amplitude = np.hypot(coefficients[..., 1], coefficients[..., 2])
-    factors = coefficients / np.maximum(amplitude, MIN_AMPLITUDE)[..., None]
+    # no division of zero by zero, where any angle is equally good
+    factors = coefficients / np.maximum(amplitude, 1e-300)[..., None]
     factors[..., 0] = 1
     return np.asarray(factors)
 
@@ -227,20 +217,22 @@ class Start:
         Gives coordinates, (F, 46): those without markers are zero; frames with fewer than three
         markers are NaN.
         """
-        seen = np.isfinite(measured[..., 0])
-        position, weights = np.where(seen[..., None], measured, 0.0), seen * weight
+        is_finite = np.isfinite(measured[..., 0])
+        position, weights = np.where(is_finite[..., None], measured, 0.0), is_finite * weight
         R, o, solved = self.pelvis(position, weights)
         q = np.zeros((len(position), N_Q))
         q[:, :3], q[:, 3:6] = o, three_angles(R, 3)
         poses = {"pelvis": (R, o)}
         for s in MOVING[1:]:
             R, o = poses[PARENT[s]]
+            # the joint's place in the parent, which is aligned already
             o = o + R @ self.offsets[s]
-            own, to_parent = self.columns[s], np.swapaxes(R, 1, 2)
-            w, from_joint = weights[:, own], position[:, own] - o[:, None]
+            on_segment, to_parent = self.columns[s], np.swapaxes(R, 1, 2)
+            w, from_joint = weights[:, on_segment], position[:, on_segment] - o[:, None]
             coordinates = slice(FIRST_Q[s], LAST_Q[s] + 1)
-            if self.rotations[s] and len(own):
-                covariance = to_parent @ _cross_covariance(w, from_joint, self.local[own])
+            if self.rotations[s] and len(on_segment):
+                # from here on in the parent's axes, about the joint
+                covariance = to_parent @ _cross_covariance(w, from_joint, self.local[on_segment])
                 covariance, joint = covariance + NEUTRAL_COVARIANCE, self.rotations[s]
                 if len(joint) < 3:
                     starts = FOREARM_STARTS_RAD if s.endswith("forearm") else (0.0,)
@@ -249,9 +241,10 @@ class Start:
                     rotation = nearest_rotation(covariance)
                     angles = three_angles(rotation, joint[0])
                 q[:, coordinates], R = angles, R @ rotation
-            elif len(own):
+            elif len(on_segment):
+                # the shoulder's point moves as far as its markers do on average
                 mean = (to_parent @ _mean(w, from_joint)[..., None])[..., 0]
-                translation = mean - _mean(w, self.local[own])
+                translation = mean - _mean(w, self.local[on_segment])
                 q[:, coordinates] = translation @ self.axis[coordinates].T
                 o = o + (R @ translation[..., None])[..., 0]
             poses[s] = R, o
@@ -265,16 +258,18 @@ class Start:
         solved = np.zeros(frames, bool)
         neutral = {"pelvis": np.zeros(3)}
         for s in MOVING[1:]:
+            # places in the pelvis frame with all joints in neutral
             neutral[s] = neutral[PARENT[s]] + self.offsets[s]
         for segments in ROOT_SEGMENTS:
-            own = np.concatenate([self.columns[s] for s in segments])
-            if len(own) < MIN_ROOT_MARKERS or solved.all():
+            on_segments = np.concatenate([self.columns[s] for s in segments])
+            if len(on_segments) < MIN_ROOT_MARKERS or solved.all():
                 continue
             model = np.concatenate([neutral[s] + self.local[self.columns[s]] for s in segments])
-            todo = ~solved & ((weights[:, own] > 0).sum(axis=1) >= MIN_ROOT_MARKERS)
-            w = weights[todo][:, own]
+            todo = ~solved & ((weights[:, on_segments] > 0).sum(axis=1) >= MIN_ROOT_MARKERS)
+            w = weights[todo][:, on_segments]
             w = w / w.sum(axis=1, keepdims=True)
-            measured = position[todo][:, own]
+            measured = position[todo][:, on_segments]
+            # rotation about the weighted means, then the origin that brings the means together
             center, model_center = np.einsum("tk,tki->ti", w, measured), w @ model
             centered = model - model_center[:, None]
             R[todo] = nearest_rotation(_cross_covariance(w, measured - center[:, None], centered))
@@ -291,5 +286,5 @@ def _cross_covariance(w: Array, measured: Array, model: Array) -> Array:
 def _mean(w: Array, points: Array) -> Array:
     """Give weighted means of points, (F, K, 3) or (K, 3); zero where nothing has weight."""
     total = w.sum(axis=1, keepdims=True)
-    share = w / np.where(total > 0, total, 1)
-    return np.asarray((share[:, None] @ points)[:, 0])
+    fraction = w / np.where(total > 0, total, 1)
+    return np.asarray((fraction[:, None] @ points)[:, 0])

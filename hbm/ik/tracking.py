@@ -30,14 +30,17 @@ import numpy as np
 from hbm.coordinates import FIRST_Q, LAST_Q, LIMBS, N_Q, TREE
 from hbm.ik.continuity import MIN_JUMP_RAD, continuous, nearest_equivalent
 from hbm.ik.descent import MAX_ABSOLUTE_RISE, ROW, OneFrame, Solved
-from hbm.ik.problem import MIN_PIVOT, OF_CARRIERS, ROTATES, Problem
+from hbm.ik.problem import OF_CARRIERS, ROTATES, Problem
 from hbm.ik.upright import HEADING_CUTOFF_HZ, TRUNK, YAW, standing_trunk, upright_trunk
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import RealtimeFilter
 from hbm.signals.samples import cubic_spline
 from hbm.spatial import Array, Indices, Mask
+
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "observed")
 
 TRIES: Final = 45
 """Of 6,000 random bodies and poses, 20 tries leave 5 above SciPy's best of five starts, 40 none."""
@@ -49,8 +52,6 @@ FIRST_TRIES: Final = slice(len(SPREADS_RAD))
 """One of each: of a person whose markers allow several poses, they find a lower optimum in nearly
 all frames."""
 
-MAX_ROUNDS: Final = 3
-"""Rounds of tries; nearly always, the second finds nothing lower."""
 
 EQUAL_RELATIVE: Final = 1e-9
 EQUAL_ABSOLUTE: Final = 1e-15
@@ -70,7 +71,9 @@ def look_for_lower(problem: Problem, found: Solved, which: Indices) -> None:
     step = FRAMES_AT_ONCE // TRIES
     for first in range(0, len(which), step):
         block = which[first : first + step]
-        for _ in range(MAX_ROUNDS):
+        # nearly always, the second round finds nothing lower
+        for _ in range(3):
+            # again only where the last round found a lower optimum
             before = found.select(block)
             after = lowest_of_tries(problem, before)
             found.overwrite(block, after)
@@ -100,16 +103,18 @@ def lowest_of_tries(problem: Problem, solved: Solved, tries: slice = slice(None)
     changes = _changes()[tries]
     starts = (solved.q + changes).reshape(-1, N_Q)
     again = np.tile(solved.row, len(changes))
+    # first with pelvis and trunk held, so that limbs change alone, then with all free
     held = np.tile(OF_CARRIERS, (len(starts), 1)), np.tile(solved.q, (len(changes), 1))
     limbs_alone = Solved.joined(solved, problem.newton(again, starts, held))
     every = Solved.joined(limbs_alone, problem.newton(again, starts))
     frames = len(solved.row)
+    # the best solution of each limb may come from another try: together they start once more
     exchanged = [
-        problem.newton(solved.row, _best_limbs(problem, each, frames))
-        for each in (limbs_alone, every)
+        problem.newton(solved.row, _best_limbs(problem, solutions, frames))
+        for solutions in (limbs_alone, every)
     ]
-    found = Solved.joined(every, *exchanged)
-    return found.select(_lowest_nearest_to_neutral(problem.cost(found), found.q, frames))
+    optima = Solved.joined(every, *exchanged)
+    return optima.select(_lowest_nearest_to_neutral(problem.cost(optima), optima.q, frames))
 
 
 def _best_limbs(problem: Problem, solved: Solved, frames: int) -> Array:
@@ -120,6 +125,7 @@ def _best_limbs(problem: Problem, solved: Solved, frames: int) -> Array:
     q = solved.q[:frames].copy()
     for segments in LIMBS.values():
         limb = slice(FIRST_Q[segments[0]], LAST_Q[segments[-1]] + 1)
+        # markers and priors of a limb depend on no other limb
         cost = square[:, problem.markers_on(segments)].sum(axis=1) + prior[:, limb].sum(axis=1)
         best = _lowest_nearest_to_neutral(cost, solved.q[:, limb], frames)
         q[:, limb] = solved.q[best, limb]
@@ -131,10 +137,11 @@ def _lowest_nearest_to_neutral(cost: Array, q: Array, frames: int) -> Indices:
 
     From the costs, (S · F,), and coordinates, (S · F, n), of S solutions, one after the other.
     """
-    each = cost.reshape(-1, frames)
+    costs = cost.reshape(-1, frames)
+    # equal costs are one pose in other angles, or several: the nearest to neutral is human
     from_neutral = np.abs((q + np.pi) % (2 * np.pi) - np.pi).sum(axis=1).reshape(-1, frames)
-    least = each.min(axis=0)
-    equal = each <= least * (1 + EQUAL_RELATIVE) + EQUAL_ABSOLUTE
+    least = costs.min(axis=0)
+    equal = costs <= least * (1 + EQUAL_RELATIVE) + EQUAL_ABSOLUTE
     best = np.where(equal, from_neutral, np.inf).argmin(axis=0)
     return np.asarray(best * frames + np.arange(frames))
 
@@ -142,41 +149,13 @@ def _lowest_nearest_to_neutral(cost: Array, q: Array, frames: int) -> Indices:
 @cache
 def _changes() -> Array:
     """Give the random changes of the coordinates, (TRIES, 1, 46) [rad]; translations stay."""
+    # the same in every trial, so that results can be repeated
     random = np.random.default_rng(0).normal(size=(TRIES, 1, N_Q))
     return np.asarray(random * ROTATES * np.resize(SPREADS_RAD, (TRIES, 1, 1)))
 
 
 KEY_FRAME_SPACING: Final = 15
 """Frames per key frame: 0.15 s at 100 Hz, so that a spline between them starts near the optimum."""
-
-MIN_KEY_FRAMES: Final = 4
-"""Key frames that a cubic spline needs."""
-
-MAX_DISTANCE_FROM_START: Final = 0.5
-"""Change of any coordinate from its start [rad or m]: an optimum farther away may be the wrong one
-of several."""
-
-MAX_SHARE_FAR: Final = 0.5
-"""Of the frames with markers: where more are far from their start, the frames are no continuous
-recording, and tell nothing of each other."""
-
-MIN_CLEAR_PIVOT: Final = 1e-3
-"""Curvature, per unit of weight, of a rotation that markers show well [m²/rad²]: that of a marker
-3 cm from the axis."""
-
-MAX_CLEAR_ERROR_M: Final = 0.015
-"""RMS distance of a limb's markers from the model; in another optimum than the lowest it is larger,
-or the limb is shown weakly."""
-
-MIN_PIVOT_SHARE: Final = 0.01
-"""The same in frames with missing markers, as a share of what is usual in the trial."""
-
-MAX_UNRELATED_PIVOT: Final = 1e-8
-"""Curvature below which no marker depends on an unobserved coordinate: changing it then moves no
-other."""
-
-EQUAL_COST: Final = 1e-6
-"""Relative difference of the costs of one optimum that is reached from two starts."""
 
 
 def solve_ik(
@@ -235,43 +214,48 @@ def solve_ik(
     problem.stand_upright()
     frames = np.arange(len(problem.time))
     start, usual_pivots = _starting_points(problem, frames) if near is None else (near, None)
-    found = problem.newton(frames, start)
+    optima = problem.newton(frames, start)
     if near is not None:
-        usual_pivots = np.median(found.pivots[found.converged], axis=0)
+        usual_pivots = np.median(optima.pivots[optima.converged], axis=0)
     # where no marker is, there is nothing to find, and nothing to tell of other frames
-    shown = np.isfinite(found.error).any(axis=1)
-    far = shown & (~found.converged | _far(found.q, start))
-    if np.count_nonzero(far) > MAX_SHARE_FAR * np.count_nonzero(shown):
+    shown = np.isfinite(optima.error).any(axis=1)
+    # an optimum far from its start may be the wrong one of several
+    far = shown & (~optima.converged | _far(optima.q, start))
+    # frames that jump are no recording in time: each is judged by itself
+    if np.count_nonzero(far) > LIMITS.most_far * np.count_nonzero(shown):
         usual_pivots = None
     doubted = np.flatnonzero(far)
-    which = doubted[try_start(problem, found, doubted, problem.rigid_fit(doubted))]
+    which = doubted[try_start(problem, optima, doubted, problem.rigid_fit(doubted))]
     if usual_pivots is None:
-        likely = doubtful(problem, found)
-        every = some_lower(problem, found, np.flatnonzero(shown & ~likely))
-        which = np.flatnonzero(shown & (likely | every))
-    look_for_lower(problem, found, which)
-    left_out = leave_limbs_out(problem, found)
-    expected: Mask = np.asarray(np.isfinite(found.error).any(axis=0))
-    observed = observed_by(problem, found, usual_pivots, expected) & ~left_out
+        # all frames are tried where one that looks sound has a lower optimum
+        likely = doubtful(problem, optima)
+        some_others = some_lower(problem, optima, np.flatnonzero(shown & ~likely))
+        which = np.flatnonzero(shown & (likely | some_others))
+    look_for_lower(problem, optima, which)
+    left_out = leave_limbs_out(problem, optima)
+    expected: Mask = np.asarray(np.isfinite(optima.error).any(axis=0))
+    observed = observed_by(problem, optima, usual_pivots, expected) & ~left_out
+    # without pelvis and trunk nothing else has a place
     placed: Mask = np.asarray(observed[:, problem.carriers].all(axis=1))
-    found.q[~placed | ~found.converged & observed[:, ~problem.locked].all(axis=1)] = np.nan
-    found.q[:] = continuous(found.q)
-    _bridge_gaps(problem, found, observed & placed[:, None], left_out, usual_pivots is None)
-    found.converged[~placed] = False
-    found.q[~found.converged] = np.nan
-    found.error[~found.converged] = np.nan
+    # unsolved frames are no neighbours for angles and gaps
+    optima.q[~placed | ~optima.converged & observed[:, ~problem.locked].all(axis=1)] = np.nan
+    optima.q[:] = continuous(optima.q)
+    _bridge_gaps(problem, optima, observed & placed[:, None], left_out, usual_pivots is None)
+    optima.converged[~placed] = False
+    optima.q[~optima.converged] = np.nan
+    optima.error[~optima.converged] = np.nan
     if problem.unseen_trunk:
-        found.q[:, TRUNK] = standing_trunk(problem.time, found.q)
-    unknown = np.full(found.q.shape, np.nan)
+        optima.q[:, TRUNK] = standing_trunk(problem.time, optima.q)
+    unknown = np.full(optima.q.shape, np.nan)
     return Motion(
         problem.time,
-        found.q,
+        optima.q,
         unknown,
         unknown,
         problem.names,
-        found.error,
-        found.converged,
-        observed & found.converged[:, None],
+        optima.error,
+        optima.converged,
+        observed & optima.converged[:, None],
     )
 
 
@@ -283,19 +267,21 @@ def _starting_points(problem: Problem, frames: Indices) -> tuple[Array, Array | 
     starting points are rigid fits.
     """
     keys = _key_frames(problem)
-    found = problem.newton(keys, problem.rigid_fit(keys))
-    look_for_lower(problem, found, np.flatnonzero(doubtful(problem, found)))
-    solved = np.flatnonzero(found.converged)
-    if len(solved) < MIN_KEY_FRAMES:
+    optima = problem.newton(keys, problem.rigid_fit(keys))
+    look_for_lower(problem, optima, np.flatnonzero(doubtful(problem, optima)))
+    solved = np.flatnonzero(optima.converged)
+    # a cubic spline needs four
+    if len(solved) < 4:
         return problem.rigid_fit(frames), None
-    found.q[solved] = continuous(found.q[solved])
+    optima.q[solved] = continuous(optima.q[solved])
     inner = solved[1:-1]
-    between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2
-    isolated = _far(found.q[inner], between)
-    try_start(problem, found, inner[isolated], between[isolated])
-    spline = cubic_spline(keys[solved].astype(float), continuous(found.q[solved]))
+    # a key frame away from the mean of its neighbours is tried from there
+    between = (optima.q[solved[:-2]] + optima.q[solved[2:]]) / 2
+    isolated = _far(optima.q[inner], between)
+    try_start(problem, optima, inner[isolated], between[isolated])
+    spline = cubic_spline(keys[solved].astype(float), continuous(optima.q[solved]))
     start = np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]])))
-    return start, np.median(found.pivots[solved], axis=0)
+    return start, np.median(optima.pivots[solved], axis=0)
 
 
 def _key_frames(problem: Problem) -> Indices:
@@ -310,7 +296,7 @@ def _key_frames(problem: Problem) -> Indices:
 
 def _far(q: Array, start: Array) -> Mask:
     """Whether poses are far from their starting points, (F,)."""
-    return np.asarray(np.abs(q - start).max(axis=1, initial=0) > MAX_DISTANCE_FROM_START)
+    return np.asarray(np.abs(q - start).max(axis=1, initial=0) > LIMITS.far)
 
 
 def doubtful(problem: Problem, found: Solved) -> Mask:
@@ -318,15 +304,17 @@ def doubtful(problem: Problem, found: Solved) -> Mask:
 
     So it is where markers show a limb weakly, or it does not fit them.
     """
+    # a pivot without its prior is what the markers alone show of a coordinate
     pivots = (found.pivots - problem.prior)[:, ROTATES & ~problem.locked]
     weight = problem.attachment.weight.max()
-    weak = (pivots > MIN_PIVOT * weight) & (pivots < MIN_CLEAR_PIVOT * weight)
+    # not shown at all is no doubt: a prior holds it
+    weak = (pivots > LIMITS.least_pivot * weight) & (pivots < LIMITS.clear_pivot * weight)
     doubtful: Mask = ~found.converged | weak.any(axis=1)
     for segments in LIMBS.values():
         square = found.error[:, problem.markers_on(segments)] ** 2
-        seen = np.isfinite(square)
-        largest = MAX_CLEAR_ERROR_M**2 * seen.sum(axis=1)
-        doubtful |= np.where(seen, square, 0).sum(axis=1) > largest
+        is_finite = np.isfinite(square)
+        largest = LIMITS.clear_distance**2 * is_finite.sum(axis=1)
+        doubtful |= np.where(is_finite, square, 0).sum(axis=1) > largest
     return np.asarray(doubtful)
 
 
@@ -339,7 +327,8 @@ def try_start(problem: Problem, found: Solved, which: Indices, start: Array) -> 
     before, after = (problem.cost(optima) for optima in (found.select(which), solved))
     better = after < before
     found.overwrite(which[better], solved.select(better))
-    lower = after < before * (1 - EQUAL_COST) - MAX_ABSOLUTE_RISE
+    # lower by more than rounding, or neither has converged
+    lower = after < before * (1 - 1e-6) - MAX_ABSOLUTE_RISE
     return np.asarray(lower | np.isinf(np.minimum(before, after)))
 
 
@@ -349,6 +338,7 @@ def leave_limbs_out(problem: Problem, found: Solved) -> Mask:
     Gives the coordinates that are left out, (F, 46).
     """
     left_out = np.zeros(found.q.shape, bool)
+    # one limb, then two, …: the fewest that keep a frame from converging
     choices = (c for count in range(1, len(LIMBS) + 1) for c in combinations(LIMBS, count))
     for names in choices:
         which = np.flatnonzero(~found.converged)
@@ -377,10 +367,11 @@ def observed_by(
     """
     from_markers = found.pivots - problem.prior
     observed: Mask = np.asarray(from_markers > problem.least_pivots)
+    # markers that are left may show a coordinate, but far less well than is usual
     if usual_pivots is not None:
         gaps = (np.isnan(found.error) & expected).any(axis=1)
         if gaps.any():
-            observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
+            observed[gaps] &= from_markers[gaps] > LIMITS.least_of_usual * usual_pivots
     return observed
 
 
@@ -401,20 +392,18 @@ def _bridge_gaps(
     which = np.flatnonzero((lost & related).any(axis=1))
     for i in np.flatnonzero(lost.any(axis=0)):
         gap = np.flatnonzero(lost[:, i])
-        known = np.flatnonzero(observed[:, i] & found.converged)
-        found.q[gap, i] = np.interp(gap, known, found.q[known, i]) if len(known) else 0.0
+        # a line between the frames that show it; its ends are constant
+        shown = np.flatnonzero(observed[:, i] & found.converged)
+        found.q[gap, i] = np.interp(gap, shown, found.q[shown, i]) if len(shown) else 0.0
     q = found.q[which]
     found.overwrite(which, problem.newton(found.row[which], q, (lost[which], q)))
 
 
 def depended_on(problem: Problem, found: Solved, left_out: Mask) -> Mask:
     """Whether markers that are used depend on each coordinate, (F, 46)."""
-    related = ~found.converged[:, None] | (found.pivots - problem.prior > MAX_UNRELATED_PIVOT)
+    # changing a coordinate of less curvature moves no marker
+    related = ~found.converged[:, None] | (found.pivots - problem.prior > 1e-8)
     return np.asarray(related & ~left_out)
-
-
-USUAL_STEP_S: Final = 0.01
-"""From one frame to the next; a longer one is divided for the filter of the heading."""
 
 
 class FrameSolution(NamedTuple):
@@ -478,37 +467,39 @@ class FrameTracker:
         self.seen = np.zeros(len(self.markers), bool)
         self.tries_left = 0
         self.begun = False
-        self.heading = RealtimeFilter(HEADING_CUTOFF_HZ, 1, USUAL_STEP_S)
+        self.heading = RealtimeFilter(HEADING_CUTOFF_HZ, 1, 0.01)
 
     def solve(self, position: Array) -> FrameSolution:
         """Solve a frame that follows the last one kept, from markers (M, 3), and keep nothing."""
         self.position[0] = position
+        # in real time the prior of the trunk follows the heading so far
         if self.q is not None and self.problem.weak_trunk:
             self.problem.reference[0, TRUNK] = self._upright(self.q)
         if not self.seen.all():  # hold near neutral what no marker that was ever seen determines
-            seen = self.seen | np.isfinite(self.position[0, self.columns, 0])
-            if (seen != self.problem.seen).any():
-                self.problem.hold(seen)
-        found, looked = self._first() if self.q is None else self._next(self.q)
-        observed, left_out = self._observed(found), np.zeros((1, N_Q), bool)
-        if not found.converged[0]:
-            left_out = leave_limbs_out(self.problem, found)
-            observed = self._observed(found) & ~left_out[0]
+            ever_seen = self.seen | np.isfinite(self.position[0, self.columns, 0])
+            if (ever_seen != self.problem.seen).any():
+                self.problem.hold(ever_seen)
+        optimum, looked = self._first() if self.q is None else self._next(self.q)
+        observed, left_out = self._observed(optimum), np.zeros((1, N_Q), bool)
+        if not optimum.converged[0]:
+            left_out = leave_limbs_out(self.problem, optimum)
+            observed = self._observed(optimum) & ~left_out[0]
         every = bool((observed | self.problem.locked).all())
         solved = every or bool(observed[self.problem.carriers].all())
         if solved and not every:
-            self._hold(found, ~observed & ~self.problem.locked, left_out)
-        solved = solved and bool(found.converged[0])
-        q, error = found.q[0].copy(), found.error[0].copy()
+            self._hold(optimum, ~observed & ~self.problem.locked, left_out)
+        solved = solved and bool(optimum.converged[0])
+        q, error = optimum.q[0].copy(), optimum.error[0].copy()
         if not solved:
             q[:] = error[:] = np.nan
         elif self.q is None:
             q = continuous(q[None])[0]
+        # a full turn or a joint's other angles: the pose is the same
         elif np.abs(q - self.q).max() > MIN_JUMP_RAD:
             q = nearest_equivalent(q, self.q)
         if looked:
             observed &= self.problem.carriers
-        return FrameSolution(q, error, solved, observed & solved, found.pivots[0].copy(), looked)
+        return FrameSolution(q, error, solved, observed & solved, optimum.pivots[0].copy(), looked)
 
     def keep(self, solution: FrameSolution, time: float) -> FrameSolution:
         """Take a solution as the one that the next frame follows; give it with its whole trunk."""
@@ -521,6 +512,7 @@ class FrameTracker:
         visible = np.isfinite(solution.marker_error)
         self.q, self.seen = solution.q, self.seen | visible
         self.shown[solution.observed] = solution.q[solution.observed]
+        # what is usual is learnt from frames without gaps
         if visible[self.seen].all():
             self.usual_pivots = solution.pivots
         if self.problem.unseen_trunk or self.problem.weak_trunk:
@@ -538,10 +530,10 @@ class FrameTracker:
 
     def _first(self) -> tuple[Solved, bool]:
         """Solve a frame before which none was solved."""
-        found = self.problem.newton(ROW, self.problem.rigid_fit(ROW))
-        if not self.begun and doubtful(self.problem, found)[0]:
-            look_for_lower(self.problem, found, ROW)
-        return found, False
+        optimum = self.problem.newton(ROW, self.problem.rigid_fit(ROW))
+        if not self.begun and doubtful(self.problem, optimum)[0]:
+            look_for_lower(self.problem, optimum, ROW)
+        return optimum, False
 
     def _next(self, q: Array) -> tuple[Solved, bool]:
         """Solve a frame from the last one; where that is no good, from a rigid fit too.
@@ -549,20 +541,22 @@ class FrameTracker:
         Gives also whether a lower optimum is likely and is looked for.
         """
         problem = self.problem
-        found, looked = self.descent.solve(q), self.tries_left > 0
-        if self._start_is_no_good(found, q):
-            lower = try_start(problem, found, ROW, problem.rigid_fit(ROW))[0]
-            looked |= bool(lower and doubtful(problem, found)[0])
-        if looked and np.isfinite(found.q[0]).all():
+        optimum, looked = self.descent.solve(q), self.tries_left > 0
+        if self._start_is_no_good(optimum, q):
+            lower = try_start(problem, optimum, ROW, problem.rigid_fit(ROW))[0]
+            looked |= bool(lower and doubtful(problem, optimum)[0])
+        if looked and np.isfinite(optimum.q[0]).all():
+            # one try in each frame, so that no frame is late
             number = (TRIES - self.tries_left) % TRIES
-            found.overwrite(ROW, lowest_of_tries(problem, found, slice(number, number + 1)))
-        return found, looked
+            optimum.overwrite(ROW, lowest_of_tries(problem, optimum, slice(number, number + 1)))
+        return optimum, looked
 
     def _start_is_no_good(self, found: Solved, q: Array) -> bool:
-        if not found.converged[0] or np.abs(found.q[0] - q).max() > MAX_DISTANCE_FROM_START:
+        if not found.converged[0] or np.abs(found.q[0] - q).max() > LIMITS.far:
             return True
         if (self.tracked | self.problem.locked).all():
             return False
+        # a limb that comes back may have moved too far for the last pose to lead to it
         returned = self._observed(found) & ~self.tracked
         return bool(returned.any() and doubtful(self.problem, found)[0])
 

@@ -27,13 +27,15 @@ def slow_heading(time: Array, yaw: Array) -> Array:
 
     The line through all samples is kept, so that somebody who turns has no lag at the ends.
     """
-    known = np.isfinite(yaw)
-    if np.count_nonzero(known) < 2:
+    finite = np.isfinite(yaw)
+    if np.count_nonzero(finite) < 2:
         return yaw
-    unwrapped = np.interp(time, time[known], np.unwrap(yaw[known]))
+    unwrapped = np.interp(time, time[finite], np.unwrap(yaw[finite]))
+    # a turn is mostly its line; of what is left, little is lost where the filter ends
     line = np.polyval(np.polyfit(time - time[0], unwrapped, 1), time - time[0])
+    # standard deviation of the Gaussian in samples
     width = HEADING_SD_S * (len(time) - 1) / (time[-1] - time[0])
-    return np.where(known, line + scipy.ndimage.gaussian_filter1d(unwrapped - line, width), np.nan)
+    return np.where(finite, line + scipy.ndimage.gaussian_filter1d(unwrapped - line, width), np.nan)
 
 
 def upright_trunk(q: Array, heading: Array) -> Array:

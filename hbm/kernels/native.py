@@ -72,6 +72,7 @@ def load(announce: Callable[[str], None], folder: Path = FOLDER, lanes: int = WI
     if os.environ.get("HBM_KERNELS", "") == "virtual-machine":
         return interpreted_kernels("virtual machine (HBM_KERNELS)")
     try:
+        # the narrowest library runs anywhere and says what the processor has
         widest = min(lanes_of_processor(library_path(min(WIDTHS), folder)), lanes)
         there = [w for w in WIDTHS if w <= widest and library_path(w, folder).is_file()]
         return compiled_kernels(library_path(there[0], folder))
@@ -102,6 +103,7 @@ def open_library(library: Path) -> ctypes.CDLL:
         made_from = (ctypes.c_char * 64).in_dll(code, "sources_digest").raw.decode()
     except (OSError, ValueError) as error:
         raise LibraryError(f"compiled kernels cannot be loaded, {error}") from error
+    # numbers of another version of the tree or of a kernel would be plausible and wrong
     if made_from != sources_digest():
         raise LibraryError("compiled kernels of another version")
     return code
@@ -117,6 +119,7 @@ def compiled_kernels(library: Path) -> Kernels:
     code = open_library(library)
 
     def evaluate(loop: Any, frames: int, inputs: Pointers, outputs: Pointers) -> None:
+        # releases the interpreter, so that threads evaluate blocks at once
         loop(
             ctypes.c_longlong(frames),
             (ctypes.c_void_p * len(inputs))(*inputs),

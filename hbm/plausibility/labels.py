@@ -10,19 +10,15 @@ from hbm.coordinates import MOVING, PARENT
 from hbm.markers import Markers, MarkerSet, exchange
 from hbm.model import Body
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.samples import medians_of_known, stretches
 from hbm.spatial import Array, Mask, distance
 from hbm.spelling import listed
 
-MIN_FROZEN_S: Final = 0.05
-"""All markers at once repeat a position exactly by chance in a frame or two, where a file rounds
-them and the subject stands."""
-MAX_FROZEN_SHARE: Final = 0.5
-"""Of a trial in which cameras may drop out."""
-MIN_CONSTANT_S: Final = 0.5
-"""A single marker repeats its position for so long only where its whole segment rests."""
-MIN_MOTION_M: Final = 0.01
-"""Of the others on its segment meanwhile: skin, noise and rounding move them by less."""
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "labels")
+
+FROZEN: Final = read_numbers("hbm", "thresholds.toml", "frozen")
+
 
 ROUNDING_S: Final = 1e-6
 """Of a time, which a file may store in single precision."""
@@ -53,12 +49,12 @@ def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
     >>> np.flatnonzero(frozen_frames(trial, trial.names))[[0, -1]].tolist()
     [21, 39]
     """
-    wanted = set(names)
-    own = [k for k, name in enumerate(markers.names) if name in wanted]
-    seen, repeated = _repeated(markers.position[:, own])
-    frozen: Mask = np.asarray((repeated | ~seen).all(axis=1) & seen.any(axis=1))
+    labels = set(names)
+    columns = [k for k, name in enumerate(markers.names) if name in labels]
+    measured, repeated = _repeated(markers.position[:, columns])
+    frozen: Mask = np.asarray((repeated | ~measured).all(axis=1) & measured.any(axis=1))
     result = np.zeros(len(frozen), bool)
-    for stretch in _lasting(frozen, markers.time, MIN_FROZEN_S):
+    for stretch in _lasting(frozen, markers.time, FROZEN.shortest):
         result[stretch] = True
     return result
 
@@ -80,7 +76,7 @@ def without_frozen_frames(markers: Markers, names: Iterable[str]) -> Markers:
         without any motion, cameras do not drop out for so long.
     """
     frozen = frozen_frames(markers, names)
-    if not frozen.any() or frozen.mean() > MAX_FROZEN_SHARE:
+    if not frozen.any() or frozen.mean() > FROZEN.most_of_trial:
         return markers
     position = np.where(frozen[:, None, None], np.nan, markers.position)
     return Markers(markers.time, markers.names, position)
@@ -114,10 +110,11 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
     constant_s: dict[str, float] = {}
     for name in (name for name in body.markers if name in at):
         segment = segment_of[name]
-        for stretch in _lasting(repeated[:, at[name]], markers.time, MIN_CONSTANT_S):
+        for stretch in _lasting(repeated[:, at[name]], markers.time, FROZEN.shortest_alone):
+            # a marker may rest with its segment: another one there, or before it, has to move
             others = [at[o] for o in at if segment_of[o] == segment and o != name]
             others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
-            if any(_extent(markers.position[stretch, k]) > MIN_MOTION_M for k in others):
+            if any(_extent(markers.position[stretch, k]) > FROZEN.least_motion for k in others):
                 lasted_s = float(markers.time[stretch.stop - 1] - markers.time[stretch.start - 1])
                 constant_s[name] = constant_s.get(name, 0.0) + lasted_s
     if constant_s:
@@ -141,18 +138,12 @@ def _lasting(mask: Mask, time: Array, duration_s: float) -> Iterator[slice]:
 
 def _extent(position: Array) -> float:
     """Give the largest extent of positions, (F, 3), along an axis [m]; 0 where none is known."""
-    known = position[np.isfinite(position[:, 0])]
-    return float(np.ptp(known, axis=0).max()) if len(known) else 0.0
+    measured = position[np.isfinite(position[:, 0])]
+    return float(np.ptp(measured, axis=0).max()) if len(measured) else 0.0
 
 
 CROSSING_SEGMENTS: Final = ("forearm", "hand")
 """Folded arms bring the left one to the right."""
-MIN_SEPARATION_M: Final = 0.04
-"""Of a pair sideways, for its side to be certain: on average narrow steps bring feet and medial
-markers as close together."""
-MIN_FORWARD_M: Final = 0.05
-"""Horizontal distance from sacrum to front of the pelvis; less when lying, and the way forward is
-unknown then."""
 
 
 class ExchangedSides(NamedTuple):
@@ -228,11 +219,12 @@ def sides_exchanged(
         if name.startswith("L") and (right := landmark.get(f"R{name[1:]}"))
         if not segment[left].endswith(CROSSING_SEGMENTS)
     ]
+    # left marker minus right marker along the way to the left: negative when exchanged
     leftward_m = medians_of_known((_between(markers, judged) * to_the_left).sum(axis=1))
-    exchanged = leftward_m < -MIN_SEPARATION_M
+    exchanged = leftward_m < -LIMITS.least_separation
     if not exchanged.any():
         return None
-    pairs, every = [*compress(judged, exchanged)], not (leftward_m > MIN_SEPARATION_M).any()
+    pairs, every = [*compress(judged, exchanged)], not (leftward_m > LIMITS.least_separation).any()
     return ExchangedSides(recording, tuple(pairs), exchange(pairs, recording, every))
 
 
@@ -252,22 +244,15 @@ def _between(markers: Markers, pairs: Sequence[tuple[str, str]]) -> Array:
 
 def _to_the_left(markers: Markers, landmark: Mapping[str, str]) -> Array:
     """Give the horizontal direction to the subject's left, (3, T); NaN where it is unknown."""
+    # middles of left and right markers are the same with exchanged labels
     front, back = ([landmark.get(side + name, "") for side in "LR"] for name in ("ASIS", "PSIS"))
     if not set(back) <= set(markers.names):
         back = 2 * [landmark.get("SACR", "")]
     forward = _between(markers, [*zip(front, back, strict=True)]).mean(axis=0)
     length = np.hypot(forward[0], forward[1])
+    # forward turned by 90° about the vertical
     left = np.stack([-forward[1], forward[0], 0 * length])
-    return np.asarray(np.where(length > MIN_FORWARD_M, left, np.nan) / length)
-
-
-MIN_JUMP_M: Final = 0.03
-"""Of a marker against its own motion: noise and an acceleration of 100 m/s² make 1 cm at 100 Hz."""
-MAX_EXCHANGED_SHARE: Final = 1 / 3
-"""Of that jump that remains when two markers are exchanged, for their labels to have changed
-places."""
-MAX_GAP_S: Final = 0.1
-"""Over which a marker's motion is extrapolated; labels often change places where one is hidden."""
+    return np.asarray(np.where(length > LIMITS.least_forward, left, np.nan) / length)
 
 
 def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]:
@@ -310,7 +295,8 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     for part in (whole, *np.flatnonzero(~whole)):  # at once where nothing is missing
         expected[part] = _extrapolated(markers.time, paths[part])
     jump = np.linalg.norm(paths - expected, axis=1)
-    jumped: Mask = jump > MIN_JUMP_M
+    jumped: Mask = jump > LIMITS.least_jump
+    # after positions that were repeated every marker jumps
     jumped[:, 1:][:, frozen_frames(markers, names)[:-1]] = False
     # all that jumped, in the order of time, and of them pairs at one instant
     frame, marker = np.nonzero(jumped.T)
@@ -319,38 +305,34 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     for step in range(1, jumped.sum(axis=0).max(initial=0)):
         one = np.flatnonzero(frame[step:] == frame[:-step])
         other = one + step
+        # both labels are where the other one's motion leads
         apart = np.maximum(distance(here[one], there[other]), distance(here[other], there[one]))
-        near = apart < MAX_EXCHANGED_SHARE * np.minimum(away[one], away[other])
+        near = apart < LIMITS.most_left * np.minimum(away[one], away[other])
         changes += zip(one[near].tolist(), other[near].tolist(), strict=True)
-    found: dict[str, list[float]] = {}
+    times_s: dict[str, list[float]] = {}
     for a, b in sorted(changes):
-        own = np.flatnonzero(frame == frame[a])
-        if [own[distance(here[k], there[own]).argmin()] for k in (a, b)] == [b, a]:
+        together = np.flatnonzero(frame == frame[a])
+        # each is the nearest to the other one's place of all that jumped at that instant
+        if [together[distance(here[k], there[together]).argmin()] for k in (a, b)] == [b, a]:
             pair = f"{names[marker[a]]}/{names[marker[b]]}"
-            found.setdefault(pair, []).append(float(markers.time[frame[a]]))
-    if not found:
+            times_s.setdefault(pair, []).append(float(markers.time[frame[a]]))
+    if not times_s:
         return ()
-    times = {"first_s": min(map(min, found.values())), "last_s": max(map(max, found.values()))}
-    return (Note.of("labels_exchanged", pairs=listed(found), **times),)
+    ends = {"first_s": min(map(min, times_s.values())), "last_s": max(map(max, times_s.values()))}
+    return (Note.of("labels_exchanged", pairs=listed(times_s), **ends),)
 
 
 def _extrapolated(time: Array, path: Array) -> Array:
     """Give where markers, (..., T), would be by their last two positions; NaN where unknown."""
     expected = np.full(path.shape, np.nan)
     frames = np.flatnonzero(np.isfinite(path).reshape(-1, len(time)).all(axis=0))
-    at, seen = time[frames], path[..., frames]
+    at, position = time[frames], path[..., frames]
     steps = np.diff(at)
-    share = np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])
-    step = seen[..., 1:-1] - seen[..., :-2]
-    expected[..., frames[2:]] = seen[..., 1:-1] + share * step
+    # to the same velocity over a step of another length; not over long gaps
+    ratio = np.where(at[2:] - at[:-2] > LIMITS.longest_gap, np.nan, steps[1:] / steps[:-1])
+    step = position[..., 1:-1] - position[..., :-2]
+    expected[..., frames[2:]] = position[..., 1:-1] + ratio * step
     return expected
-
-
-MAX_DISTANCE_CHANGE_M: Final = 0.03
-"""Skin moves markers of one segment against each other by up to 2 or 3 cm in walking."""
-
-MAX_DISTANCES_NAMED: Final = 3
-"""A single displaced marker changes its distances to all others: three identify it."""
 
 
 def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
@@ -388,14 +370,15 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
     first, second = first[together], second[together]
     pairs = [(body.markers[a], body.markers[b]) for a, b in zip(first, second, strict=True)]
     there = distance(body.marker_position[first], body.marker_position[second])
+    # medians: skin moves markers about where they are in the calibration pose
     change = median_distances(markers, pairs) - there
-    large = np.abs(change) > MAX_DISTANCE_CHANGE_M
+    large = np.abs(change) > LIMITS.distance_change
     notes = []
     for segment in MOVING:
         here = np.flatnonzero(large & (segments[first] == segment))
-        largest = here[np.argsort(-np.abs(change[here]), kind="stable")][:MAX_DISTANCES_NAMED]
+        largest = here[np.argsort(-np.abs(change[here]), kind="stable")][: LIMITS.distances_named]
         largest_m = {"–".join(pairs[k]): change[k] for k in largest}
-        values: dict[str, Any] = {"limit_m": MAX_DISTANCE_CHANGE_M, "largest_m": largest_m}
+        values: dict[str, Any] = {"limit_m": LIMITS.distance_change, "largest_m": largest_m}
         if largest_m:
             notes.append(Note.of("marker_distances_changed", segment=segment, **values))
     return tuple(notes)

@@ -3,7 +3,7 @@
 With what residuals hold of the motion of segments that no marker shows.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -14,17 +14,14 @@ from hbm.ik.problem import undetermined
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.segments import LEGS_PER_STATURE
 from hbm.spatial import GRAVITY_MPS2, Array, Mask, rotation_about
 from hbm.spelling import packaged_toml
 
-MAX_LEG_DIFFERENCE_M: Final = 0.03
-"""True differences rarely exceed 2 cm; a misplaced marker easily causes more."""
+UNSEEN: Final = read_numbers("hbm", "thresholds.toml", "unseen")
 
-
-MAX_STATURE_DIFFERENCE: Final = 0.10
-"""Of a stature from that by the length of the legs: twice the largest error in 12 poses of 7
-people, adults and children, of known stature (−4.5 to 2.9 %). 9 simulated people: within 3 %."""
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "motion")
 
 
 def implausible(body: Body) -> tuple[Note, ...]:
@@ -54,10 +51,10 @@ def implausible(body: Body) -> tuple[Note, ...]:
     )
     difference_m, by_legs_m = abs(left_m - right_m), (left_m + right_m) / 2 / LEGS_PER_STATURE
     notes = list[Note]()
-    if difference_m > MAX_LEG_DIFFERENCE_M:
+    if difference_m > LIMITS.leg_difference:
         lengths = {"left_m": left_m, "right_m": right_m}
         notes.append(Note.of("legs_differ", difference_m=difference_m, **lengths))
-    if abs(body.height_m / by_legs_m - 1) > MAX_STATURE_DIFFERENCE:
+    if abs(body.height_m / by_legs_m - 1) > LIMITS.stature_difference:
         notes.append(Note.of("stature_differs", height_m=body.height_m, by_legs_m=by_legs_m))
     return tuple(notes)
 
@@ -108,9 +105,6 @@ def not_determined(body: Body, motion: Motion) -> tuple[Mask, tuple[str, ...]]:
 RANGE_DEG: Final = packaged_toml("hbm", "joint_ranges.toml")["possible_deg"]
 """Coordinate, without its side -> lowest and highest angle."""
 
-MAX_NAMED: Final = 6
-"""Coordinates in a note: one wrong label turns several joints."""
-
 
 def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     """Find joint angles beyond any human's range.
@@ -145,6 +139,7 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     outside = ((motion.q < LOW) | (motion.q > HIGH)).any(axis=1)  # as they are: few frames
     solved = np.flatnonzero(motion.converged & outside)
     angle = _nearest_to_ranges(motion.q[solved])
+    # an angle that markers do not show is no sign of a wrong label
     beyond = (_excess(angle) > 0) & motion.observed[solved]
     if beyond.any():
         beyond &= ~not_determined(body, motion)[0]
@@ -152,10 +147,10 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
         return ()
     excess = np.where(beyond, _excess(angle), 0.0)
     frame, most = excess.argmax(axis=0), excess.max(axis=0)
-    worst = [i for i in np.argsort(-most)[:MAX_NAMED] if most[i] > 0]
+    worst = [i for i in np.argsort(-most)[: LIMITS.angles_named] if most[i] > 0]
     extreme_deg = {COORDINATES[i]: np.degrees(angle[frame[i], i]) for i in worst}
-    share = beyond.any(axis=1).sum() / np.count_nonzero(motion.converged)
-    return (Note.of("joint_angles_impossible", share=share, extreme_deg=extreme_deg),)
+    fraction = beyond.any(axis=1).sum() / np.count_nonzero(motion.converged)
+    return (Note.of("joint_angles_impossible", share=fraction, extreme_deg=extreme_deg),)
 
 
 def _limits() -> tuple[Array, Array]:
@@ -180,6 +175,7 @@ def _nearest_to_ranges(q: Array) -> Array:
     """Give equivalent coordinates, (F, 46), that are as little beyond their ranges as can be."""
     best = _within_a_turn(q)
     for joint in (slice(i, i + 3) for i in BALL_JOINTS):
+        # a pose is impossible if both sets of a joint's angles are
         other = _within_a_turn(other_set(best[:, joint]), joint)
         nearer = _excess(other, joint).sum(axis=1) < _excess(best[:, joint], joint).sum(axis=1)
         best[nearer, joint] = other[nearer]
@@ -190,19 +186,6 @@ def _within_a_turn(q: Array, of: slice = slice(None)) -> Array:
     """Add the full turns that bring angles within half a turn of the middle of their range."""
     middle = (LOW[of] + HIGH[of]) / 2
     return np.asarray((q - middle + np.pi) % (2 * np.pi) - np.pi + middle)
-
-
-MAX_SEGMENT_ERROR_M: Final = 0.02
-MAX_MARKER_ERROR_M: Final = 0.04
-"""Root mean square over the trial: OpenSim's guideline for inverse kinematics (RMS error below
-2 cm, largest below 4 cm; Hicks et al. 2015, J Biomech Eng 137:020905), here for a segment and for a
-marker. Skin and simplified joints leave 5 to 15 mm in walking."""
-
-MIN_MARKERS_OF_SEGMENT: Final = 2
-"""A segment with a single marker is judged by the limit of a marker."""
-
-MAX_ERRORS_NAMED: Final = 8
-"""Segments or markers in a note: one wrong label moves a whole limb."""
 
 
 def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
@@ -238,37 +221,26 @@ def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
     of_segment: dict[str, list[int]] = {}
     for name, column in columns.items():
         of_segment.setdefault(segment_of[name], []).append(column)
-    judged = [(name, [column], MAX_MARKER_ERROR_M) for name, column in columns.items()]
+    # a segment by all of its markers, each marker by itself
+    judged = [(name, [column], LIMITS.marker_distance) for name, column in columns.items()]
     judged += [
-        (segment, several, MAX_SEGMENT_ERROR_M)
+        (segment, several, LIMITS.segment_distance)
         for segment, several in of_segment.items()
-        if len(several) >= MIN_MARKERS_OF_SEGMENT
+        if len(several) >= 2
     ]
+    # root mean square over the frames in which a marker is seen
     square, large_m = np.square(motion.marker_error), dict[str, float]()
     number, total = np.isfinite(square).sum(axis=0), np.nansum(square, axis=0)
-    for name, own, limit_m in judged:
-        rms_m = float(np.sqrt(total[own].sum() / number[own].sum()))
+    for name, of_name, limit_m in judged:
+        rms_m = float(np.sqrt(total[of_name].sum() / number[of_name].sum()))
         if rms_m > limit_m:
             large_m[name] = rms_m
-    farthest_m = dict(sorted(large_m.items(), key=lambda each: -each[1])[:MAX_ERRORS_NAMED])
+    farthest_m = dict(sorted(large_m.items(), key=lambda item: -item[1])[: LIMITS.distances_named])
     return (Note.of("marker_error_large", farthest_m=farthest_m),) if large_m else ()
 
 
-MIN_SHARE_NOTED: Final = 0.02
-"""Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
 TRUNK: Final = ("mid_trunk", "thorax")
 ARMS: Final = (*LIMBS["right arm"][1:], *LIMBS["left arm"][1:])
-SPREAD_PERCENT: Final[Mapping[tuple[str, ...], Sequence[float]]] = {
-    TRUNK: (4.4, 3.6, 2.7, 0.85, 1.1, 0.14),
-    ("head",): (0.4, 0.3, 0.4, 0.16, 0.25, 0.02),
-    ARMS: (1.1, 0.8, 0.5, 0.11, 0.35, 0.17),
-}
-"""Segments -> SD of what they add to the residual of a walk when no marker shows them: forward,
-left, up; about the same axes; % of body weight, and of body weight × stature. All together as in 35
-recordings of 28 people of 8 laboratories without the markers of trunk, head and arms; head and arms
-as in 7 and 5 recordings of 6 people (`tests.campaign.legs_alone`)."""
-LEVERS: Final = ((3, 1, -0.9), (4, 0, 0.77))
-"""Moment, force, and their correlation: the forces act above the pelvis."""
 
 
 def unseen_segments(body: Body, motion: Motion) -> tuple[str, ...]:
@@ -279,13 +251,13 @@ def unseen_segments(body: Body, motion: Motion) -> tuple[str, ...]:
     shown = {body.segment_of[name] for name in seen_markers(motion)}
     _, uncertain = not_determined(body, motion)
     segments = tuple(s for s in uncertain if FIXED_TO.get(s, s) not in shown)
-    return segments if mass_share(body, segments) >= MIN_SHARE_NOTED else ()
+    return segments if mass_share(body, segments) >= LIMITS.least_mass else ()
 
 
 def seen_markers(motion: Motion) -> list[str]:
     """Give the markers that are seen in any frame of a motion."""
-    seen = np.atleast_1d(np.isfinite(motion.marker_error).any(axis=0))
-    return [name for name, ever in zip(motion.markers, seen, strict=True) if ever]
+    ever_seen = np.atleast_1d(np.isfinite(motion.marker_error).any(axis=0))
+    return [name for name, ever in zip(motion.markers, ever_seen, strict=True) if ever]
 
 
 def mass_share(body: Body, segments: Sequence[str]) -> float:
@@ -295,10 +267,10 @@ def mass_share(body: Body, segments: Sequence[str]) -> float:
 
 def mass_not_shown(body: Body, segments: tuple[str, ...]) -> tuple[Note, ...]:
     """Say what share of the body's mass these segments are, if it matters."""
-    share = mass_share(body, segments)
-    if share < MIN_SHARE_NOTED:
+    fraction = mass_share(body, segments)
+    if fraction < LIMITS.least_mass:
         return ()
-    return (Note.of("mass_not_shown", segments=segments, share=share),)
+    return (Note.of("mass_not_shown", segments=segments, share=fraction),)
 
 
 def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
@@ -325,14 +297,18 @@ def unseen_covariance(body: Body, motion: Motion, frames: Mask) -> Array:
     arms that are held forward in a squat add 6 % of body weight × stature to My.
     """
     segments = unseen_segments(body, motion)
+    # [N] by body weight, [N·m] by body weight × stature
     percent_of = body.mass * GRAVITY_MPS2 / 100 * np.repeat([1.0, body.height_m], 3)
     variance = np.zeros(6)
-    for part, percent in SPREAD_PERCENT.items():
+    spread = ((TRUNK, UNSEEN.trunk), (("head",), UNSEEN.head), (ARMS, UNSEEN.arms))
+    for part, percent in spread:
         unseen = [segment for segment in part if segment in segments]
-        share = mass_share(body, unseen) / mass_share(body, part)
-        variance += share * np.square(percent_of * percent)
+        # independent parts: variances add, in proportion to the mass that is unseen
+        fraction = mass_share(body, unseen) / mass_share(body, part)
+        variance += fraction * np.square(percent_of * percent)
+    # horizontal forces of a trunk above the pelvis are moments about it too
     covariance = np.diag(variance)
-    for moment, force, correlation in LEVERS:
+    for moment, force, correlation in ((3, 1, UNSEEN.mx_with_fy), (4, 0, UNSEEN.my_with_fx)):
         product = correlation * np.sqrt(variance[moment] * variance[force])
         covariance[moment, force] = covariance[force, moment] = product
     # from axes of heading to those of the lab, in every frame, and their mean

@@ -15,23 +15,17 @@ from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.plausibility.labels import MIN_FROZEN_S, ROUNDING_S, without_frozen_frames
+from hbm.numbers import read_numbers
+from hbm.plausibility.labels import FROZEN, ROUNDING_S, without_frozen_frames
 from hbm.signals.filtering import Method
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import Array, Indices, Mask
 
-MIN_EXCESS_M: Final = 0.1
-"""Distance from the model above twice what is usual for the marker in the trial: skin and a wrong
-calibration pose move markers by less, and all the time."""
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "outliers")
+
 MAX_ROUNDS: Final = 6
 """Markers of a limb that are left out one after the other: an outlier moves the limb, so that its
 other markers seem wrong too until it is gone."""
-MIN_LOST: Final = 2
-MIN_LOST_SHARE: Final = 0.25
-"""Markers of a limb that are outliers in a frame, and their share: then its others tell nothing."""
-MAX_BETWEEN_S: Final = 0.1
-"""Between two frames in which a limb is lost, it is not there for so short a time."""
-MAX_NAMED: Final = 6
 
 
 def solve_without_outliers(
@@ -63,22 +57,26 @@ def solve_without_outliers(
     parts = markers_of_parts(body, motion.markers)
     for _ in range(MAX_ROUNDS):
         error = motion.marker_error
-        if np.fmax.reduce(error, axis=None, initial=0) <= MIN_EXCESS_M:
+        # most trials end here, after one solution
+        if np.fmax.reduce(error, axis=None, initial=0) <= LIMITS.least_excess:
             break
-        seen = np.isfinite(error).any(axis=0)
-        usual_m = np.nanmedian(np.where(seen, error, 0.0), axis=0)
+        ever_seen = np.isfinite(error).any(axis=0)
+        # what is usual for a marker includes skin and a wrong calibration pose
+        usual_m = np.nanmedian(np.where(ever_seen, error, 0.0), axis=0)
         more = farthest_outliers(error - 2 * usual_m, parts)
         if not more.any():
             break
         outliers |= more
-        for own in parts[1:]:  # of a limb of which several are outliers, the others tell nothing
-            if len(own):
-                lost = limb_is_lost(outliers[:, own])
-                in_between = without_short_gaps(lost, motion.time, MAX_BETWEEN_S)
-                outliers[np.ix_(in_between, own)] = True
+        # of a limb of which several markers are outliers, the others tell nothing
+        for limb in parts[1:]:
+            if len(limb):
+                lost = limb_is_lost(outliers[:, limb])
+                in_between = without_short_gaps(lost, motion.time, LIMITS.longest_between)
+                outliers[np.ix_(in_between, limb)] = True
         columns = [markers.names.index(name) for name in motion.markers]
         position = markers.position.copy()
         position[:, columns] = np.where(outliers[..., None], np.nan, position[:, columns])
+        # an outlier moves its limb: only without it do the other markers show themselves
         solved = Markers(markers.time, markers.names, position)
         motion = solve_ik(body, solved, jobs=jobs)
     return solved, motion, outlier_notes(markers, solved)
@@ -113,21 +111,22 @@ def farthest_outliers(excess_m: Array, parts: Sequence[Indices]) -> Mask:
     >>> farthest_outliers(np.array([0.2, 0.3, np.nan, 0.05]), [np.array([0, 1]), np.array([2, 3])])
     array([False,  True, False, False])
     """
-    found = np.zeros(excess_m.shape, bool)
-    if not (excess_m > MIN_EXCESS_M).any():
-        return found
-    for own in parts:
-        if len(own):
-            far = np.nan_to_num(excess_m[..., own], nan=-np.inf)
-            worst = own[far.argmax(axis=-1, keepdims=True)]
-            np.put_along_axis(found, worst, far.max(axis=-1, keepdims=True) > MIN_EXCESS_M, axis=-1)
-    return found
+    farthest = np.zeros(excess_m.shape, bool)
+    if not (excess_m > LIMITS.least_excess).any():
+        return farthest
+    for part in parts:
+        if len(part):
+            far = np.nan_to_num(excess_m[..., part], nan=-np.inf)
+            worst = part[far.argmax(axis=-1, keepdims=True)]
+            is_outlier = far.max(axis=-1, keepdims=True) > LIMITS.least_excess
+            np.put_along_axis(farthest, worst, is_outlier, axis=-1)
+    return farthest
 
 
 def limb_is_lost(outliers: Mask) -> Mask:
     """Whether so many of a limb's markers are outliers, (..., n), that its others tell nothing."""
-    count, share = outliers.sum(axis=-1), outliers.mean(axis=-1)
-    return np.asarray((count >= MIN_LOST) & (share >= MIN_LOST_SHARE))
+    count, fraction = outliers.sum(axis=-1), outliers.mean(axis=-1)
+    return np.asarray((count >= LIMITS.least_lost) & (fraction >= LIMITS.least_lost_fraction))
 
 
 def outlier_notes(before: Markers, after: Markers) -> tuple[Note, ...]:
@@ -136,24 +135,10 @@ def outlier_notes(before: Markers, after: Markers) -> tuple[Note, ...]:
     if not gone.any():
         return ()
     count, times = gone.sum(axis=0), before.time[gone.any(axis=1)]
-    most = np.argsort(-count, kind="stable")[:MAX_NAMED]
+    most = np.argsort(-count, kind="stable")[: LIMITS.markers_named]
     of_marker = {before.names[k]: int(count[k]) for k in most if count[k]}
     ends = {"first_s": times[0], "last_s": times[-1]}
     return (Note.of("marker_outliers", samples=count.sum(), of_marker=of_marker, **ends),)
-
-
-USUAL_ERROR_M: Final = 0.02
-"""Distance of a marker from the model that is taken for usual at first."""
-MAX_REACH_M: Final = 3.0
-"""No marker of a person is farther than this from the median of all, along any axis."""
-MAX_SHARE_LEFT_OUT: Final = 1 / 3
-"""Of the markers, more than those of a leg: where more are left out, it is not they that are wrong
-but unit, axes, labels or body, and to leave them out helps nothing."""
-MAX_FITTING_M: Final = 0.05
-"""Median distance of markers from the model, from which on a body does not fit."""
-USUAL_ERROR_MPS: Final = 0.02
-"""By which the usual distance moves towards each new one, so that half of them lie on either side
-of it: a running median."""
 
 
 class MarkerTracker:
@@ -189,7 +174,7 @@ class MarkerTracker:
         self.tracker = FrameTracker(body, labels)
         self.markers, self.columns = self.tracker.markers, self.tracker.columns
         self.parts = markers_of_parts(body, self.markers)
-        self.usual_m = np.full(len(self.markers), USUAL_ERROR_M)
+        self.usual_m = np.full(len(self.markers), LIMITS.usual_distance)
         self.time = self.moved_s = -np.inf
         self.before = np.full((len(self.markers), 3), np.nan)
         self.frozen = False
@@ -207,21 +192,23 @@ class MarkerTracker:
             Measured markers in the lab, (M, 3) [m]; NaN where missing. Without any, the frame was
             lost: it is unsolved, and what follows is as if it had never come.
         """
-        own = position[self.columns]
-        seen = np.isfinite(own[:, 0])
-        if not seen.any():
+        used = position[self.columns]
+        measured = np.isfinite(used[:, 0])
+        if not measured.any():
             self.frozen, self.left_out = False, np.zeros(len(self.markers), bool)
             return self.tracker.solve(position)
         since_s, self.time = time - self.time, time
-        if (own != self.before)[seen].any():
+        # a camera system that lost contact may repeat its last positions
+        if (used != self.before)[measured].any():
             self.moved_s = time
-        self.before = own
-        self.frozen = time - self.moved_s > MIN_FROZEN_S - ROUNDING_S
+        self.before = used
+        self.frozen = time - self.moved_s > FROZEN.shortest - ROUNDING_S
         if self.frozen:
             position = np.full(position.shape, np.nan)
         solution = self._without_outliers(position)
         solution = self.tracker.keep(solution, time)
-        largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
+        # a running median: each new distance moves it by a fixed step, whatever its size
+        largest_m = LIMITS.usual_distance_rate * min(since_s, 1.0)
         change_m = (solution.marker_error - self.usual_m).clip(-largest_m, largest_m)
         np.add(self.usual_m, change_m, out=self.usual_m, where=~np.isnan(change_m))
         return solution
@@ -236,20 +223,23 @@ class MarkerTracker:
             position = self._without_left_out(position)
         solution = self.tracker.solve(position)
         if self.unfit:
-            seen = solution.marker_error[np.isfinite(solution.marker_error)]
-            if not (len(seen) and np.median(seen) < MAX_FITTING_M):
+            errors_m = solution.marker_error[np.isfinite(solution.marker_error)]
+            if not (len(errors_m) and np.median(errors_m) < LIMITS.fitting_distance):
                 return solution
         for _ in range(MAX_ROUNDS):
             more = farthest_outliers(solution.marker_error - 2 * self.usual_m, self.parts)
             if not more.any():
                 break
             self.left_out |= more
-            for own in self.parts[1:]:
-                if len(own) and limb_is_lost(self.left_out[own]):
-                    self.left_out[own] = True
+            for limb in self.parts[1:]:
+                if len(limb) and limb_is_lost(self.left_out[limb]):
+                    self.left_out[limb] = True
             position = self._without_left_out(position)
             solution = self.tracker.solve(position)
-        self.unfit = bool(np.count_nonzero(self.left_out) > MAX_SHARE_LEFT_OUT * len(self.left_out))
+        # a body that does not fit has outliers everywhere: to leave them out takes time in vain
+        self.unfit = bool(
+            np.count_nonzero(self.left_out) > LIMITS.most_left_out * len(self.left_out)
+        )
         return solution
 
     def _without_left_out(self, position: Array) -> Array:
@@ -277,9 +267,11 @@ def beyond_reach(position: Array) -> Mask:
     [False, False, False, True]
     """
     extent = np.fmax.reduce(position) - np.fmin.reduce(position)
-    if not (extent > MAX_REACH_M).any():  # which is faster
+    if not (extent > LIMITS.farthest).any():  # which is faster
         return np.zeros(len(position), bool)
-    return np.asarray((np.abs(position - np.nanmedian(position, axis=0)) > MAX_REACH_M).any(axis=1))
+    return np.asarray(
+        (np.abs(position - np.nanmedian(position, axis=0)) > LIMITS.farthest).any(axis=1)
+    )
 
 
 def solve_motion(

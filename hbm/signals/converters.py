@@ -6,16 +6,11 @@ from typing import Final, NamedTuple
 import numpy as np
 import scipy
 
+from hbm.numbers import read_numbers
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
 
-NEAR_SAMPLES: Final = 8
-"""Samples on both sides of a jump that show how fast a channel changes without it."""
-JUMP: Final = 12.0
-"""By the upper quartile of the changes near it. The onset of a load is up to 6 times as steep, as
-the low-pass before the converter spreads it over some samples."""
-ISOLATED: Final = 4.0
-"""By the change in the same direction in the sample before or after it: an impact lasts longer."""
+LIMITS: Final = read_numbers("hbm", "thresholds.toml", "converters")
 
 
 class Jumps(NamedTuple):
@@ -33,25 +28,16 @@ def find_jumps(channel: Array, least: float) -> Jumps:
     change = np.diff(channel)
     if not (np.abs(change) > least).any():
         return Jumps(np.zeros(0, int), np.zeros(0))
-    span = 2 * NEAR_SAMPLES + 1
+    span = 2 * 8 + 1
+    # how fast the channel changes nearby, of which a jump is a small part
     usual = scipy.ndimage.percentile_filter(np.abs(change), 75, size=span, mode="nearest")
-    known = (channel[1:] != 0) & (channel[:-1] != 0)
-    at = np.flatnonzero(known & (np.abs(change) > np.maximum(least, JUMP * usual)))
+    measured = (channel[1:] != 0) & (channel[:-1] != 0)
+    at = np.flatnonzero(measured & (np.abs(change) > np.maximum(least, LIMITS.jump * usual)))
     sign, around = np.sign(change), np.pad(change, 1)
+    # a load that rises goes on rising in the sample before or after
     same_way = np.maximum(sign * around[:-2], sign * around[2:])
-    at = at[np.abs(change[at]) > ISOLATED * same_way[at]]
+    at = at[np.abs(change[at]) > LIMITS.isolated * same_way[at]]
     return Jumps(at, change[at])
-
-
-FULL_RANGE: Final = 1.06
-"""Largest range of a channel that overflows, by its jumps: between two samples the load itself
-changes too."""
-MOST: Final = 0.8
-"""Of the range: in a channel that overflows, changes beyond half of it are as large as this."""
-LEFT: Final = 0.1
-"""Of the range: the channel without overflows has no jump as large."""
-BEYOND: Final = 0.002
-"""Of the range, by which the channel without overflows leaves it."""
 
 
 class Wraps(NamedTuple):
@@ -79,8 +65,9 @@ def find_wraps(channel: Array, least: float) -> Wraps | None:
     noise crosses the limit, and does not jump without that.
     """
     change, full = np.diff(channel), float(np.ptp(channel))
+    # from one end of the range to the other, and no change in between
     at = np.flatnonzero(np.abs(change) > full / 2)
-    if full <= least or not len(at) or np.abs(change[at]).min() < MOST * full:
+    if full <= least or not len(at) or np.abs(change[at]).min() < LIMITS.least_overflow * full:
         return None
     if not (channel[at] * channel[at + 1]).all():  # lost samples are exactly zero
         return None
@@ -91,17 +78,13 @@ def find_wraps(channel: Array, least: float) -> Wraps | None:
     # no sample is outside the range of the converter
     period = max(full, float(np.median(np.abs(change[at] - load))))
     undone = np.unwrap(channel, period=period)
+    # whole periods are still unknown: a channel without load is near its own zero
     undone -= period * np.round(_rest(undone, period) / period)
     leaves = max(channel.min() - undone.min(), undone.max() - channel.max())
-    jumps = len(find_jumps(undone, LEFT * full).at)
-    if full > FULL_RANGE * period or leaves < BEYOND * full or jumps:
+    jumps = len(find_jumps(undone, LIMITS.largest_left * full).at)
+    if full > LIMITS.largest_range * period or leaves < LIMITS.least_beyond * full or jumps:
         return None
     return Wraps(at, period, undone)
-
-
-REST_SAMPLES: Final = 50
-REST: Final = 0.02
-"""Half band around the value of a channel without load, by the period of its overflows."""
 
 
 def _rest(channel: Array, period: float) -> float:
@@ -109,34 +92,20 @@ def _rest(channel: Array, period: float) -> float:
 
     A recording may begin during a step, or be of somebody who stands most of the time.
     """
-    ordered, width = np.sort(channel), 2 * REST * period
+    ordered, width = np.sort(channel), 2 * LIMITS.rest * period
+    # the value at which the channel is most often, within the band
     first = int(np.argmax(np.searchsorted(ordered, ordered + width) - np.arange(len(ordered))))
     near = (channel >= ordered[first]) & (channel <= ordered[first] + width)
     # of its longest stretch the middle half, in which a load neither comes nor goes
     begin, end = max(stretches(near), key=np.ptp)
     quarter = (end - begin) // 4
     usual = channel[begin + quarter : end - quarter]
-    start = channel[:REST_SAMPLES]
+    start = channel[:50]
     return float(np.median(start if start.std() < usual.std() else usual))
 
 
-MIN_RANGE: Final = 0.15
-"""Of the channel's largest magnitude, that it goes to one side of zero; a rectified one ends at
-0."""
-FLAT_SAMPLES: Final = (5, 12)
-"""In a row at a limit, of channels known finely and coarsely, by the samples for which other
-values are held."""
-COARSE: Final = 0.001
-"""Of the excursion: steps of a channel that is known coarsely."""
 FINEST: Final = 1e-6
 """Of its excursion, to which a channel is known at best: single precision."""
-NEAR: Final = 0.03
-"""Of the excursion, below the limit, where a channel that is clipped does not stay."""
-FLAT: Final = 0.6
-"""Least share of the samples near the limit that are at it; a round peak a times higher than the
-band around its top stays there for 1 / √a of its time."""
-ROUND: Final = 1.6
-"""By which that has to exceed the share of a round peak."""
 
 
 class Limit(NamedTuple):
@@ -153,9 +122,10 @@ def find_limits(channel: Array, step_s: float) -> Iterator[Limit]:
     reaches and leaves it steeply. A window of some steps is enough; one with unknown samples has no
     limits.
     """
+    # each side of zero has a limit of its own
     largest = float(np.abs(channel).max())
     for side in (channel, -channel):
-        if not side.max() > MIN_RANGE * largest or np.ptp(side) < NEAR * largest:
+        if not side.max() > LIMITS.least_range * largest or np.ptp(side) < LIMITS.near * largest:
             continue
         at = _exact_limit(side, step_s)
         at = _blurred_limit(side, step_s) if at is None else at
@@ -169,52 +139,39 @@ def _exact_limit(side: Array, step_s: float) -> Mask | None:
     values = np.round(side / (FINEST * top))
     between = np.abs(np.diff(values))
     longest = FINEST * top * float(between[between > 0].min())
-    if np.count_nonzero(side >= top - 1.5 * longest) < min(FLAT_SAMPLES):
+    if np.count_nonzero(side >= top - 1.5 * longest) < LIMITS.flat_samples:
         return None
     step = FINEST * top * float(np.diff(np.unique(values)).min())
     band = 1.5 * step
-    wider = float(np.clip(NEAR * top / band, 4.0, 64.0))
+    # of the samples in a wider band below a round top, 1 / √wider are in the narrow one
+    wider = float(np.clip(LIMITS.near * top / band, 4.0, 64.0))
     if wider * band > 0.1 * top:  # too coarse to tell a limit from a round peak
         return None
     at, near = side >= top - band, side >= top - wider * band
-    if np.count_nonzero(at) < max(FLAT, ROUND / np.sqrt(wider)) * np.count_nonzero(near):
+    if np.count_nonzero(at) < max(
+        LIMITS.least_flat, LIMITS.above_round / np.sqrt(wider)
+    ) * np.count_nonzero(near):
         return None
     # files of a higher rate hold each value, or join values by straight lines
     moving = ((side > 0.05 * top) & ~at)[2:]
     steps = np.diff(side)[1:], np.diff(side, 2)
-    changes = min(int(np.sum(moving & (np.abs(each) > FINEST * top))) for each in steps)
+    changes = min(int(np.sum(moving & (np.abs(change) > FINEST * top))) for change in steps)
     held = max(1.0, np.count_nonzero(moving) / max(1, changes))
-    coarse = step > COARSE * top
-    runs = [run for run in stretches(at) if run[1] - run[0] >= FLAT_SAMPLES[coarse] * held]
+    coarse = step > LIMITS.coarse * top
+    shortest = held * (LIMITS.flat_samples_coarse if coarse else LIMITS.flat_samples)
+    runs = [run for run in stretches(at) if run[1] - run[0] >= shortest]
     if not runs:
         return None
     if coarse:
+        # somebody who stands may stay in one step of a coarse converter
         for start, stop in stretches(side > top / 2):
-            at[start:stop] &= (stop - start) * step_s < STANDS_S
+            at[start:stop] &= (stop - start) * step_s < LIMITS.longest_contact
     return at if at.any() else None
-
-
-STANDS_S: Final = 1.5
-"""Longest contact of a foot that walks or runs; who stands may stay at one value."""
-ROUNDED: Final = 0.002
-"""Half band around a limit whose corners a filter has rounded, by the excursion."""
-NOISY: Final = (0.005, 0.01)
-"""Half bands around a limit with noise on it, by the excursion."""
-PLATEAU: Final = 0.4
-"""Least share of a contact at such a limit; of a round peak, a tenth."""
-NOT_CROSSED: Final = 0.75
-"""Least share of the samples within four such bands that are in it; of a slope, a quarter."""
-OVERSHOOT: Final = 1.25
-"""Of a filter behind the limit."""
-MIN_PLATEAU_S: Final = 0.03
-WHITE: Final = 2.0
-"""Largest variance of noise, by half of that of its differences, which is 1; a load that changes
-slowly has more."""
 
 
 def _blurred_limit(side: Array, step_s: float) -> Mask | None:
     top, padded = float(side.max()), np.append(side, -np.inf)
-    high, width = np.sort(side[side > 0.3 * top]), top * np.array([ROUNDED, *NOISY])
+    high, width = np.sort(side[side > 0.3 * top]), top * np.array([LIMITS.rounded, *LIMITS.noisy])
     # the band of each width that holds most samples
     inside = high.searchsorted(high + 2 * width[:, None]) - np.arange(len(high))
     level = high[inside.argmax(axis=1)] + width
@@ -223,8 +180,8 @@ def _blurred_limit(side: Array, step_s: float) -> Mask | None:
     runs = stretches((padded > level[:, None] / 2).ravel())
     before, after = np.flatnonzero(at).searchsorted(runs.T)
     count, lasts, flat = after - before, runs[:, 1] - runs[:, 0], np.zeros(at.shape, bool)
-    stays = (lasts * step_s < STANDS_S) & (count > MIN_PLATEAU_S / step_s)
-    for start, stop in runs[stays & (count > PLATEAU * lasts)]:
+    stays = (lasts * step_s < LIMITS.longest_contact) & (count > LIMITS.shortest_plateau / step_s)
+    for start, stop in runs[stays & (count > LIMITS.least_plateau * lasts)]:
         band, first = divmod(start, len(padded))
         contact = slice(first, first + stop - start)
         of_contact, at_limit = side[contact], at[band, contact]
@@ -232,12 +189,12 @@ def _blurred_limit(side: Array, step_s: float) -> Mask | None:
         flat[band, contact] = at_limit & (
             first > 0
             and contact.stop < len(side)
-            and np.count_nonzero(at_limit) > NOT_CROSSED * np.count_nonzero(near)
-            and of_contact.max() < OVERSHOOT * level[band]
+            and np.count_nonzero(at_limit) > LIMITS.not_crossed * np.count_nonzero(near)
+            and of_contact.max() < LIMITS.largest_overshoot * level[band]
             and (band == 0 or _is_white(of_contact[near]))
         )
     return next((of_band[:-1] for of_band in flat if of_band.any()), None)
 
 
 def _is_white(values: Array) -> bool:
-    return bool(2 * np.var(values) < WHITE * np.var(np.diff(values)))
+    return bool(2 * np.var(values) < LIMITS.white * np.var(np.diff(values)))

@@ -33,15 +33,6 @@ LowPassMethod = Literal["realtime", "zero_phase", "double_pass"]
 DOUBLE_PASS_MINUS_3_DB: Final = float((np.sqrt(2) - 1) ** 0.25)
 """Frequency of −3 dB of two passes, per cut-off of each: 0.802 for second order (Winter 2009)."""
 
-PADDING_PERIODS: Final = 4
-"""Extension beyond each end, in periods of the cut-off: a transient decays to 2e-10 over it."""
-
-MAX_STEP_PERIODS: Final = 0.25
-"""Of the cut-off: over a longer step from one sample to the next the filter would follow nothing of
-what happened between, so that it begins anew. Within it, a walk at 100 Hz that loses every tenth
-frame has residuals that err by 2 N in real time and 1 N otherwise."""
-ROUNDING: Final = 1e-6
-"""Of times, relative."""
 
 EQUAL_STEPS_TOLERANCE: Final = 1e-9
 """Relative difference of time steps, or rates, up to which it is a rounding error."""
@@ -55,7 +46,9 @@ def longest_gap_s(cutoff_hz: float) -> float:
     >>> f"{longest_gap_s(6.0):.4f} s"
     '0.0417 s'
     """
-    return MAX_STEP_PERIODS / cutoff_hz * (1 + ROUNDING)
+    # over a quarter of a period and more it would follow nothing of what happened between; within,
+    # a walk that loses every tenth frame has residuals that err by 2 N in real time, 1 N otherwise
+    return 0.25 / cutoff_hz * (1 + 1e-6)
 
 
 def over_short_gaps(columns: Array, time: Array, cutoff_hz: float, method: str) -> Array:
@@ -197,8 +190,8 @@ def _filtered(
     """Filter every block without gaps: the value, or with its derivatives, (T, ...) each."""
     methods = get_args(LowPassMethod if outputs == 1 else Method)
     if method not in methods:
-        known = " or ".join(f'"{name}"' for name in methods)
-        raise ValueError(f"filter method must be {known}, got {method!r}")
+        choices = " or ".join(f'"{name}"' for name in methods)
+        raise ValueError(f"filter method must be {choices}, got {method!r}")
     signal = np.asarray(signal, float)
     time = sample_times(time, signal)
     rate_hz = mean_rate_hz(time)
@@ -207,6 +200,7 @@ def _filtered(
             f"cut-off must lie between 0 and half the sampling rate ({rate_hz / 2:g} Hz), "
             f"got {cutoff_hz:g} Hz"
         )
+    # both ways, a block shorter than a period of the cut-off has no end to settle at
     needed, shortest = 2, 1
     if method != "realtime":
         needed = shortest = int(np.ceil(rate_hz / cutoff_hz))
@@ -230,6 +224,7 @@ def _filtered(
 def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
     """Filter (T, K) samples causally; the signal's first value is the state of rest."""
     step = np.diff(time)
+    # steps that differ are taken one by one, as while they are measured
     equal = np.ptp(step) <= EQUAL_STEPS_TOLERANCE * np.mean(step) if len(step) else False
     if not equal or step[0] > longest_gap_s(cutoff_hz):
         usual_s = float(np.median(step)) if len(step) else 1.0
@@ -239,11 +234,13 @@ def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Arra
             states.append((running.value, running.velocity, running.acceleration))
         value, velocity, acceleration = np.swapaxes(states, 0, 1)
         return value + signal[0], velocity, acceleration
+    # at rest at its first value: no transient from zero
     relative = (signal - signal[0]).T
     to_value, to_velocity, feedback = _section(2 * np.pi * cutoff_hz, float(np.mean(step)))
     value = _recursion(to_value, feedback, relative).T + signal[0]
     velocity = _recursion(to_velocity, feedback, relative).T
     acceleration = np.zeros_like(velocity)
+    # mean over the step: ÿ of the mid-point rule
     acceleration[1:] = np.diff(velocity, axis=0) / step[:, None]
     return value, velocity, acceleration
 
@@ -253,7 +250,9 @@ def _both_ways(
 ) -> tuple[Array, ...]:
     """Filter (T, K) samples forward and backward; differentiate the spline through the result."""
     step = float(time[-1] - time[0]) / (len(time) - 1)
+    # pre-warped: Tustin's rule maps this frequency to the cut-off
     omega = 2 / step * float(np.tan(np.pi * cutoff_hz * step))
+    # two passes together attenuate by 3 dB at the cut-off that is asked for
     omega /= 1.0 if uncorrected else DOUBLE_PASS_MINUS_3_DB
     to_value, _, feedback = _section(omega, step)
 
@@ -261,11 +260,13 @@ def _both_ways(
         rest = channels[:, :1]
         return np.flip(_recursion(to_value, feedback, channels - rest) + rest, axis=1)
 
-    padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
+    # reflected ends keep value and slope, so that transients are beyond them
+    # four periods of the cut-off: a transient decays to 2e-10 over them
+    padding = int(np.ceil(4 / (cutoff_hz * step)))
     kept = slice(padding, padding + len(time))
     filtered = reversed_pass(reversed_pass(extended(signal, padding).T)).T
     more = spline_derivatives(filtered, step) if derivatives else ()
-    return filtered[kept], *(each[kept] for each in more)
+    return filtered[kept], *(derivative[kept] for derivative in more)
 
 
 def _recursion(numerator: Array, feedback: Array, channels: Array) -> Array:
@@ -273,6 +274,7 @@ def _recursion(numerator: Array, feedback: Array, channels: Array) -> Array:
 
     As `scipy.signal.lfilter`, which takes half a second to load.
     """
+    # n₀ x + n₁ x₋₁ + n₂ x₋₂
     driven = numerator[0] * channels
     for delay in (1, 2):
         driven[:, delay:] += numerator[delay] * channels[:, :-delay]
@@ -286,6 +288,7 @@ def _recursion(numerator: Array, feedback: Array, channels: Array) -> Array:
 
 def _section(omega: float, step: float) -> tuple[Array, Array, Array]:
     """Give the difference equation of the filter: numerators of y and ẏ, denominator of both."""
+    # ÿ + b ẏ + a y = a x with Butterworth's damping, by the mid-point rule (see `butterworth`)
     a, b = omega**2, np.sqrt(2) * omega
     divisor = 4 + 2 * step * b + step**2 * a
     to_value = step**2 * a * np.array([1.0, 2.0, 1.0]) / divisor
@@ -344,6 +347,7 @@ class RealtimeFilter:
         """
         finite = np.isfinite(signal)
         known = slice(None) if finite.all() else finite
+        # channels with the same last sample go on together
         last_s = set(self._known_s[known].tolist())
         state = np.full((3, len(signal)), np.nan)
         for known_s in last_s:
@@ -355,9 +359,11 @@ class RealtimeFilter:
 
     def _goes_on(self, since_s: float, these: Mask | slice, signal: Array) -> Array:
         """Give the state of some signals that were known so long ago, (3, n)."""
+        # after a gap it begins anew, at rest at the first value
         if since_s > self.longest_s:
             return np.array([signal, 0 * signal, 0 * signal])
         (y, v, acceleration), before = self._state[:, these], self._before[these]
+        # lost frames are stepped over at the usual step, along the line to this sample
         steps = max(round(since_s / self.step_s), 1)
         change, h = (signal - before) / steps, since_s / steps
         # ÿ = a (x - y) - b ẏ by the trapezoidal rule, x the mean of the signal over the step
@@ -415,6 +421,7 @@ def spline_derivatives(samples: Array, step: float) -> tuple[Array, Array]:
     >>> first[100].round(9).item(), second[100].round(6).item()
     (3.0, 6.0)
     """
+    # coefficients of the quintic B-spline; its derivatives at samples are sums of five of them
     inner = scipy.ndimage.spline_filter1d(samples.T, 5, mode="mirror")
 
     def summed(*weights: float) -> Array:
@@ -453,6 +460,7 @@ def oscillation(
     omega = 2 * np.pi * frequency_hz
     loss = 2 * damping * omega
     filters = _oscillator(omega, loss, 1 / mean_rate_hz(time))
+    # relative to the support: ẍ = drive − 2 ζ ω ẋ − ω² x
     shift, speed = (_recursion(up, down, drive.T).T for up, down in filters)
     return shift, drive - loss * speed - omega**2 * shift
 

@@ -25,21 +25,9 @@ from hbm.spatial import Array
 STOPBAND_DB: Final = 80.0
 """Attenuation of what would otherwise alias: to a ten-thousandth, below the noise of any plate."""
 
-TRANSITION_WIDTH: Final = 0.2
-"""Transition band of the anti-aliasing filter, as a share of the new rate: from 0.4 to 0.6 of
-it."""
 
 Signal = Callable[[Array], Array]
 """Values at any times."""
-
-MIN_DECIMATION: Final = 0.99
-"""New rate as share of the old one, from which on rates count as equal and nothing can alias."""
-
-ROUNDING_STEPS: Final = 1e-6
-"""Time beyond the ends of a block, in samples, that is treated as rounding error."""
-
-MAX_ROUNDING_STEPS: Final = 1e-9
-"""Of a wanted time from a sample's, in steps: the rounding error of times in seconds."""
 
 
 def resample(
@@ -79,7 +67,8 @@ def resample(
     values, new_time = np.asarray(values, float), np.asarray(new_time, float)
     time = sample_times(time, values)
     new_rate_hz = mean_rate_hz(sample_times(new_time, new_time))
-    if new_rate_hz < MIN_DECIMATION * mean_rate_hz(time):
+    # what the new rate cannot represent would appear as lower frequencies
+    if new_rate_hz < 0.99 * mean_rate_hz(time):
         values = _without_aliases(values, time, new_rate_hz)
     return interpolate(time, values, new_time + delay_s)
 
@@ -114,19 +103,20 @@ def interpolant(time: ArrayLike, values: ArrayLike) -> Signal:
     values = np.asarray(values, float)
     time = sample_times(time, values)
     require_length(time, MIN_SPLINE_SAMPLES)
-    columns, rounding = values.reshape(len(time), -1), ROUNDING_STEPS / mean_rate_hz(time)
+    # times beyond the ends by a millionth of a sample are rounding errors
+    columns, rounding = values.reshape(len(time), -1), 1e-6 / mean_rate_hz(time)
     splines = [
         (time[rows][[0, -1]], sharing, _spline(time[rows], columns[rows, sharing]))
         for rows, sharing in blocks_without_gaps(columns, MIN_SPLINE_SAMPLES)
     ]
 
     def evaluate(at: Array) -> Array:
-        wanted = at.ravel()
-        result = unknown((len(wanted), columns.shape[1]))
+        times = at.ravel()
+        result = unknown((len(times), columns.shape[1]))
         for (first, last), sharing, spline in splines:
-            inside = (wanted >= first - rounding) & (wanted <= last + rounding)
+            inside = (times >= first - rounding) & (times <= last + rounding)
             place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
-            result[place] = spline(wanted[inside])
+            result[place] = spline(times[inside])
         return result.reshape(*at.shape, *values.shape[1:])
 
     return evaluate
@@ -167,8 +157,9 @@ def _spline(time: Array, samples: Array) -> Signal:
     through_samples = cache(lambda: cubic_spline(time, samples))
 
     def evaluate(at: Array) -> Array:
+        # times that are samples' own need no spline: values stay as they are
         nearest = np.rint((at - time[0]) / step).astype(int).clip(0, len(time) - 1)
-        if np.abs(time[nearest] - at).max(initial=0) <= MAX_ROUNDING_STEPS * step:
+        if np.abs(time[nearest] - at).max(initial=0) <= 1e-9 * step:
             return np.asarray(samples.take(nearest, axis=0))
         return np.asarray(through_samples()(at))
 
@@ -193,19 +184,22 @@ def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:
         (T, ...); NaN where the samples around it are not all known.
     """
     resampling = Convolution.between(mean_rate_hz(time), mean_rate_hz(new_time))
-    found = resampling.evaluate(time, values.reshape(len(time), -1), new_time)
-    return found.reshape(len(new_time), *values.shape[1:])
+    resampled = resampling.evaluate(time, values.reshape(len(time), -1), new_time)
+    return resampled.reshape(len(new_time), *values.shape[1:])
 
 
 def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
     """Low-pass (N, ...) samples to what a lower sampling rate can represent."""
     require_equal_steps(time)
     rate_hz = mean_rate_hz(time)
-    width = TRANSITION_WIDTH * new_rate_hz / (rate_hz / 2)
+    # by half of the old rate
+    # transition band from 0.4 to 0.6 of the new rate
+    width = 0.2 * new_rate_hz / (rate_hz / 2)
     # Kaiser's formulas (1974) for how far the window reaches, and for its shape
     reach = int(np.ceil((STOPBAND_DB - 7.95) / (2.285 * np.pi * width) + 1)) // 2
     require_length(time, reach + 1)
     window = np.kaiser(2 * reach + 1, 0.1102 * (STOPBAND_DB - 8.7))
+    # ideal low-pass at half of the new rate, windowed; gain 1 at rest
     taps = np.sinc(new_rate_hz / rate_hz * np.arange(-reach, reach + 1)) * window
     taps /= taps.sum()
     columns = signal.reshape(len(time), -1)
@@ -221,13 +215,6 @@ def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
 
 REACH_STEPS: Final = 2
 """To either side, in steps of the slower one of the two clocks."""
-MAX_LOST_SAMPLES: Final = 2.5
-"""Longest step between samples within the reach, in steps of their own; a longer one is a gap."""
-MAX_GAP_STEPS: Final = 1.5
-"""The same in steps of the slower clock: over a longer one the weights nearly cancel."""
-SMALLEST_ARM: Final = 1e-9
-"""Sum of squared distances, in steps of the slower clock, below which no second sample shows a
-slope."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,6 +258,7 @@ class Convolution:
         Rates [Hz] are rounded to whole ones, so that the weights do not depend on how long a
         recording was when its rate was measured, nor on the drift of a clock.
         """
+        # the slower clock sets the width: it interpolates when faster, and averages when slower
         step_s, new_step_s = (1 / max(round(rate), 1) for rate in (rate_hz, new_rate_hz))
         return cls(step_s, max(step_s, new_step_s))
 
@@ -282,7 +270,8 @@ class Convolution:
     @property
     def longest_s(self) -> float:
         """Longest step between samples that is no gap [s]."""
-        return min(MAX_LOST_SAMPLES * self.step_s, MAX_GAP_STEPS * self.scale_s)
+        # over more than 1.5 steps of the slower clock the weights nearly cancel
+        return min(2.5 * self.step_s, 1.5 * self.scale_s)
 
     def evaluate(self, time: Array, values: Array, at: Array) -> Array:
         """Give a signal at some instants.
@@ -302,8 +291,8 @@ class Convolution:
             (T, K); NaN where a sample within reach is NaN, where the samples leave a gap, and where
             they end before the reach does.
         """
-        found = [self.at_one(time, values, each) for each in at.tolist()]
-        return np.array(found).reshape(len(at), values.shape[1])
+        rows = [self.at_one(time, values, instant) for instant in at.tolist()]
+        return np.array(rows).reshape(len(at), values.shape[1])
 
     def at_one(self, time: Array, values: Array, at: float) -> Array:
         """Do the same for one instant, (K,)."""
@@ -320,6 +309,7 @@ class Convolution:
         if not len(later):
             return False
         reach_s, longest_s = self.reach_s, self.longest_s
+        # no sample near one end of the reach, or a step inside it that is too long
         if later[0] + reach_s > longest_s or reach_s - later[-1] > longest_s:
             return False
         return len(later) == 1 or bool((later[1:] - later[:-1]).max() <= longest_s)
@@ -337,16 +327,19 @@ def _weights(how: Convolution, later_s: bytes) -> Array | None:
     u = np.abs(later) / how.scale_s
     weights = _cubic(u)
     weights /= weights.sum()
+    # a correction that makes straight lines exact where samples are not evenly spread
     near = (1 - u * u / REACH_STEPS**2) ** 2
     tilt = near * (later - near.dot(later) / near.sum())
     arm = float(tilt.dot(later))
-    if arm > SMALLEST_ARM * how.scale_s**2:
+    # no second sample beside one instant shows a slope
+    if arm > 1e-9 * how.scale_s**2:
         weights -= tilt * (weights.dot(later) / arm)
     return weights
 
 
 def _cubic(u: Array) -> Array:
     """Give the cubic convolution kernel at distances up to 2 steps."""
+    # Keys' kernel (a = −½): 1 at 0, 0 at 1 and 2, exact for parabolas
     from_one = 1 - u
     inner = np.maximum(from_one, 0)
     return np.asarray(0.5 * from_one * (2 - u) ** 2 + inner * inner * (2 * u - 1))

@@ -9,10 +9,6 @@ from numpy.typing import ArrayLike
 
 from hbm.spatial import Array, Indices, Mask
 
-MAX_STEP_DIFFERENCE: Final = 2e-3
-"""Difference between time steps that count as equal, relative to their mean: times rounded to
-0.01 ms at 100 Hz."""
-
 MIN_SPLINE_SAMPLES: Final = 4
 """Of a cubic spline."""
 
@@ -39,7 +35,8 @@ def mean_rate_hz(time: Array) -> float:
 def require_equal_steps(time: Array) -> None:
     """Refuse sample times (T,) whose steps differ by more than 0.2 %."""
     step = np.diff(time)
-    if np.ptp(step) > MAX_STEP_DIFFERENCE * np.mean(step):
+    # times that were rounded to 0.01 ms at 100 Hz have equal steps
+    if np.ptp(step) > 2e-3 * np.mean(step):
         raise ValueError(
             f"zero-phase filters need equal time steps, got {step.min():.6g} to {step.max():.6g} s;"
             " bring the signal to equal steps with resample() first"
@@ -63,6 +60,7 @@ def stretches(mask: Mask) -> Indices:
     [[0, 1], [2, 4]]
     """
     between = np.zeros(len(mask) + 2, bool)  # false before and after
+    # a stretch begins and ends where the mask changes
     between[1:-1] = mask
     return np.flatnonzero(between[1:] != between[:-1]).reshape(-1, 2)
 
@@ -121,16 +119,17 @@ def bridged(columns: Array, time: Array, longest_s: float, degree: int) -> Array
     for which four samples are needed.
     """
     filled = columns
-    for known, numbers in _columns_by_gaps(np.isfinite(columns)):
-        rows = np.flatnonzero(without_short_gaps(known, time, longest_s) & ~known)
+    for measured, numbers in _columns_by_gaps(np.isfinite(columns)):
+        # only bridged samples are filled; longer gaps stay
+        rows = np.flatnonzero(without_short_gaps(measured, time, longest_s) & ~measured)
         if len(rows):
-            through, at = columns[known][:, numbers], time[rows]
+            through, at = columns[measured][:, numbers], time[rows]
             filled = columns.copy() if filled is columns else filled
             place = rows if isinstance(numbers, slice) else np.ix_(rows, numbers)
             if degree == 1 or len(through) < MIN_SPLINE_SAMPLES:
-                filled[place] = np.transpose([np.interp(at, time[known], x) for x in through.T])
+                filled[place] = np.transpose([np.interp(at, time[measured], x) for x in through.T])
             else:
-                filled[place] = cubic_spline(time[known], through)(at)
+                filled[place] = cubic_spline(time[measured], through)(at)
     return filled
 
 
@@ -184,6 +183,7 @@ def _columns_by_gaps(known: Mask) -> Iterator[tuple[Mask, Mask | slice]]:
     if known.size and known.all():
         yield known[:, 0], slice(None)
         return
+    # columns with gaps in the same rows share their blocks
     same: dict[bytes, list[int]] = {}
     columns = np.ascontiguousarray(known.T)
     for number, of_column in enumerate(columns):
@@ -195,8 +195,8 @@ def _columns_by_gaps(known: Mask) -> Iterator[tuple[Mask, Mask | slice]]:
 
 def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Mask | slice]]:
     """Find blocks of at least ``needed`` finite rows in (T, K), and the columns that share them."""
-    for known, numbers in _columns_by_gaps(np.isfinite(columns)):
-        for start, stop in stretches(known):
+    for complete, numbers in _columns_by_gaps(np.isfinite(columns)):
+        for start, stop in stretches(complete):
             if stop - start >= needed:
                 yield slice(start, stop), numbers
 
