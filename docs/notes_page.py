@@ -11,9 +11,9 @@ from hbm.notes import catalogue
 
 INTRODUCTION = """# Warnings
 
-A **warning** says what makes a result doubtful. Here is what its sentence leaves open, and what to do,
-by the code that the console prints in brackets and the pages beside it. How a result was made is
-its [provenance](conventions.md#provenance).
+A **warning** says what makes a result doubtful. Here is what its sentence leaves open, and what to
+do, by the code that the console prints in brackets and the pages beside it. How a result was made
+is its [provenance](conventions.md#provenance).
 """
 
 
