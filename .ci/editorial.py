@@ -25,7 +25,7 @@ words = {page.stem: len(page.read_text(encoding="utf-8").split()) for page in pa
 for name, most in ({"README": 900} | dict.fromkeys(TASKS, 700)).items():
     demand(words[name] <= most, f"{name}.md: {words[name]} words, at most {most}")
 total = sum(words.values())
-demand(total <= 28000, f"all pages together: {total} words, at most 28000")
+demand(total <= 22000, f"all pages together: {total} words, at most 22000")
 
 # a notebook has one question, three imports and two to four figures, made in a cell
 contents = (ROOT / "notebooks" / "README.md").read_text(encoding="utf-8")

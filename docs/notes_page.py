@@ -11,9 +11,9 @@ from hbm.notes import catalogue
 
 INTRODUCTION = """# Warnings
 
-A **warning** says what makes a result doubtful, and what to do. Warnings are listed here by their
-codes, which the console prints in brackets and the pages beside them. How a result was made is its
-[provenance](conventions.md#provenance).
+A **warning** says what makes a result doubtful. Here is what its sentence leaves open, and what to
+do, by the code that the console prints in brackets and the pages beside it. How a result was made
+is its [provenance](conventions.md#provenance).
 """
 
 
@@ -32,7 +32,7 @@ def notes_page() -> str:
                 "{remedy}", "Set the correction as printed, where one is advised."
             )
             advice = re.sub(r"\{[^}]*\}", "…", advice)
-            lines.append(f"### {code}\n\n{entry['meaning']}\n\n**To do.** {advice}\n")
+            lines.append(f"### {code}\n\n{entry['meaning']}\n\n{advice}\n")
     return "\n".join(lines)
 
 
