@@ -114,7 +114,7 @@ def test_the_fit_is_no_worse_than_any_start_of_a_fine_grid(acceleration):
 
 
 def test_an_unstable_model_cannot_be_made():
-    with pytest.raises(ValueError, match=r"unstable, its largest pole has size 1\.1"):
+    with pytest.raises(ValueError, match=r"unstable.* 1\.1"):
         BeltModel([-1.1, 0, 1, 0, 0])
 
 

@@ -114,7 +114,7 @@ def test_faulty_overrides_are_refused(text, message):
 
 
 def test_overrides_that_leave_no_mass_for_other_segments_are_refused():
-    with pytest.raises(ValueError, match=r"weigh 80.00 kg, which leaves nothing of 74.6 kg"):
+    with pytest.raises(ValueError, match=r"80\.00 kg.* 74\.6 kg"):
         built({"thorax": SegmentOverride(mass_kg=80.0)})
 
 
@@ -150,7 +150,7 @@ def test_stated_shoes_leave_the_total_mass_and_the_geometry_as_they_are():
 def test_a_prosthetic_foot_may_wear_a_stated_shoe_but_nothing_else():
     prosthesis = {"right_foot": SegmentOverride(mass_kg=0.6)}
     assert built(prosthesis, shoe_mass_kg=0.3).segments["right_foot"].mass == pytest.approx(0.9)
-    with pytest.raises(ValueError, match="left_foot: both shoe_mass_kg and worn are stated"):
+    with pytest.raises(ValueError, match=r"left_foot: .*shoe_mass_kg and worn"):
         built(read_overrides(TOML), shoe_mass_kg=0.3)
 
 

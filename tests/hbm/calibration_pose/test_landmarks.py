@@ -140,7 +140,7 @@ def test_without_a_medial_marker_the_centre_is_a_share_of_the_shank_away(
     proximal = found.points["right_hip" if joint == "knee" else "right_knee"]
     assert (center - at[lateral]) @ (center - proximal) == pytest.approx(0, abs=1e-12)
     assert np.linalg.norm(center - located().points[f"right_{joint}"]) < 0.02
-    assert found.rules[missing] == f"right_{joint} half the joint's width medial to {lateral}"
+    assert {f"right_{joint}", lateral} <= set(found.rules[missing].split())
 
 
 def test_width_and_marker_radius_are_the_centre_s_distance_from_the_lateral_marker():
@@ -215,7 +215,7 @@ def test_a_wrist_with_one_marker_has_the_elbow_s_axis():
     found = located("LMW")
     np.testing.assert_allclose(found.points["left_wrist"], landmarks()["LLW"])
     np.testing.assert_allclose(found.axes["left_wrist"], found.axes["left_elbow"])
-    assert "a left wrist marker" in found.rules
+    assert any("left wrist" in what for what in found.rules)
 
 
 def test_an_arm_is_found_without_the_other_acromion():

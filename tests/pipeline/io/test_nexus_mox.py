@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -51,7 +53,7 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
     )
     read = read_recording(path)
     assert len(read.plates) == 1
-    assert "EMG - Voltage Cx" in read.analog.names
+    assert any(name.startswith("EMG") for name in read.analog.names)
     assert read.analog.values.shape == (1000, 9)
 
 
@@ -94,7 +96,7 @@ def test_a_number_of_samples_that_mox_does_not_hold_is_a_doubt(trial, tmp_path):
     pair = ("<nr_of_samples>100", "<nr_of_samples>250")
     (fact,) = read_recording(changed(write_mox(trial, tmp_path / "t.mox"), pair)).facts
     assert fact.kind == "in_doubt"
-    assert "nr_of_samples 250, but it holds 100" in fact.reason
+    assert re.search(r"nr_of_samples 250\b.* 100\b", fact.reason)
 
 
 def test_a_pose_of_one_frame_is_read_but_is_no_motion(walker, tmp_path):
@@ -103,5 +105,5 @@ def test_a_pose_of_one_frame_is_read_but_is_no_motion(walker, tmp_path):
     path.write_text("\n".join(line for line in lines if line[:2] != "2,"), encoding="utf-8")
     pose = read_recording(path)
     assert len(pose.markers.time) == 1
-    with pytest.raises(ValueError, match=r"^t\.csv: it is one frame; residuals need a motion"):
+    with pytest.raises(ValueError, match=r"^t\.csv: .*one frame"):
         process_recording(pose, Subject(sex="male", mass_kg=80.0), Settings())

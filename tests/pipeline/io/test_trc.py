@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -71,7 +73,7 @@ def test_a_trimmed_file_is_read_as_far_as_it_goes_with_a_warning(trc_file, subje
     frames = len(recording.markers.time)
     assert 20 < frames < 30
     np.testing.assert_allclose(recording.markers.position, subject.position[:frames], atol=1e-6)
-    assert f"says NumFrames 50, but it holds {frames}" in " ".join(map(str, recording.facts))
+    assert re.search(rf"NumFrames 50\b.* {frames}\b", " ".join(map(str, recording.facts)))
 
 
 def rounded_times(text, rate_hz, decimals, first=0):

@@ -197,5 +197,5 @@ def test_what_is_stated_and_not_received_is_refused(
 
 def test_channels_of_one_label_are_not_told_apart():
     board = StreamDescription("Board", "analog", ("Acc.X", "Acc.X"), ("g", "g"), 100.0)
-    with pytest.raises(ValueError, match="several channels are Acc"):
+    with pytest.raises(ValueError, match="channels are Acc"):
         AnalogStreams([board]).find(["Acc.X"], [acceleration_in_mps2])

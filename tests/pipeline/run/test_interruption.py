@@ -100,9 +100,7 @@ def test_a_stopped_run_says_how_to_go_on_and_leaves_no_process(
     send(running.pid, number)
     _, errors = running.communicate(timeout=30)
     assert running.returncode == code, errors
-    assert re.fullmatch(
-        rf"hbm: {word}: done and kept are \d of 6 trials; the same command goes on\n", errors
-    )
+    assert re.fullmatch(rf"hbm: {word}: .*\d of 6 trials; .*same command.*\n", errors)
     wait_until(lambda: not members(running.pid), 10.0)
     assert json.loads((tmp_path / "failures.json").read_text("utf-8")) == {}
     assert not list(tmp_path.rglob("*.part"))
@@ -179,10 +177,7 @@ def test_a_stopped_simulation_says_how_to_go_on_and_leaves_no_process(tmp_path):
     os.killpg(running.pid, signal.SIGINT)
     _, errors = running.communicate(timeout=30)
     assert running.returncode == 130, errors
-    assert errors in (
-        "hbm: interrupted: the study is not complete; the same command goes on\n",
-        "hbm: interrupted: the study is not complete; the same command begins again\n",
-    )
+    assert re.fullmatch(r"hbm: interrupted: .*same command (goes on|begins again)\n", errors)
     wait_until(lambda: not members(running.pid), 10.0)
 
 

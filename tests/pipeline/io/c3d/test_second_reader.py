@@ -122,11 +122,12 @@ def test_a_program_that_crashes_hangs_or_leaves_nothing_costs_one_line(
 def test_memory_is_limited(shared_data):
     """Without a limit, ezc3d 1.7.2 takes 12.6 GB and half a minute for this file."""
     path = shared_data / "c3d_samples" / "bad_parameter_section.c3d"
-    with pytest.raises(ValueError, match=r"it needs more than 1\.1 GB of memory"):
+    with pytest.raises(ValueError, match=r"1\.1 GB of memory"):
         second_reader._read_by_ezc3d(path)
 
 
 def test_a_library_whose_import_is_blocked_is_not_installed(everything, monkeypatch):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     found = compare_readers(everything)
-    assert (found.reader, found.refusal) == ("ezc3d", "it is not installed")
+    assert found.reader == "ezc3d"
+    assert "not installed" in found.refusal

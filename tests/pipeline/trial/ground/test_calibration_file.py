@@ -42,7 +42,7 @@ def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(cal
     sensor = next(iter(lab.CHANNELS))
     x, y, z = lab.CHANNELS[sensor]
     exchanged = Treadmill(accelerometers=lab.CHANNELS | {sensor: (y, x, z)})
-    with pytest.raises(ValueError, match=rf"{sensor} was {x}, {y}, {z} in the calibration, which"):
+    with pytest.raises(ValueError, match=rf"{sensor} was {x}, {y}, {z} "):
         bind(trial, laboratory.Laboratory(exchanged, known))
 
 
@@ -96,7 +96,7 @@ def test_a_platform_that_only_shakes_under_a_person_is_no_calibration(walker, tm
     trembling = lab.shaken(12.0)
     small = replace(trembling, sway=0.1 * trembling.sway, pitch=0.1 * trembling.pitch)
     path = lab.save(lab.on_platform(lab.without_people(12.0), small), tmp_path / "small.c3d")
-    with pytest.raises(ValueError, match=r"moved too little .* expected 0.2 or more"):
+    with pytest.raises(ValueError, match=r"moved too little .*0\.2"):
         read_calibration(path, TREADMILL)
 
 

@@ -75,7 +75,7 @@ def test_a_commanded_pose_gives_the_wrenches_that_markers_give(walker, calibrati
     found, _, found_notes = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
     (pose,) = (note for note in found_notes if note.code == "platform_pose")
-    assert "as commanded by Sway, Pitch" in pose.text
+    assert "by Sway, Pitch" in pose.text
 
 
 def test_an_empty_plate_keeps_only_what_the_fit_itself_could_not_explain(empty, calibration):
@@ -191,5 +191,5 @@ def test_a_calibration_with_other_sensors_is_refused(walker, calibration, motion
     recording = lab.on_platform(walker, motions["pitch"])
     other = {"front_right": lab.CHANNELS["front_right"], "rear_left": lab.CHANNELS["rear_left"]}
     treadmill = Treadmill(accelerometers=other, platform=ON_MARKERS)
-    with pytest.raises(ValueError, match="plate 1: calibration does not match: it has sensors"):
+    with pytest.raises(ValueError, match=r"plate 1: calibration .*sensors"):
         filtered_total(recording, Laboratory(treadmill, calibration))
