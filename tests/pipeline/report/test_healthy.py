@@ -1,5 +1,7 @@
 """Residuals of one condition are compared with those of healthy adults."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
