@@ -194,9 +194,9 @@ def test_cutoff_of_the_real_belt_speed_is_about_ten_hertz(recordings):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda a, m: (a[:300], m[:300]), "300 samples are too few"),
+        (lambda a, m: (a[:300], m[:300]), "300 samples"),
         (lambda a, m: (a, m[::2]), "belt_acceleration 6000, pitch_moment 3000; .* different rates"),
-        (lambda a, m: (a, 1000 * m), "the moment must be in N·m"),
+        (lambda a, m: (a, 1000 * m), "in N·m"),
     ],
 )
 def test_wrong_calibration_input_gets_one_clear_error(acceleration, spoil, message):

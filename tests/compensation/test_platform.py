@@ -232,12 +232,12 @@ def broken(rotation_scale=1.0, mirror=False):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda p: to_lab(np.ones((3000, 6)), p), "pose 300; were they recorded at different"),
+        (lambda p: to_lab(np.ones((3000, 6)), p), "pose 300"),
         (lambda p: PlatformPose(*broken(mirror=True)), "proper rotations"),
         (lambda p: commanded_pose(50 * SWAY / 0.05, PITCH, PIVOT), "sway reaches .* is it in m"),
-        (lambda p: commanded_pose(SWAY, np.degrees(PITCH), PIVOT), "pitch reaches .* is it in rad"),
-        (lambda p: fit_pose(1000 * seen(p), MARKERS, 0.01), "are they in metres"),
-        (lambda p: neutral_markers(seen(p)), "moves by .* frames taken as neutral"),
+        (lambda p: commanded_pose(SWAY, np.degrees(PITCH), PIVOT), "pitch .*in rad"),
+        (lambda p: fit_pose(1000 * seen(p), MARKERS, 0.01), "in metres"),
+        (lambda p: neutral_markers(seen(p)), "moves by .*neutral"),
     ],
 )
 def test_wrong_input_gets_one_clear_error(pose, call, message):

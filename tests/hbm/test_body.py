@@ -256,10 +256,10 @@ def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
     [
         (
             {"mass": 74600},
-            "between 10 and 400 kg, got 74600; that looks like grams, give kilograms",
+            "10 and 400 kg, got 74600; .*grams",
         ),
-        ({"height_m": 178}, "stature must be between 0.5 and 2.6 m, got 178"),
-        ({"marker_set": "hbm3"}, "no marker set 'hbm3'; known: hbm2_lower, hbm2, hbm1_lower, hbm1"),
+        ({"height_m": 178}, "stature .*0.5 and 2.6 m, got 178"),
+        ({"marker_set": "hbm3"}, "'hbm3'; .*hbm2_lower, hbm2, hbm1_lower, hbm1"),
     ],
 )
 def test_impossible_options_are_refused(options, message):

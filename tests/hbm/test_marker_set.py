@@ -23,9 +23,9 @@ def test_lower_body_sets_are_parts_of_the_full_ones(name):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[markers", "marker set 'own' is not valid TOML"),
+        ("[markers", "'own' .*valid TOML"),
         ("title = 'x'", r"needs a \[markers\] table with at least one marker"),
-        ('[markers]\nA = ["pelvsi"]', "no segment 'pelvsi', did you mean 'pelvis'"),
+        ('[markers]\nA = ["pelvsi"]', "'pelvsi', .*'pelvis'"),
         ('[markers]\n"\\u001b[2J" = 3', r"'own': \?\[2J must be"),
     ],
 )

@@ -97,13 +97,13 @@ def test_a_heavier_shank_raises_the_knee_moment_and_changes_no_geometry(changed)
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[rigth_shank]\nmass_kg = 1.0", "no segment 'rigth_shank', did you mean 'right_shank'"),
-        ("[head]\nmas_kg = 1.0", "head: no key 'mas_kg', did you mean 'mass_kg'"),
-        ("[head]\nmass_kg = -4", "head: mass_kg must be positive, got -4"),
-        (f"[head]\n{'.'.join('a' * 5000)} = 1", "not valid TOML: it is nested too deeply"),
+        ("[rigth_shank]\nmass_kg = 1.0", "'rigth_shank', .*'right_shank'"),
+        ("[head]\nmas_kg = 1.0", "head: .*'mas_kg', .*'mass_kg'"),
+        ("[head]\nmass_kg = -4", "head: mass_kg .*-4"),
+        (f"[head]\n{'.'.join('a' * 5000)} = 1", "TOML: .*nested"),
         ("[head]\ncenter_m = [0.0, 1.0, nan]", "head: center_m must be .* finite numbers"),
-        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "above the sum of the other two"),
-        ("[head.worn]\nmass_kg = 1.0", "head: worn needs mass_kg and center_m"),
+        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "above the sum"),
+        ("[head.worn]\nmass_kg = 1.0", "head: worn .*mass_kg and center_m"),
         ("[head.worn]\nmass_kg = 1.0\ncenter_m = [0, 0, 40]", "looks like millimetres"),
         ("[head]\nmass_kg = 1" + 400 * "0", "head: int too large"),
     ],
@@ -165,8 +165,8 @@ def test_a_prosthetic_foot_may_wear_a_stated_shoe_but_nothing_else():
     ids=[
         "nothing is stated",
         "shoes are stated",
-        "bare feet are stated",
-        "what a foot wears is stated",
+        "bare feet",
+        "foot wears",
     ],
 )
 def test_a_body_says_whether_it_has_shoes(overrides, shoes, noted):

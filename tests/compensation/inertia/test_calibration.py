@@ -41,8 +41,8 @@ def test_every_number_survives_the_round_trip(calibration):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sensors": ("front right", "rear left")}, "sensors .* but the recording has"),
-        ({"rate_hz": 1000.0}, "rate_hz 100.0, but the recording has 1000.0"),
+        ({"sensors": ("front right", "rear left")}, "sensors .*recording"),
+        ({"rate_hz": 1000.0}, "rate_hz 100.0, .* 1000.0"),
     ],
 )
 def test_a_trial_recorded_otherwise_is_refused_with_the_reason(calibration, change, message):

@@ -234,10 +234,10 @@ def test_an_arm_is_found_without_the_other_acromion():
     [
         (
             ("LASIS", "LPSIS"),
-            "the pelvis needs the landmark LASIS .or one ASIS with both PSIS.",
+            "pelvis .*LASIS .*ASIS .*PSIS",
         ),
-        (("LLEK",), "the left knee needs the landmark LLEK .or LLEK with knee_width_m."),
-        (("RMT2",), "the right foot needs the landmark RTOE .or RMT2."),
+        (("LLEK",), "left knee .*LLEK .*knee_width_m"),
+        (("RMT2",), "right foot .*RTOE .*RMT2"),
     ],
 )
 def test_a_landmark_that_no_rule_replaces_is_named(missing, message):
@@ -248,6 +248,6 @@ def test_a_landmark_that_no_rule_replaces_is_named(missing, message):
 @pytest.mark.parametrize(("a", "b", "joint"), [("LLEK", "LMEK", "knee"), ("RLM", "RMM", "ankle")])
 def test_swapped_lateral_and_medial_markers_are_refused(a, b, joint):
     swapped = {a: T_POSE_MM[b], b: T_POSE_MM[a]}
-    said = rf"{joint}'s lateral marker lies on its medial side; .*landmarks {a}, {b}\)"
+    said = rf"{joint}'s lateral .*medial side; .*{a}, {b}\)"
     with pytest.raises(ValueError, match=said):
         located(**swapped)

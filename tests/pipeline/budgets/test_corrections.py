@@ -90,12 +90,12 @@ def test_corrections_are_settings_of_a_study_with_the_same_recordings(moving_stu
     [
         (
             {"held_out": -0.1},
-            ["plate 1: gain of Fz 5.0 ± 1.0 %: it does not lower the residuals of other trials"],
+            ["plate 1: .*5.0 ± 1.0 %: .*other trials"],
         ),  # does not hold elsewhere
         ({"deviation": 0.6}, []),  # may be nothing
         (
             {"left": 0.98},
-            ["plate 1: gain of Fz 5.0 ± 1.0 %: it lowers no residual by 3 %"],
+            ["plate 1: .*5.0 ± 1.0 %: .*by 3 %"],
         ),  # hardly matters
     ],
 )
@@ -105,7 +105,8 @@ def test_what_is_uncertain_or_does_not_hold_elsewhere_is_not_written(
     own = cause("plate 1: gain of Fz", *SIZES["plate 1: gain of Fz"], **change)
     written, left_out = corrected(read_study(moving_study), tmp_path / "out", [own])
     assert written == []
-    assert left_out == named
+    assert len(left_out) == len(named)
+    assert all(map(re.match, named, left_out))
     assert read_study(tmp_path / "out").file.mend_plates == ()
 
 

@@ -151,9 +151,9 @@ def dead(values):
 @pytest.mark.parametrize(
     ("change", "code", "said"),
     [
-        (lambda values: None, 0, "calibration still valid by day2.c3d"),
-        (turned, 1, "calibration no longer valid by day2.c3d: plate 1: Fx left"),
-        (dead, 1, "dead, constant or in another unit: median rear_left 0 m/s²"),
+        (lambda values: None, 0, "still valid"),
+        (turned, 1, "plate 1: Fx left"),
+        (dead, 1, "rear_left 0 m/s²"),
     ],
 )
 def test_a_recording_of_another_day_says_whether_a_calibration_is_valid(

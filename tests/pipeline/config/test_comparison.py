@@ -1,5 +1,7 @@
 """What a study states of its comparison: read as a design, and every fault in one line."""
 
+import re
+
 import pytest
 
 from pipeline.config.comparison import study_design
@@ -89,19 +91,19 @@ def test_a_group_by_sex_is_no_covariate(tmp_path, written):
     [
         (
             'levels = ["baseline", "swya"]',
-            "comparison.levels: no condition 'swya', did you mean 'sway'?",
+            "comparison.levels: .*'swya', .*'sway'",
         ),
         (
             'levels = ["sway", "pitch"]\nreference = "baseline"',
-            "comparison.reference: 'baseline' is no level; there are sway, pitch",
+            "comparison.reference: 'baseline' .*sway, pitch",
         ),
         (
             'pairs = ["sway IC - nothing"]',
-            "comparison.pairs: 'sway IC - nothing': no cell 'nothing'; there are baseline no IC",
+            "comparison.pairs: .*'nothing'; .*baseline no IC",
         ),
         (
             'pairs = ["sway IC - sway no IC", "sway no IC - sway IC"]',
-            "'sway no IC - sway IC' is another pair turned round",
+            "'sway no IC - sway IC' .*turned round",
         ),
     ],
 )
@@ -110,7 +112,7 @@ def test_a_fault_of_the_comparison_is_one_line(written, stated, fault):
         read_study(written(stated))
     (line,) = found.value.faults
     assert line.startswith("study.toml: comparison")
-    assert fault in line
+    assert re.search(fault, line)
 
 
 def test_every_subject_without_a_group_is_named(written):

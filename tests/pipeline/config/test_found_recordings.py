@@ -407,19 +407,19 @@ def test_one_person_with_two_spellings_is_asked_for(named, capsys):
 @pytest.mark.parametrize(
     ("pattern", "message"),
     [
-        ("{person}_{condition}", "--pattern: no place 'person'; there are subject, condition"),
+        ("{person}_{condition}", "--pattern: .*'person'; .*subject, condition"),
         (
             "{condition}_{recording}",
-            "the folders P01, P02 are not in it; 'hbm init' without --pattern",
+            "P01, P02",
         ),
-        ("{subject}-{condition}", "no trial has such a name, as P01/slow_1.c3d; 'hbm init' with"),
+        ("{subject}-{condition}", "P01/slow_1.c3d"),
     ],
 )
 def test_a_pattern_that_does_not_fit_says_so_in_one_line(named, capsys, pattern, message):
     folder = named("P01/slow_1", "P02/slow_1")
     assert main(["init", str(folder), "--pattern", pattern]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
+    assert re.search(message, line)
     assert not list(folder.rglob("*.toml"))
 
 

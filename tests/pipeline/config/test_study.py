@@ -49,7 +49,7 @@ def test_a_study_is_read_from_its_folder_or_its_study_toml(write):
     ("stated", "said"),
     [
         ({"sex": "f"}, r"sex: .*'male', 'female'.*got 'f'"),
-        ({"mass": 83.0}, "mass: unknown key, did you mean 'mass_kg'"),
+        ({"mass": 83.0}, "mass: .*'mass_kg'"),
         ({"height_m": 185.0}, "height_m: .*2.6, got 185.0 .*metres"),
     ],
 )
@@ -111,9 +111,9 @@ def test_all_faults_of_all_files_are_reported_at_once(write):
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
-        ("plate_delay_s = 4.0", "(it is in seconds)"),
+        ("plate_delay_s = 4.0", "in seconds)"),
         ("cutoff_hz = nan", "finite"),
-        ("marker_set = 'hbm3'", "neither a file here nor one of hbm2"),
+        ("marker_set = 'hbm3'", "nor one of hbm2"),
     ],
 )
 def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
@@ -125,26 +125,25 @@ def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
 @pytest.mark.parametrize(
     ("typed", "message"),
     [
-        ('axes = "left,up,up"', "axes: axes 'left,up,up' are not right-handed"),
-        ('[treadmill]\ncalibration = "walk.c3d"', "treadmill: accelerometers: is missing"),
+        ('axes = "left,up,up"', "axes: .*'left,up,up'"),
+        ('[treadmill]\ncalibration = "walk.c3d"', "treadmill: accelerometers: "),
         (
             '[treadmill.accelerometers]\na = ["x", "y", "z"]\nb = ["u", "v", "x"]',
-            "treadmill.accelerometers: each channel belongs to one axis of one sensor, but x is",
+            "treadmill.accelerometers: .*but x is",
         ),
         (
             '[treadmill]\ncalibration = "a.c3d"\naccelerometers.a = ["x", "y", "z"]',
             "treadmill.calibration: no file 'a.c3d'",
         ),
-        ("[treadmill.platform]", "treadmill.platform: give its markers, or its sway_channel"),
+        ("[treadmill.platform]", "treadmill.platform: .*sway_channel"),
         (
             '[treadmill.platform]\nsway_channel = "S"\npivot_m = [0, 0, -300]',
-            "treadmill.platform.pivot_m.3: input should be greater than or equal to -2, got -300 "
-            "(it is in metres)",
+            "treadmill.platform.pivot_m.3: .*-2, got -300 .*metres",
         ),
     ],
 )
 def test_an_impossible_laboratory_is_refused(write, typed, message):
-    assert only_fault_of(write(f"{typed}\n{PLAIN}")).startswith(f"study.toml: {message}")
+    assert re.match(f"study.toml: {message}", only_fault_of(write(f"{typed}\n{PLAIN}")))
 
 
 @pytest.mark.parametrize("digits", [7, 23, 400])
@@ -157,14 +156,14 @@ def test_a_number_beyond_any_recording_is_refused(write, key, digits):
 @pytest.mark.parametrize(
     ("person", "message"),
     [
-        ('id = "s"\n[trials.walk]\n', "trials.walk: needs a file, or exclude ="),
+        ('id = "s"\n[trials.walk]\n', "trials.walk: .*exclude ="),
         ('static = "no.c3d"\n' + PERSON, "static: no file 'no.c3d'"),
-        (f"a = {'[' * 5000}", "not valid TOML: it is nested too deeply"),
-        (PERSON + 'window = "motion"', 'sub01 walk: window: window "motion" is a part of pert'),
+        (f"a = {'[' * 5000}", "TOML: .*nested"),
+        (PERSON + 'window = "motion"', "sub01 walk: window: "),
     ],
 )
 def test_an_impossible_subject_file_is_refused(write, person, message):
-    assert message in only_fault_of(write(sub01=person))
+    assert re.search(message, only_fault_of(write(sub01=person)))
 
 
 def test_what_a_person_writes_reaches_nobody_with_characters_that_steer_a_terminal(write):

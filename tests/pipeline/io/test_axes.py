@@ -50,8 +50,8 @@ def test_a_loaded_plate_shows_up_where_no_marker_is_known():
 @pytest.mark.parametrize(
     ("evidence", "complaint"),
     [
-        ({"plate_forces": [[0, 0, -400.0]]}, "-z is up by the load on plate 1, but not by"),
-        ({"plate_normals": [[0, 1.0, 0]]}, "but not by the surface of plate 1;"),
+        ({"plate_forces": [[0, 0, -400.0]]}, "-z is up .*plate 1, but"),
+        ({"plate_normals": [[0, 1.0, 0]]}, "surface of plate 1;"),
         ({"screen_up": "+Y"}, "but not by Y_SCREEN;"),
     ],
 )

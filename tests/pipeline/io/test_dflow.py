@@ -139,7 +139,7 @@ def test_a_record_of_another_time_is_refused(trial, tmp_path):
     [
         (lambda lines: [lines[0].replace(".PosY", ".PosQ", 1), *lines[1:]], "PosY is absent"),
         (lambda lines: [lines[0], *lines[5:9], *lines[1:4]], "FrameNumber 1, expected 9 in steps"),
-        (lambda lines: [lines[0], *lines[1::9]], "FrameNumber 10, expected 2 in steps of 1"),
+        (lambda lines: [lines[0], *lines[1::9]], "FrameNumber 10, expected 2 "),
     ],
 )
 def test_a_broken_mocap_file_is_refused_in_one_line(trial, tmp_path, edit, message):

@@ -61,7 +61,7 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
     ("write", "pairs", "message"),
     [
         (write_nexus, [("S01:", "S02:"), ("\n302,0,", "\n303,0,")], "increase"),
-        (write_nexus, [("N.mm", "lbf")], "unknown moment unit 'lbf'"),
+        (write_nexus, [("N.mm", "lbf")], "unit 'lbf'"),
         (write_nexus, [("Devices\n1000", "Devices\n900")], "do not"),
         (write_nexus, [("Trajectories", "Points")], "no Trajectories block"),
         (write_mox, [("</viewer_data>", "")], "broken or truncated"),

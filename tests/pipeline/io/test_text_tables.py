@@ -178,7 +178,7 @@ def test_forces_of_another_time_are_refused_with_both_files_and_ranges(plain, tm
     fields = (row.split("\t") for row in rows)
     later = ["\t".join([f"{float(t) + shift_s:.3f}", *others]) for t, *others in fields]
     path = written(tmp_path / "late.mot", [*head, *later])
-    seen = rf"^late\.mot: its times {shift_s:.2f}–.* do not overlap the 0\.00–0\.39 s of walk\.trc"
+    seen = rf"^late\.mot: {shift_s:.2f}–.*not overlap .*0\.00–0\.39 s of walk\.trc"
     with pytest.raises(ValueError, match=seen):
         read_recording(trc, forces=path)
 
@@ -397,8 +397,8 @@ def test_forces_on_the_plate_or_the_subject_begin_with_the_markers(
 @pytest.mark.parametrize(
     ("key", "value", "doubt"),
     [
-        ("NumberOfForcePlates=2", "3", "its header says NumberOfForcePlates 3, but it holds 2"),
-        ("SampleRate=1000.000000", "240", r"it lasts [\d.]+ s by its SampleRate, the markers"),
+        ("NumberOfForcePlates=2", "3", "NumberOfForcePlates 3, .* 2"),
+        ("SampleRate=1000.000000", "240", r"[\d.]+ s by its SampleRate"),
     ],
 )
 def test_a_wrong_header_of_forces_is_a_doubt(trial, plain, tmp_path, key, value, doubt):
@@ -451,7 +451,7 @@ def test_every_export_of_qualisys_holds_the_same_trial(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("in local (force plate)", "in some", "does not say in which axes"),
+        ("in local (force plate)", "in some", "which axes"),
         ("CORNER_POSX_POSY_X\t", "CORNER_POSX_POSY_X\t9", "states no rectangle"),
         ("Moment_Y", "Torque_Y", "Moment_Y is absent"),
     ],

@@ -110,33 +110,33 @@ def test_markers_that_are_often_missing_are_named(sway):
     [
         (
             lambda f: change(f, "sub01_sway", plates=lambda r: ()),
-            "sub01_sway.c3d: the file has no force plates",
+            "sub01_sway.c3d: .*no force plates",
         ),
         (
             lambda f: change(
                 f, "sub01_sway", analog=lambda r: lab.without_channels(r, "Acc1.X").analog
             ),
-            "sub01_sway.c3d: no analog channel 'Acc1.X'; present: Acc1.Y",
+            "sub01_sway.c3d: .*'Acc1.X'; .*Acc1.Y",
         ),
         (
             lambda f: change(f, "sub01_sway", markers=without_markers("PF1", "PF2")),
-            "sub01_sway.c3d: platform markers PF1, PF2 are not in the file",
+            "sub01_sway.c3d: platform markers PF1, PF2 ",
         ),
         (
             lambda f: change(f, "sub01_sway", markers=without_markers("LHEE")),
-            "sub01_sway.c3d: the left foot needs the landmark LHEE",
+            "sub01_sway.c3d: .*left foot .*LHEE",
         ),
         (
             lambda f: (f / "sub01_sway.c3d").write_bytes(b"no c3d"),
             "sub01_sway.c3d: not a C3D file",
         ),
-        (lambda f: shorten(f, "sub01_sway", 300), "sub01_sway.c3d: there are no foot strikes"),
+        (lambda f: shorten(f, "sub01_sway", 300), "sub01_sway.c3d: .*no foot strikes"),
     ],
 )
 def test_what_a_run_would_refuse_is_a_fault(sway, tmp_path, change_study, fault):
     change_study(sway)
     found = findings(sway)
-    assert any(line.startswith(fault) for line in found.faults), found.faults
+    assert any(re.match(fault, line) for line in found.faults), found.faults
     outcomes = list(run_study(read_study(sway), tmp_path / "out", conditions=["sway"]))
     assert [outcome.state for outcome in outcomes] == ["failed"]
 
@@ -151,17 +151,17 @@ VARIANT = "[variants.other]\n"
     [
         (IN_BASELINE, f"[settings]\ncutoff_hz = 50\n{IN_BASELINE}", "cut-off must lie between 0"),
         (IN_BASELINE, f"{VARIANT}cutoff_hz = 50.0\n{IN_BASELINE}", "variant other: cut-off must"),
-        (IN_BASELINE, f'{VARIANT}events = "file"\n{IN_BASELINE}', "there are no foot strikes"),
-        (IN_BASELINE, f'{VARIANT}marker_set = "pig"\n{IN_BASELINE}', "pelvis needs the landmarks"),
+        (IN_BASELINE, f'{VARIANT}events = "file"\n{IN_BASELINE}', "no foot strikes"),
+        (IN_BASELINE, f'{VARIANT}marker_set = "pig"\n{IN_BASELINE}', "pelvis needs"),
         (
             IN_BASELINE,
             f'[variants.other.treadmill.accelerometers]\nx = ["a", "b", "c"]\n{IN_BASELINE}',
-            "variant other: empty.c3d: no analog channel 'a'",
+            "variant other: empty.c3d: .*'a'",
         ),
-        (SWAY, 'pulse_channel = "Pitch"\n', "Pitch shows no perturbation"),
-        (SWAY, 'pulse_channel = "Puls"\n', "no analog channel 'Puls', did you mean 'Pulse'?"),
-        (SWAY, f"{SWAY}skip_s = 10.0\n", "none of the gait cycles is one that the condition"),
-        (SWAY, f"{SWAY}window = [0.0, 3.3]\n", "reaches into the next one at 9.7"),
+        (SWAY, 'pulse_channel = "Pitch"\n', "no perturbation"),
+        (SWAY, 'pulse_channel = "Puls"\n', "'Puls', .*'Pulse'"),
+        (SWAY, f"{SWAY}skip_s = 10.0\n", "none of the"),
+        (SWAY, f"{SWAY}window = [0.0, 3.3]\n", "next one at 9.7"),
         (SWAY, f"{SWAY}window = [0.0, 3.0]\n", "ends beyond all"),
     ],
 )
@@ -169,7 +169,7 @@ def test_what_settings_make_a_run_refuse_is_a_fault(sway, tmp_path, old, new, fa
     """The sway trial at 100 Hz has pulses at 6.5 and 9.7 s, none in pitch, and no gait events."""
     edit(sway / "study.toml", old, new)
     faults = findings(sway).faults
-    assert len([line for line in faults if fault in line]) == 1, faults
+    assert len([line for line in faults if re.search(fault, line)]) == 1, faults
     (outcome,) = run_study(read_study(sway), tmp_path / "out", conditions=["sway"])
     assert outcome.failure is not None or outcome.failed_variants
 
@@ -220,7 +220,7 @@ def test_a_recording_that_counts_twice_is_named_whatever_its_name(study, copy, w
     for condition, window in zip(("baseline", "pitch"), windows, strict=True):
         edit(study / "sub01.toml", f"[trials.{condition}]", f"[trials.{condition}]\n{window}")
     found = findings(study)
-    text = "sub01 baseline: the same recording as sub01 pitch; frames that several use count more"
+    text = "sub01 baseline: the same recording as sub01 pitch; "
     assert found.faults == []
     assert any(line.startswith(text) for line in found.remarks) == repeated
 

@@ -135,10 +135,10 @@ def test_a_condition_states_what_counts(walker, study, tmp_path, condition, span
 @pytest.mark.parametrize(
     ("condition", "fault"),
     [
-        ("cycles = 5", "there are no foot strikes"),
-        ("window = [2.0, 3.0]", "the span 2 to 3 s holds no frame"),
-        ('window = "step"', "there are no foot strikes"),
-        ('window = "stance"\n[settings]\nevents = "plates"', "there are no foot strikes"),
+        ("cycles = 5", "no foot strikes"),
+        ("window = [2.0, 3.0]", "2 to 3 s"),
+        ('window = "step"', "no foot strikes"),
+        ('window = "stance"\n[settings]\nevents = "plates"', "no foot strikes"),
     ],
 )
 def test_what_a_condition_wants_and_a_trial_has_not_is_a_fault(
@@ -236,8 +236,7 @@ def test_what_only_the_markers_events_suggest_is_a_warning(walker, study):
     condition = 'window = "stance"\n[settings]\nevents = "plates"'
     found = check_study(read_study(study(replace(hopping, plates=tuple(plates)), condition)))
     assert not found.faults
-    suggested = "by the markers' gait events, before a pose is solved: there are no foot strikes"
-    assert suggested in [remark.said for remark in found.remarks]
+    assert any(re.search("gait events.*no foot strikes", remark.said) for remark in found.remarks)
 
 
 @pytest.mark.parametrize("walks", [True, False])

@@ -144,7 +144,7 @@ def test_two_subjects_leave_sphericity_untested():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"between": {"sex": np.array(["male"] * 4)}}, "sex: the same for all"),
+        ({"between": {"sex": np.array(["male"] * 4)}}, "sex: the same"),
         ({"between": {"x": np.arange(4.0), "y": -np.arange(4.0)}}, "linearly dependent"),
         ({"between": {"id": np.array(list("abcd"))}}, "at least 5"),
     ],

@@ -132,8 +132,8 @@ def test_a_short_gap_of_the_platforms_pose_moves_neither_onset_nor_end(begin):
 @pytest.mark.parametrize(
     ("window", "changed", "message"),
     [
-        ("motion", {"platform": pose(0 * TIME)}, "0.1 m/s after none of the 3 perturbations"),
-        ((0.0, 1.2), {}, "after each perturbation ends beyond all 3 perturbed gait cycles"),
+        ("motion", {"platform": pose(0 * TIME)}, "0.1 m/s .* 3 perturbations"),
+        ((0.0, 1.2), {}, "beyond all 3 perturbed"),
     ],
 )
 def test_a_part_that_cannot_be_is_refused_in_one_line(window, changed, message):

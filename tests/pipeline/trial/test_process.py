@@ -45,9 +45,9 @@ def test_a_file_that_is_not_read_yet_is_named_with_what_reads_it(walker):
 @pytest.mark.parametrize(
     ("name", "remedy"),
     [
-        ("walk.c3d", "export it with its plates"),
-        ("walk.trc", "give its file of forces, MOT or .forces"),
-        ("walk.tsv", "put its files of forces, walk_f_1.tsv and so on, beside it"),
+        ("walk.c3d", "its plates"),
+        ("walk.trc", "MOT or .forces"),
+        ("walk.tsv", "walk_f_1.tsv "),
     ],
 )
 def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker, name, remedy):
@@ -59,7 +59,7 @@ def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker, name, rem
         plates=(),
         metadata=Metadata(),
     )
-    said = f"no shipped set; labels: P0, .*; residuals need .*{remedy}.*; the mass is missing too"
+    said = f"no shipped set; labels: P0, .*; residuals need .*{remedy}.*; mass is missing"
     with pytest.raises(ValueError, match=said):
         process_recording(bare, PERSON, Settings())
 

@@ -289,10 +289,10 @@ def test_labels_and_plates_that_cannot_be_read_are_refused_at_once_labels_first(
 @pytest.mark.parametrize(
     ("extra", "reason"),
     [
-        ({"TYPE": np.array([2, 5])}, "plates of TYPE 5 are not supported"),
-        ({"CORNERS": np.dstack([CORNERS.T, np.zeros((3, 4))])}, "corners do not span a surface"),
-        ({"ORIGIN": np.array([[0, np.nan], [0, 0], [-40, -40]])}, "ORIGIN holds something that is"),
-        ({"CHANNEL": np.column_stack([range(1, 7), range(8, 14)])}, "outside the file's 12 analo"),
+        ({"TYPE": np.array([2, 5])}, "TYPE 5"),
+        ({"CORNERS": np.dstack([CORNERS.T, np.zeros((3, 4))])}, "corners"),
+        ({"ORIGIN": np.array([[0, np.nan], [0, 0], [-40, -40]])}, "ORIGIN"),
+        ({"CHANNEL": np.column_stack([range(1, 7), range(8, 14)])}, "12 analo"),
     ],
 )
 def test_a_plate_that_is_not_described_is_left_out_and_the_other_kept(plate_file, extra, reason):

@@ -76,12 +76,12 @@ def test_without_offsets_or_scales_real_samples_are_in_their_units(raw_c3d, abse
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"absent": ("ANALOG:SCALE",), "scale": 0.1}, "ANALOG:SCALE has 0 values for 6 analog"),
-        ({"absent": ("ANALOG:SCALE", "ANALOG:UNITS")}, "ANALOG:SCALE has 0 values for 6 analog"),
-        ({"ANALOG": {"SCALE": np.ones(2)}}, "ANALOG:SCALE has 2 values for 6 analog channels"),
+        ({"absent": ("ANALOG:SCALE",), "scale": 0.1}, "ANALOG:SCALE has 0 .* 6 analog"),
+        ({"absent": ("ANALOG:SCALE", "ANALOG:UNITS")}, "ANALOG:SCALE has 0 .* 6 analog"),
+        ({"ANALOG": {"SCALE": np.ones(2)}}, "ANALOG:SCALE has 2 .* 6 analog"),
         (
             {"absent": ("ANALOG:OFFSET",), "scale": 0.1, "ANALOG": {"FORMAT": "UNSIGNED"}},
-            "ANALOG:OFFSET has 0 values for 6 analog channels, so that their size is unknown",
+            "ANALOG:OFFSET has 0 .* 6 analog",
         ),
     ],
 )

@@ -160,8 +160,8 @@ def test_loads_are_of_the_plates_own_clocks():
 @pytest.mark.parametrize(
     ("fitted_with", "used", "message"),
     [
-        ("lab.json", None, "to plates corrected by lab.json; name that file"),
-        ("lab.json", "new.json", "corrected by lab.json, not by this new.json; fit it again with"),
+        ("lab.json", None, "corrected by lab.json; name"),
+        ("lab.json", "new.json", "by lab.json, .*new.json; "),
     ],
 )
 def test_a_calibration_of_otherwise_corrected_plates_is_refused(empty, fitted_with, used, message):

@@ -59,12 +59,12 @@ def stepped_on(number, name):
 @pytest.mark.parametrize(
     ("recording", "message"),
     [
-        (lambda: stepped_on(1, "a.c3d"), r"a.c3d: somebody was on plate 1 .* \(\d+ N over 0.2 s"),
+        (lambda: stepped_on(1, "a.c3d"), r"a.c3d: .*plate 1 .* \(\d+ N over 0.2 s"),
         (
             lambda: beside(1, name="a.c3d", share=0.4),
-            r"somebody was on plate 1 for a part of the",
+            r"plate 1 for a part",
         ),
-        (lambda: beside(1, 2, name="a.c3d"), r"a.c3d: somebody was on every plate"),
+        (lambda: beside(1, 2, name="a.c3d"), r"a.c3d: .*every plate"),
     ],
 )
 def test_a_plate_that_is_empty_for_a_while_or_none_at_all_is_refused(empty, recording, message):

@@ -159,14 +159,14 @@ def in_volts(recording):
         (
             lambda r: lab.without_channels(r, "A2Z"),
             ON_MARKERS,
-            "no analog channel 'A2Z'; present: Acc1.X",
+            "'A2Z'; .*Acc1.X",
         ),
-        (in_volts, ON_MARKERS, "channel 'Acc1.X': unknown acceleration unit 'V', expected g"),
-        (lambda r: r, Platform(markers=("PF1", "PF2", "PF9")), "platform markers PF9 are not in"),
+        (in_volts, ON_MARKERS, "'Acc1.X': .*unit 'V', expected g"),
+        (lambda r: r, Platform(markers=("PF1", "PF2", "PF9")), "markers PF9 are"),
         (
             lambda r: replace(r, plates=(replace(r.plates[0], number=3),)),
             ON_MARKERS,
-            "the calibration has no plate 3; it has plate 1, plate 2",
+            "no plate 3; .*plate 1, plate 2",
         ),
     ],
 )
