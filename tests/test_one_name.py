@@ -1,4 +1,4 @@
-"""``import hbm_residuals as hr``: all that scripts call, under a name that nobody else has."""
+"""``import hbm_residuals as hr`` gives all that scripts call, under a name that nobody else has."""
 
 import os
 import pydoc

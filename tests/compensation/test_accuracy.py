@@ -1,4 +1,4 @@
-"""Accuracy of plates under known weights, against independent computations."""
+"""Errors of plates under known weights are found as independent computations find them."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The pitch moment of accelerating belts: known models are found, real recordings predicted."""
+"""The pitch moment of accelerating belts is found where it is known and predicted in recordings."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The delay of plates behind markers, from the force that the body's motion needs."""
+"""The delay of plates behind markers is found from the force that the body's motion needs."""
 
 import numpy as np
 import pytest

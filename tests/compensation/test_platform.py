@@ -1,4 +1,4 @@
-"""The platform's pose from markers and commands, and wrenches and pressures that ride on it."""
+"""The platform's pose is that of its markers or commands, and wrenches and pressures ride on it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Signals for the machine: as the thesis describes them, repeatable, and within its limits."""
+"""Signals for the machine are those of the thesis, repeatable, and within its limits."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The body: its parts, and what must not change it."""
+"""A body has the parts of its calibration pose, and nothing else changes it."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The equations of motion: closed loops, invariances, independent implementations."""
+"""The equations of motion hold for closed loops and invariances, as independent ones have them."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics: the optimum, whatever the start, the gaps and the threads."""
+"""Inverse kinematics finds the optimum, whatever the start, the gaps and the threads."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Marker sets as tables, and which one the labels of a recording belong to."""
+"""Marker sets are tables, and the one that the labels of a recording belong to is recognised."""
 
 import numpy as np
 import pytest

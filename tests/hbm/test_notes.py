@@ -1,4 +1,4 @@
-"""Notes: a code, and a sentence made of values; warnings and rows of provenance."""
+"""A note is a code and values, and its sentence states these with their units."""
 
 import json
 import pickle

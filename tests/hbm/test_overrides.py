@@ -1,4 +1,4 @@
-"""Overrides of single segments: stated values are used, and the total mass stays the same."""
+"""Stated values of single segments are used, and the total mass stays the same."""
 
 import numpy as np
 import pytest

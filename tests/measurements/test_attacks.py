@@ -1,4 +1,4 @@
-"""The campaign can fail: each kind of outcome is recognised where it is planted."""
+"""The campaign of attacks recognises each kind of outcome where it is planted."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The campaign on static and dynamic models: its demands, and one laboratory."""
+"""The demands on static and dynamic models can fail, and a third sensor helps."""
 
 import numpy as np
 import pandas as pd

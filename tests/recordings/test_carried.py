@@ -1,4 +1,4 @@
-"""What counts in real recordings: frames in which the plates carry the subject.
+"""What counts in real recordings are the frames in which the plates carry the subject.
 
 Treadmill walking is recorded on both plates throughout, so what a plate that misses steps hides of
 it is known: wherever frames count, the residual has to be that of the whole recording.

@@ -1,4 +1,4 @@
-"""What is doubted about real recordings, and what is not."""
+"""What is wrong with real recordings is doubted, and nothing else is."""
 
 from dataclasses import replace
 

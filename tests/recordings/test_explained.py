@@ -1,4 +1,4 @@
-"""What residuals of recordings are made of: halves predict each other, known causes are found."""
+"""Causes of real residuals predict the other half of a recording, and known ones are found."""
 
 from functools import cache
 

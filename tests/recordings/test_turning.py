@@ -1,4 +1,4 @@
-"""Walks that turn: their axes are those of the static recording of the laboratory."""
+"""Walks that turn have the axes of the laboratory's static recording."""
 
 import pytest
 

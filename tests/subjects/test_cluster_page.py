@@ -1,4 +1,4 @@
-"""The commands of docs/cluster.md, as printed, with a stand-in for SLURM that has two nodes."""
+"""The commands of docs/cluster.md run as printed, on a stand-in for SLURM with two nodes."""
 
 import os
 import re

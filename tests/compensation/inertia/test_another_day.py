@@ -1,4 +1,4 @@
-"""A calibration against an empty recording of another day, with one thing changed at a time."""
+"""A calibration is held against an empty recording of another day, and a wrong one is told."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Compensation of pitch and sway against rigid-body mechanics (conftest derives them)."""
+"""A fitted model takes away what a rigid platform's pitch and sway add to the plates."""
 
 import numpy as np
 import pytest

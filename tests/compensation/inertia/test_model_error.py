@@ -1,4 +1,4 @@
-"""What a model is expected to leave, by how the platform moves, against known left-overs."""
+"""The error that a model expects of itself is as large as what it truly leaves."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Functional hip centres: star and arc movements of a body whose hips are known."""
+"""Star and arc movements show the hips of a body whose hips are known."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Joint centres and axes: rules and replacements computed by hand, and errors."""
+"""Joint centres and axes follow the published rules, and a landmark that is missing is named."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Landmarks that not every set has: alignment devices, other spine levels, heads without a top."""
+"""Other devices, spine levels and heads without a top give the same joints and frames."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Where the trunk's parts end, against de Leva's table and bodies of known proportions."""
+"""The trunk's parts end where de Leva's table and bodies of known proportions have them."""
 
 import csv
 from importlib.resources import files

@@ -1,4 +1,4 @@
-"""Compiled kernels and casadi's virtual machine: the same numbers, one in place of the other."""
+"""Compiled kernels and casadi's virtual machine give the same numbers, and replace each other."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""The low-pass: exact -3 dB, derivatives, gaps; sample by sample as over whole recordings."""
+"""The low-pass is exact at its cut-off, keeps gaps, and gives the same sample by sample."""
 
 from typing import get_args
 

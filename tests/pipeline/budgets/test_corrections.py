@@ -1,4 +1,4 @@
-"""A study corrected by its explanation: settings change, recordings do not, and residuals fall."""
+"""A corrected study has other settings and the same recordings, and its residuals fall."""
 
 import hashlib
 import re

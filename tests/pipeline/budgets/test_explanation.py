@@ -1,4 +1,4 @@
-"""What a trial's residuals are made of, as lines, as a table and as a file."""
+"""What a trial's residuals are made of is the same as lines, as a table and as a file."""
 
 import tomllib
 from dataclasses import replace

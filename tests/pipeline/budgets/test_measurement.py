@@ -1,4 +1,4 @@
-"""Errors of measurement of a study, from the explanations of its trials."""
+"""Errors of measurement of a study follow from the explanations of its trials."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A study's explanations: resumable, one trial's failure is its own."""
+"""Explanations of a study are taken up again where they stopped, and one failure stops no other."""
 
 import gzip
 import re

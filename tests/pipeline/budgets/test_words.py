@@ -1,4 +1,4 @@
-"""Causes in words."""
+"""A cause is said with its size, its unit and what to do, and only where it is sure."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Experiment 2: the ranking is right where the truth is known, and certain only with reason."""
+"""The ranking of experiment 2 is right where the truth is known, and certain only with reason."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The command line: what it loads, its exit codes, and its one line for every mistake."""
+"""The command line loads little, has an exit code for every end, and one line for every mistake."""
 
 import re
 import subprocess

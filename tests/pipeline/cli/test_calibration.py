@@ -1,4 +1,4 @@
-"""hbm calibration fit and check: sensors at fault, channels of any name, another day."""
+"""``hbm calibration`` names sensors at fault, takes any channel names, and judges another day."""
 
 import json
 import shutil

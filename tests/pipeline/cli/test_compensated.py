@@ -1,4 +1,4 @@
-"""Compensated C3D files on the command line: what is written, printed, and refused in one line."""
+"""Compensated C3D files are written, listed, or refused in one line."""
 
 import re
 

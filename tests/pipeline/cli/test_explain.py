@@ -1,4 +1,4 @@
-"""What residuals are made of, on the command line."""
+"""``hbm explain`` prints and stores what residuals are made of."""
 
 import json
 import re

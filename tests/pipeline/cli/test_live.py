@@ -1,4 +1,4 @@
-"""``hbm live``: a replayed recording gives its residuals, a recording and a summary."""
+"""``hbm live`` gives the residuals of a replayed recording, a recording and a summary."""
 
 import re
 import signal

@@ -1,4 +1,4 @@
-"""What is printed: --json is one object, --quiet nothing, --verbose all; options by subject."""
+"""``--json`` prints one object, ``--quiet`` nothing and ``--verbose`` all."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``hbm FILE``: what a file or folder is, and what can be done with it."""
+"""``hbm FILE`` says what a file or folder is, and what can be done with it."""
 
 import json
 import re

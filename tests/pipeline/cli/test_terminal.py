@@ -1,4 +1,4 @@
-"""What is printed: printable text, tables of any width, the progress of long work."""
+"""What is printed fits a terminal of any width, loses no number, and shows how far work is."""
 
 import pytest
 from rich.table import Table

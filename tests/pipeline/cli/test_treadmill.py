@@ -1,4 +1,4 @@
-"""From a recording of the empty treadmill to compensated residuals, on the command line alone."""
+"""The command line alone leads from the empty treadmill to compensated residuals."""
 
 from dataclasses import replace
 

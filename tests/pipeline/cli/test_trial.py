@@ -1,4 +1,4 @@
-"""A trial on the command line, end to end: what is printed and what is left on disk agree."""
+"""What is printed of a trial and what is left on disk agree."""
 
 import re
 from pathlib import Path

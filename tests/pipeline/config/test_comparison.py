@@ -1,4 +1,4 @@
-"""What a study states of its comparison: read as a design, and every fault in one line."""
+"""What a study states of its comparison is read as a design, and every fault is one line."""
 
 import re
 

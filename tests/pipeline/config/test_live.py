@@ -1,4 +1,4 @@
-"""What a study states of live streams."""
+"""What a study states of live streams is what a session uses, and its faults are named."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Study files: what a person types, and everything that can be wrong with it, reported at once."""
+"""Everything that can be wrong with the files of a study is reported at once, with its place."""
 
 import re
 

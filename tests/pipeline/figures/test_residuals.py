@@ -1,4 +1,4 @@
-"""The figure of one trial: forces on the feet, events and residuals over time."""
+"""The figure of a trial shows forces on the feet, events and residuals over time."""
 
 from dataclasses import replace
 

@@ -1,3 +1,5 @@
+"""The axes of a laboratory are inferred from its markers, or asked for where these do not tell."""
+
 from itertools import permutations, product
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""A D-Flow file is read on its frames, with what lacks as gaps and what contradicts refused."""
+
 import re
 
 import numpy as np

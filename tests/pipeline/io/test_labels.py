@@ -1,4 +1,4 @@
-"""Labels in every format: prefixes, labels that occur twice, exchanges; codes of gaps."""
+"""Labels with prefixes, that occur twice or are exchanged are settled alike in every format."""
 
 import re
 import shlex

@@ -1,3 +1,5 @@
+"""Exports of Nexus and MOX are read as their recordings, and what lacks is named."""
+
 import re
 
 import numpy as np

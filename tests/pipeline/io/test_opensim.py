@@ -1,3 +1,5 @@
+"""Forces of OpenSim's tables act where and as they are written, under every usual name."""
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings

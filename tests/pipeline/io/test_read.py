@@ -1,3 +1,5 @@
+"""The same trial in each format is the same recording, and other content is refused."""
+
 from dataclasses import replace
 from pathlib import Path
 

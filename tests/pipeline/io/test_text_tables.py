@@ -1,4 +1,4 @@
-"""TRC, MOT, .forces and Qualisys files as people have them: read alike, or refused in one line."""
+"""Text tables as people have them are read alike, or refused in one line."""
 
 import re
 from dataclasses import replace

@@ -1,3 +1,5 @@
+"""A TRC file gives markers in metres and axes of the lab, or one line that says what is wrong."""
+
 import re
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, whatever stops the writing."""
+"""Files are written whole or not at all, whatever stops the writing."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Clocks that senders set: a stream's time goes on, and its frames are processed."""
+"""After a sender set its clock its stream's time goes on, and its frames are processed."""
 
 from dataclasses import replace
 

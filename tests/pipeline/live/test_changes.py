@@ -1,4 +1,4 @@
-"""A sender that comes back: what numbers depend on is compared, and what differs is named."""
+"""A sender that comes back is compared by what numbers depend on, and what differs is named."""
 
 import re
 from dataclasses import replace

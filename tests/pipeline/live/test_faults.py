@@ -1,4 +1,4 @@
-"""Late, lost, doubled and reordered samples, streams that go away: counted, shown, survived."""
+"""Samples that are late, lost, doubled or reordered are counted, shown and survived."""
 
 import tracemalloc
 

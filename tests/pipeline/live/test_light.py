@@ -1,4 +1,4 @@
-"""One light: good, look or stop, with what is wrong and what to do."""
+"""One light says good, look or stop, with what is wrong and what to do."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Lab Streaming Layer on the loopback: what is sent arrives, described, on one clock."""
+"""What is sent by Lab Streaming Layer arrives, described, on one clock."""
 
 import itertools
 import os

@@ -1,4 +1,4 @@
-"""Places of plates: as streams state them now, else as the static recording has them."""
+"""Plates lie where streams state them now, else where the static recording has them."""
 
 from contextlib import closing
 from dataclasses import replace

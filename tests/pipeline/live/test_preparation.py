@@ -1,4 +1,4 @@
-"""What is stated about a session, before its first sample."""
+"""A session knows before its first sample who walks, with which body, on which platform."""
 
 from dataclasses import replace
 

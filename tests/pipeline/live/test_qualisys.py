@@ -1,4 +1,4 @@
-"""Qualisys Track Manager, by a server that speaks its protocol, or does not, on the loopback."""
+"""A server that speaks Qualisys' protocol is received, and one that does not is told apart."""
 
 import socket
 import struct

@@ -1,4 +1,4 @@
-"""Recordings of experiment 1 in any format: what is read, and what is refused in one line."""
+"""Recordings of experiment 1 are read in any format, or refused in one line."""
 
 import re
 import shutil

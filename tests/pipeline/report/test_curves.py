@@ -1,4 +1,4 @@
-"""Curves of a study: every recording enters, and groups are compared."""
+"""Every recording of a study enters its curves, and groups are compared."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Figures of a study: the lines show the data, and every axis is labelled."""
+"""The lines of a study's figures show the data, and every axis is labelled."""
 
 import re
 from functools import partial

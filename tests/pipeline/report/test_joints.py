@@ -1,4 +1,4 @@
-"""Joints in a study: what compensation changes, and what every column of every table means."""
+"""Compensation changes joints as the tables say, and every column of every table has a meaning."""
 
 import csv
 import re

@@ -1,4 +1,4 @@
-"""The laboratory's page: numbers of the calibration, days of checks, parts of several commands."""
+"""The laboratory's page has the numbers of the calibration, of checks, and of several commands."""
 
 import os
 import re

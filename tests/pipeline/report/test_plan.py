@@ -1,4 +1,4 @@
-"""The plan: subjects needed, for every residual and condition, or one line."""
+"""The plan states the subjects needed for every residual and condition, or is one line."""
 
 import re
 

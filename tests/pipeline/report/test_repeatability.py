@@ -1,4 +1,4 @@
-"""How well residuals repeat, on the page."""
+"""The page states how well residuals repeat, in every condition."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""The report: all result files, a self-contained page, and every trial accounted for."""
+"""The report has all result files, is a self-contained page, and accounts for every trial."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The page of a trial: the numbers of its table, its warnings with their channels, in a browser."""
+"""The page of a trial shows the numbers of its table and its warnings with their channels."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A study of which one condition counts a part of its gait cycles, and every table says so."""
+"""Where one condition counts a part of its gait cycles, every table says so."""
 
 from dataclasses import replace
 

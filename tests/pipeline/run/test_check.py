@@ -1,4 +1,4 @@
-"""``hbm check``: what a run will use, leave out or refuse, known before it."""
+"""``hbm check`` says before a run what it will use, leave out or refuse."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""A run that is interrupted, started twice, out of disk space or without permission."""
+"""A run that is interrupted, started twice or without disk space leaves nothing half-written."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""A study's trials together: the same numbers as in the trials, none lost, none twice."""
+"""A study's trials together have the same numbers as alone, none lost and none twice."""
 
 import shutil
 

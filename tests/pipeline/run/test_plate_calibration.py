@@ -1,4 +1,4 @@
-"""A study that names the calibration of its plates: checked before, applied, named in results."""
+"""A study's calibration of its plates is checked before, applied, and named in results."""
 
 import json
 import re

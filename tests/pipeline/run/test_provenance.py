@@ -1,4 +1,4 @@
-"""What became of every trial, and where the numbers come from."""
+"""Every trial has a state and a reason, and results say where their numbers come from."""
 
 import hashlib
 import json

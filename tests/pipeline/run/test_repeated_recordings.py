@@ -1,4 +1,4 @@
-"""A study as laboratories run them: three recordings per condition, two sessions, some missing."""
+"""Several recordings per condition and session, some missing, all enter a study's results."""
 
 import json
 import re

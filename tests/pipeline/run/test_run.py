@@ -1,4 +1,4 @@
-"""Running a study: every trial once, nothing redone or lost, a failure stops no other trial."""
+"""A run does every trial once, redoes and loses nothing, and a failure stops no other trial."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""A stored trial: written whole or not at all, and read back as it was."""
+"""A stored trial is written whole or not at all, and read back as it was."""
 
 import errno
 from dataclasses import fields, replace

@@ -1,4 +1,4 @@
-"""Variants of processing: each is a study of its own, and what they share is computed once."""
+"""Each variant of processing is a study of its own, and what they share is computed once."""
 
 import re
 import shutil

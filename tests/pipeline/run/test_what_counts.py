@@ -1,4 +1,4 @@
-"""Studies of standing, of short trials, of stated spans and contacts; check and run agree."""
+"""Check and run agree on what counts in standing, short trials, stated spans and contacts."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Factorial analysis of variance and marginal means against R's car and emmeans."""
+"""Factorial analysis of variance and marginal means are those of R's car and emmeans."""
 
 import numpy as np
 import pandas as pd

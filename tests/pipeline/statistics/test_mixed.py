@@ -1,4 +1,4 @@
-"""Mixed models: numbers of lme4 and pbkrtest, the paired t-test, true differences, one model."""
+"""Mixed models give the numbers of lme4 and pbkrtest, and find true differences."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The repeated-measures general linear model against R, SPSS, pingouin and its invariances."""
+"""The repeated-measures general linear model is that of R, SPSS and pingouin."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""Whether residuals exceed baseline by at most the margin, are above it, or neither is shown."""
+"""A verdict says whether residuals are within the margin, above it, or neither is shown."""
 
 import re
 

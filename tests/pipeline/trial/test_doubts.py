@@ -1,4 +1,4 @@
-"""Recordings with one fault each: processed, and doubted by name."""
+"""A recording with one fault is processed, and doubted by name."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What counts in a perturbed trial: whole cycles, the platform's motion, or a stated part."""
+"""In a perturbed trial whole cycles count, the platform's motion, or a stated part."""
 
 import re
 from dataclasses import replace

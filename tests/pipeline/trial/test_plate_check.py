@@ -1,4 +1,4 @@
-"""Plates that are not zero when nobody is on them, and samples that are lost."""
+"""Plates that are not zero when nobody is on them are named, and so are samples that are lost."""
 
 from dataclasses import replace
 

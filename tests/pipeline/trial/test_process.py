@@ -1,4 +1,4 @@
-"""One trial of a study from files to residuals: compensation, gait cycles, notes."""
+"""One trial of a study is processed from files to residuals, with notes of what was done."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A subject's body as stated in files: functional hips, segments, clinical angles."""
+"""A subject's body is as its files state, with functional hips, segments and clinical angles."""
 
 import shutil
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Body mass: as stated, weighed where the subject stands still, or from the file."""
+"""Body mass is as stated, else weighed where the subject stands still, else from the file."""
 
 import numpy as np
 import pytest

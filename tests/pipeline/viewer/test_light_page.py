@@ -1,4 +1,4 @@
-"""The page with the light for a phone or a wall, in a browser, while a walk is replayed."""
+"""The page with the light shows on a phone and a wall how a replayed walk goes."""
 
 import json
 import time

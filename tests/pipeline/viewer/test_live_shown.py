@@ -1,4 +1,4 @@
-"""A live view as it is shown, and what happens where its viewer is stopped, killed or missing."""
+"""A live view survives a viewer that is stopped, killed or missing."""
 
 import re
 import signal

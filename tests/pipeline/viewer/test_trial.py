@@ -1,4 +1,4 @@
-"""What is in a recording for the viewer, read back from the file."""
+"""A recording for the viewer, read back from its file, holds the trial."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""What a compensation may leave, against compensations that are wrong by a known amount."""
+"""What a compensation may leave is what one that is wrong by a known amount leaves."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Counts of a C3D file that contradict each other: its size decides, or it is refused."""
+"""Where counts of a C3D file contradict each other its size decides, or it is refused."""
 
 import numpy as np
 import pytest

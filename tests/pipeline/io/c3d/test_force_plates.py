@@ -1,3 +1,5 @@
+"""Plates of every type give the wrench that acts on them, and what cannot be read is named."""
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

@@ -1,4 +1,4 @@
-"""ezc3d reads the same content, or every difference is named; it may crash or be absent."""
+"""A second reader reads the same content, or every difference is named; it may crash."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Files that are a little wrong: what is unambiguous is read with a note, the rest refused."""
+"""What is unambiguous in a slightly wrong file is read with a note, and the rest is refused."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Which foot stood on a plate: sums are exact, steps may cross, uncertain frames are flagged."""
+"""The foot on a plate is found where steps cross, sums are exact, and doubt is flagged."""
 
 from types import SimpleNamespace
 

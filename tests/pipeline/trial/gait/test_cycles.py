@@ -1,4 +1,4 @@
-"""Gait events and cycles: of sines with known events, of plates, and of a real trial."""
+"""Gait cycles follow the events of sines, of plates and of a real trial that are known."""
 
 import numpy as np
 import pytest

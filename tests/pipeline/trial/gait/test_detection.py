@@ -1,4 +1,4 @@
-"""One set of gait events per trial: the method that is wanted, and a note that names it."""
+"""A trial has one set of gait events, by the method that is wanted, and a note names it."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A calibration of the plates, from a recording of the empty treadmill or from its file."""
+"""A calibration is the same from the empty treadmill's recording and from its file."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""A treadmill whose belt assemblies yield on their load cells: its calibration and its trials.
+"""A treadmill whose belts yield on their load cells is calibrated and compensated dynamically.
 
 The rigid laboratory of `tests.pipeline.lab`, whose plates see the assemblies' forces through one
 undamped mode of 25 Hz. A person's forces are not on these plates, so that all of it is artefact.

@@ -1,4 +1,4 @@
-"""People beside a plate that stays empty: which plates are fitted to such recordings."""
+"""Of recordings of people beside a plate, those in which it is empty are fitted to it."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Plates and commands against the platform's markers, by the platform's own motion."""
+"""Delays of plates and commands behind the platform's markers are found by its own motion."""
 
 from dataclasses import replace
 

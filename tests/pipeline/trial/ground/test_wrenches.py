@@ -1,4 +1,4 @@
-"""Wrenches of the plates on a moving platform: compensated, then brought to the lab."""
+"""Plates on a moving platform are compensated first and then brought to the lab."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The belt's drive obeys mechanics: momentum, energy, friction, unbalance; and its limits."""
+"""The belt's drive obeys mechanics and its limits."""
 
 from dataclasses import fields, replace
 

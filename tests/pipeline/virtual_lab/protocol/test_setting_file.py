@@ -1,4 +1,4 @@
-"""The setting of a virtual laboratory in TOML: everything can be stated, and has an effect."""
+"""Everything of a virtual laboratory can be stated in TOML, and has an effect."""
 
 import pickle
 
