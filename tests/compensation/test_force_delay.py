@@ -118,11 +118,7 @@ def test_a_force_of_which_motion_explains_little_shows_no_delay(seed, noise_n):
 @pytest.mark.parametrize(
     ("plate", "motion", "message"),
     [
-        (
-            walking_force(time),
-            np.full((1500, 3), np.nan),
-            "0.33 s of .* got 0 s",
-        ),
+        (walking_force(time), np.full((1500, 3), np.nan), "0.33 s of .* got 0 s"),
         (np.full((1500, 3), 500.0), np.full((1500, 3), 500.0), "changes too little"),
         (plates_later_by(0.3), walking_force(time), "nowhere within ±150 ms"),
     ],

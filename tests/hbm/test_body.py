@@ -254,10 +254,7 @@ def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (
-            {"mass": 74600},
-            "10 and 400 kg, got 74600; .*grams",
-        ),
+        ({"mass": 74600}, "10 and 400 kg, got 74600; .*grams"),
         ({"height_m": 178}, "stature .*0.5 and 2.6 m, got 178"),
         ({"marker_set": "hbm3"}, "'hbm3'; .*hbm2_lower, hbm2, hbm1_lower, hbm1"),
     ],

@@ -232,10 +232,7 @@ def test_an_arm_is_found_without_the_other_acromion():
 @pytest.mark.parametrize(
     ("missing", "message"),
     [
-        (
-            ("LASIS", "LPSIS"),
-            "pelvis .*LASIS .*ASIS .*PSIS",
-        ),
+        (("LASIS", "LPSIS"), "pelvis .*LASIS .*ASIS .*PSIS"),
         (("LLEK",), "left knee .*LLEK .*knee_width_m"),
         (("RMT2",), "right foot .*RTOE .*RMT2"),
     ],

@@ -88,15 +88,9 @@ def test_corrections_are_settings_of_a_study_with_the_same_recordings(moving_stu
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (
-            {"held_out": -0.1},
-            ["plate 1: .*5.0 ± 1.0 %: .*other trials"],
-        ),  # does not hold elsewhere
+        ({"held_out": -0.1}, ["plate 1: .*5.0 ± 1.0 %: .*other trials"]),  # does not hold elsewhere
         ({"deviation": 0.6}, []),  # may be nothing
-        (
-            {"left": 0.98},
-            ["plate 1: .*5.0 ± 1.0 %: .*by 3 %"],
-        ),  # hardly matters
+        ({"left": 0.98}, ["plate 1: .*5.0 ± 1.0 %: .*by 3 %"]),  # hardly matters
     ],
 )
 def test_what_is_uncertain_or_does_not_hold_elsewhere_is_not_written(

@@ -26,11 +26,7 @@ def test_a_walk_is_explained_and_the_budget_stored(walker, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [
-        (["gone.c3d"], "gone.c3d"),
-        (["result.parquet"], "only the recording"),
-        (["."], "no results"),
-    ],
+    [(["gone.c3d"], "gone.c3d"), (["result.parquet"], "only the recording"), (["."], "no results")],
 )
 def test_what_cannot_be_explained_gives_one_line(tmp_path, monkeypatch, capsys, arguments, words):
     monkeypatch.chdir(tmp_path)

@@ -89,18 +89,12 @@ def test_a_group_by_sex_is_no_covariate(tmp_path, written):
 @pytest.mark.parametrize(
     ("stated", "fault"),
     [
-        (
-            'levels = ["baseline", "swya"]',
-            "comparison.levels: .*'swya', .*'sway'",
-        ),
+        ('levels = ["baseline", "swya"]', "comparison.levels: .*'swya', .*'sway'"),
         (
             'levels = ["sway", "pitch"]\nreference = "baseline"',
             "comparison.reference: 'baseline' .*sway, pitch",
         ),
-        (
-            'pairs = ["sway IC - nothing"]',
-            "comparison.pairs: .*'nothing'; .*baseline no IC",
-        ),
+        ('pairs = ["sway IC - nothing"]', "comparison.pairs: .*'nothing'; .*baseline no IC"),
         (
             'pairs = ["sway IC - sway no IC", "sway no IC - sway IC"]',
             "'sway no IC - sway IC' .*turned round",

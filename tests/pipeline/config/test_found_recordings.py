@@ -408,10 +408,7 @@ def test_one_person_with_two_spellings_is_asked_for(named, capsys):
     ("pattern", "message"),
     [
         ("{person}_{condition}", "--pattern: .*'person'; .*subject, condition"),
-        (
-            "{condition}_{recording}",
-            "P01, P02",
-        ),
+        ("{condition}_{recording}", "P01, P02"),
         ("{subject}-{condition}", "P01/slow_1.c3d"),
     ],
 )

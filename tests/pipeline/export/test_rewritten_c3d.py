@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.export.compensated_c3d import _file_plates, check_rewritten, rewrite_plates
+from pipeline.export.compensated_c3d import check_rewritten, rewrite_plates
 from pipeline.io.c3d.data import analog_scaling, read_header, read_samples
 from pipeline.io.c3d.force_plates import plate_layouts
 from pipeline.io.c3d.parameters import (
@@ -99,7 +99,11 @@ def assert_read_back(original, written, changes):
     header = read_header(original)
     _, scale, _ = analog_scaling(header)
     for plate, before, after, change in zip(
-        _file_plates(header), plates_of(original), plates_of(written), changes, strict=True
+        plate_layouts(header, Stated())[0],
+        plates_of(original),
+        plates_of(written),
+        changes,
+        strict=True,
     ):
         wanted = before + change
         error = np.abs(after - wanted)
@@ -302,14 +306,14 @@ def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
     section = content[start : header.data_start]
     section = with_values(section, "intel", "FORCE_PLATFORM", "TYPE", np.array([5, 2]))
     original.write_bytes(content[:start] + section + content[header.data_start :])
-    (layout,) = _file_plates(read_header(original))
+    (layout,) = plate_layouts(read_header(original), Stated())[0]
     assert layout.number == 2
     corners = (layout.corners - layout.corners.mean(axis=0)) @ layout.rotation + [0, 0, 0.05]
 
     changes = changes_of(original)
     target = tmp_path / "written" / original.name
     rewrite_plates(original, target, changes, DONE, [corners])
-    (moved,) = _file_plates(read_header(target))
+    (moved,) = plate_layouts(read_header(target), Stated())[0]
     np.testing.assert_allclose(
         moved.corners, layout.corners + 0.05 * layout.rotation[:, 2], atol=1e-7
     )
@@ -329,12 +333,12 @@ def test_corners_in_another_unit_are_moved_in_it(tmp_path):
     section = content[start : header.data_start]
     section = with_values(section, "intel", "FORCE_PLATFORM", "CORNERS", numbers)
     original.write_bytes(content[:start] + section + content[header.data_start :])
-    (plate,) = _file_plates(read_header(original), position=above)
+    (plate,) = plate_layouts(read_header(original), Stated(), above)[0]
     np.testing.assert_allclose(np.ptp(plate.corners, axis=0), [0.6, 0.4, 0], atol=1e-7)
     corners = (plate.corners - plate.corners.mean(axis=0)) @ plate.rotation + [0, 0, 0.05]
     target = tmp_path / "written" / original.name
     rewrite_plates(original, target, changes_of(original), DONE, [corners], position=above)
-    (moved,) = _file_plates(read_header(target), position=above)
+    (moved,) = plate_layouts(read_header(target), Stated(), above)[0]
     np.testing.assert_allclose(
         moved.corners, plate.corners + 0.05 * plate.rotation[:, 2], atol=1e-7
     )

@@ -270,10 +270,7 @@ def test_a_stature_that_the_legs_contradict_is_a_warning_before_a_run_and_in_it(
     edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nheight_m = 1.2')
     (before,) = [n for n in findings(sway).notes["sub01_sway.c3d"] if n.code == "stature_differs"]
     assert before in process_trial(read_study(sway), "sub01", "sway").notes
-    assert before.values == {
-        "height_m": 1.2,
-        "by_legs_m": pytest.approx(1.77, abs=0.005),
-    }
+    assert before.values == {"height_m": 1.2, "by_legs_m": pytest.approx(1.77, abs=0.005)}
 
 
 needs_ezc3d = pytest.mark.skipif(not installed(), reason="no ezc3d wheel for this system")

@@ -103,10 +103,7 @@ def test_adding_a_constant_to_one_level_moves_only_its_marginal_mean(plates):
     ("change", "message"),
     [
         (lambda t: t[t["position"] == "back"], "'position' has one"),
-        (
-            lambda t: t.assign(position=t["speed_m_s"].map("at {} m/s".format)),
-            "never measured",
-        ),
+        (lambda t: t.assign(position=t["speed_m_s"].map("at {} m/s".format)), "never measured"),
         (lambda t: t.assign(rmse=t["speed_m_s"]), "no error"),
     ],
 )

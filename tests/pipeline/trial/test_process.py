@@ -44,11 +44,7 @@ def test_a_file_that_is_not_read_yet_is_named_with_what_reads_it(walker):
 
 @pytest.mark.parametrize(
     ("name", "remedy"),
-    [
-        ("walk.c3d", "its plates"),
-        ("walk.trc", "MOT or .forces"),
-        ("walk.tsv", "walk_f_1.tsv "),
-    ],
+    [("walk.c3d", "its plates"), ("walk.trc", "MOT or .forces"), ("walk.tsv", "walk_f_1.tsv ")],
 )
 def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker, name, remedy):
     names = tuple(f"P{k}" for k in range(len(walker.markers.names)))

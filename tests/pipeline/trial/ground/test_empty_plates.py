@@ -60,10 +60,7 @@ def stepped_on(number, name):
     ("recording", "message"),
     [
         (lambda: stepped_on(1, "a.c3d"), r"a.c3d: .*plate 1 .* \(\d+ N over 0.2 s"),
-        (
-            lambda: beside(1, name="a.c3d", share=0.4),
-            r"plate 1 for a part",
-        ),
+        (lambda: beside(1, name="a.c3d", share=0.4), r"plate 1 for a part"),
         (lambda: beside(1, 2, name="a.c3d"), r"a.c3d: .*every plate"),
     ],
 )

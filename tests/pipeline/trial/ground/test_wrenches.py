@@ -156,11 +156,7 @@ def in_volts(recording):
 @pytest.mark.parametrize(
     ("change", "platform", "message"),
     [
-        (
-            lambda r: lab.without_channels(r, "A2Z"),
-            ON_MARKERS,
-            "'A2Z'; .*Acc1.X",
-        ),
+        (lambda r: lab.without_channels(r, "A2Z"), ON_MARKERS, "'A2Z'; .*Acc1.X"),
         (in_volts, ON_MARKERS, "'Acc1.X': .*unit 'V', expected g"),
         (lambda r: r, Platform(markers=("PF1", "PF2", "PF9")), "markers PF9 are"),
         (
