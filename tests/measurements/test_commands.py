@@ -38,7 +38,7 @@ def helped(name, monkeypatch, capsys):
     return capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", programs())
+@pytest.mark.parametrize("name", [*programs()])
 def test_a_command_says_how_it_is_typed_and_what_it_does(name, monkeypatch, capsys):
     pytest.importorskip("resource", reason="forks and limits")
     text = helped(name, monkeypatch, capsys)

@@ -178,7 +178,7 @@ def test_forces_of_another_time_are_refused_with_both_files_and_ranges(plain, tm
     fields = (row.split("\t") for row in rows)
     later = ["\t".join([f"{float(t) + shift_s:.3f}", *others]) for t, *others in fields]
     path = written(tmp_path / "late.mot", [*head, *later])
-    seen = rf"^late\.mot: {shift_s:.2f}–.*not overlap .*0\.00–0\.39 s of walk\.trc"
+    seen = rf"^late\.mot: .*{shift_s:.2f}–.*not overlap .*0\.00–0\.39 s of walk\.trc"
     with pytest.raises(ValueError, match=seen):
         read_recording(trc, forces=path)
 
@@ -397,7 +397,7 @@ def test_forces_on_the_plate_or_the_subject_begin_with_the_markers(
 @pytest.mark.parametrize(
     ("key", "value", "doubt"),
     [
-        ("NumberOfForcePlates=2", "3", "NumberOfForcePlates 3, .* 2"),
+        ("NumberOfForcePlates=2", "3", "NumberOfForcePlates 3, .* 2$"),
         ("SampleRate=1000.000000", "240", r"[\d.]+ s by its SampleRate"),
     ],
 )
@@ -406,7 +406,7 @@ def test_a_wrong_header_of_forces_is_a_doubt(trial, plain, tmp_path, key, value,
     path.write_text(path.read_text().replace(key, f"{key.partition('=')[0]}={value}"))
     (fact,) = read_recording(plain[0], forces=path).facts
     assert fact.kind == "in_doubt"
-    assert re.match(doubt, fact.reason)
+    assert re.search(doubt, fact.reason)
 
 
 def test_forces_in_other_axes_than_the_markers_are_refused(trial, plain, tmp_path):

@@ -105,7 +105,7 @@ def test_frames_after_a_clock_was_set_are_those_without_it(recording, body, usua
             )
     assert all(frame.quality.counts for frame in frames[-100:-5])
     clocks = [note.values for _, note in notes if note.code == "live_clock_set"]
-    assert {clock["stream"] for clock in clocks} == set(streams)
+    assert {clock["stream"] for clock in clocks} == {(stream,) for stream in streams}
     assert all(clock["set_s"] == pytest.approx(by_s, rel=5e-3) for clock in clocks)
 
 

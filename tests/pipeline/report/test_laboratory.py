@@ -325,7 +325,7 @@ def test_accelerometers_are_where_they_are_and_the_front_is_known_by_stated_axes
         assert place.along == pytest.approx(sign * sensor.place[0], abs=0.05)
         assert place.up == pytest.approx(sensor.place[2], abs=0.05)
     assert bool(found.recording.axes) == bool(axes)
-    assert ("front" in frequency_table(found).legend) == bool(axes)
+    assert ("to the front" in frequency_table(found).legend) == bool(axes)
 
 
 def test_the_report_of_a_study_links_to_the_page_beside_its_calibration(moving_study, tmp_path):

@@ -236,7 +236,8 @@ def test_what_only_the_markers_events_suggest_is_a_warning(walker, study):
     condition = 'window = "stance"\n[settings]\nevents = "plates"'
     found = check_study(read_study(study(replace(hopping, plates=tuple(plates)), condition)))
     assert not found.faults
-    assert any(re.search("gait events.*no foot strikes", remark.said) for remark in found.remarks)
+    said = [str(remark.said) for remark in found.remarks]
+    assert any(re.search("gait events.*no foot strikes", remark) for remark in said)
 
 
 @pytest.mark.parametrize("walks", [True, False])

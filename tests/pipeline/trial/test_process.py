@@ -55,7 +55,7 @@ def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker, name, rem
         plates=(),
         metadata=Metadata(),
     )
-    said = f"no shipped set; labels: P0, .*; residuals need .*{remedy}.*; mass is missing"
+    said = f"no shipped set; labels: P0, .*; residuals need .*{remedy}.*mass is missing"
     with pytest.raises(ValueError, match=said):
         process_recording(bare, PERSON, Settings())
 

@@ -114,7 +114,8 @@ def test_a_program_that_crashes_hangs_or_leaves_nothing_costs_one_line(
     monkeypatch.setattr(second_reader, "version", lambda _: "0")
     monkeypatch.setattr(second_reader, "SECONDS", 1.0 if "more than 1 s" in reason else 60.0)
     found = compare_readers(everything)
-    assert (found.reader, found.refusal, found.disagreements) == ("ezc3d 0", reason, ())
+    assert (found.reader, found.disagreements) == ("ezc3d 0", ())
+    assert found.refusal.endswith(reason)
 
 
 @needs_ezc3d
