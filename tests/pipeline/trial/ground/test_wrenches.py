@@ -1,6 +1,5 @@
 """Plates on a moving platform are compensated first and then brought to the lab."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
