@@ -78,10 +78,10 @@ def whole_processes(folder: Path, given: argparse.Namespace) -> Measured:
 
 
 PARTS: dict[str, tuple[str, Callable[[Path, argparse.Namespace], Measured]]] = {
-    "compare": ("kinematics and dynamics beside other programs (@compare)", compare),
-    "commands": ("response of the command line, and one trial (@commands)", whole_processes),
+    "compare": ("kinematics and dynamics beside other programs (1 min)", compare),
+    "commands": ("response of the command line, and one trial (5 s)", whole_processes),
     "events": (
-        "gait events of simulated walkers beside other methods (@events)",
+        "gait events of simulated walkers beside other methods (1 min)",
         lambda folder, *_: events.race(folder),
     ),
     "live": ("frames of the live chain (@live)", lambda folder, *_: live.live_frames(folder)),
@@ -90,7 +90,7 @@ PARTS: dict[str, tuple[str, Callable[[Path, argparse.Namespace], Measured]]] = {
         lambda folder, given: {"study": commands.study_times(folder, given.trials)},
     ),
     "start": (
-        "what a process loads before its first frame (@start)",
+        "what a process loads before its first frame (1 min)",
         lambda folder, given: {"start": start.start_times(folder, given.repeats)},
     ),
     "memory": (

@@ -57,18 +57,18 @@ ATTACKS: Final = {
     "kill": "runs that are killed and taken up again",
 }
 PROGRAMS: Final = {
-    ".hammer": "delays of plates by simulated hammers (@hammer)",
+    ".hammer": "delays of plates by simulated hammers (7 min)",
     ".inertia_intervals": "how often intervals of compensated plates hold (30 min)",
-    ".inertia_models": "static and dynamic models of a flexible treadmill (@inertia_models)",
-    ".calibration_signals": "which signal calibrates best (@calibration_signals)",
-    ".inverse_kinematics": "our optimum beside SciPy's best of five starts (@inverse_kinematics)",
-    ".legs_alone": "residuals without markers on trunk, head and arms (@legs_alone)",
+    ".inertia_models": "static and dynamic models of a flexible treadmill (25 min)",
+    ".calibration_signals": "which signal calibrates best (3 min)",
+    ".inverse_kinematics": "our optimum beside SciPy's best of five starts (13 min)",
+    ".legs_alone": "residuals without markers on trunk, head and arms (15 s)",
     ".plates": "plates with one known fault each, under known weights (30 min)",
     ".planted_faults": "plates with planted faults under walks (15 min)",
-    ".explain": "trials with seeded faults, explained (@explain)",
-    ".explain.injected": "faults of any size put into recordings (@injected)",
-    ".explain.unseen": "bands of residuals without upper markers (@unseen)",
-    ".live": "faults of live streams (@live)",
+    ".explain": "trials with seeded faults, explained (4 h)",
+    ".explain.injected": "faults of any size put into recordings (3 h)",
+    ".explain.unseen": "bands of residuals without upper markers (1 min)",
+    ".live": "faults of live streams (90 min)",
 }
 
 
