@@ -84,9 +84,9 @@ PARTS: dict[str, tuple[str, Callable[[Path, argparse.Namespace], Measured]]] = {
         "gait events of simulated walkers beside other methods (1 min)",
         lambda folder, *_: events.race(folder),
     ),
-    "live": ("frames of the live chain (@live)", lambda folder, *_: live.live_frames(folder)),
+    "live": ("frames of the live chain (5 min)", lambda folder, *_: live.live_frames(folder)),
     "study": (
-        "check, run and report of a study of --trials (@study)",
+        "check, run and report of a study of --trials (10 min for 400)",
         lambda folder, given: {"study": commands.study_times(folder, given.trials)},
     ),
     "start": (
@@ -94,7 +94,7 @@ PARTS: dict[str, tuple[str, Callable[[Path, argparse.Namespace], Measured]]] = {
         lambda folder, given: {"start": start.start_times(folder, given.repeats)},
     ),
     "memory": (
-        "time and memory of a trial of 72,000 frames (@memory)",
+        "time and memory of a trial of 72,000 frames (1 min)",
         lambda folder, *_: {"memory": commands.residuals_time(folder, LONG_FRAMES)},
     ),
 }
