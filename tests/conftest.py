@@ -1,9 +1,14 @@
-"""For all tests: the real recordings, without which tests of them skip; no test by the clock."""
+"""For all tests: the real recordings, without which tests of them skip; no test by the clock.
+
+What measures is a command with ``--help`` and no test.
+"""
 
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+collect_ignore = ["benchmarks", "campaign", "validation", "virtual_gait", "virtual_machine"]
 
 SHARED_DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 

@@ -1,5 +1,7 @@
 """Tables of what tests and campaigns find."""
 
+from collections.abc import Mapping
+
 import pandas as pd
 
 from pipeline.statistics.table_3 import markdown_table
@@ -12,3 +14,9 @@ def markdown(table: pd.DataFrame, digits: int = 2) -> str:
         for row in table.itertuples(index=False)
     ]
     return markdown_table([*map(str, table.columns)], cells)
+
+
+def described(heading: str, lines: Mapping[str, str]) -> str:
+    """Give a list of names, each with its line, for the help of a command."""
+    width = max(map(len, lines))
+    return "\n".join([f"{heading}:", *(f"  {n:{width}}  {line}" for n, line in lines.items())])

@@ -1,4 +1,4 @@
-"""The catalogue of notes and the code that makes them agree."""
+"""Every note has a code in the catalogue, a meaning and advice, and code that makes it."""
 
 import ast
 import runpy

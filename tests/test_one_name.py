@@ -1,4 +1,4 @@
-"""``import hbm_residuals as hr``: all that scripts call, under a name that nobody else has."""
+"""``import hbm_residuals as hr`` gives all that scripts call, under a name that nobody else has."""
 
 import os
 import pydoc
@@ -39,7 +39,7 @@ def test_help_is_one_screen_with_a_line_on_each_name():
 @pytest.mark.parametrize("package", [hbm, pipeline, hr], ids=lambda package: package.__name__)
 def test_a_misspelt_name_is_an_error_and_the_right_ones_are_listed(package):
     assert set(dir(package)) == set(homes(package.__file__))
-    with pytest.raises(AttributeError, match=f"module '{package.__name__}' has no .* 'misspelt'"):
+    with pytest.raises(AttributeError, match=rf"'{package.__name__}' .*'misspelt'"):
         package.misspelt  # noqa: B018
 
 
@@ -97,4 +97,4 @@ if __name__ == "__main__":
 
 def test_a_file_called_pipeline_that_was_imported_before_is_named_in_the_error(tmp_path):
     done = script(tmp_path, "import pipeline, hbm_residuals")
-    assert "pipeline.py has been imported as 'pipeline'" in done.stderr.splitlines()[-1]
+    assert re.search(r"pipeline\.py .*'pipeline'", done.stderr.splitlines()[-1])

@@ -1,4 +1,4 @@
-"""The project as a whole: public names, imports, packaging, and its texts."""
+"""Versions, links, commands and texts of the project agree with each other."""
 
 import ast
 import re
@@ -144,3 +144,15 @@ def test_type_checkers_find_the_packages_where_they_are_installed(tmp_path):
         [*command, "-c", imports], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert found.returncode == 0, found.stdout
+
+
+def test_each_file_of_tests_says_in_its_first_line_which_promise_it_holds():
+    """In one sentence that a user could read."""
+    wrong = []
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        first, *_ = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split(
+            "\n"
+        )
+        if not re.fullmatch(r"(?!Tests?\b).{20,}\.", first):
+            wrong.append(f"{path.relative_to(ROOT)}: {first}")
+    assert wrong == []

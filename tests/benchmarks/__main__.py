@@ -23,15 +23,19 @@ from tests.benchmarks.comparison import (
 )
 from tests.benchmarks.trial import export_trial, write_trial
 from tests.benchmarks.walker import walk
+from tests.tables import described
 
 Measured = dict[str, Any]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
-    parser.add_argument(
-        "parts", nargs="*", metavar="PART", help=f"any of {', '.join(PARTS)}; default: all"
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.benchmarks",
+        description=__doc__,
+        epilog=described("parts", {name: line for name, (line, _) in PARTS.items()}),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("parts", nargs="*", metavar="PART", help="parts; default: all")
     parser.add_argument("--json", type=Path, help="file for the measurements")
     parser.add_argument("--csv", type=Path, help="file for the table of gait events")
     parser.add_argument("--frames", type=int, default=1000, help="frames of the compared trial")
@@ -44,7 +48,7 @@ def main() -> None:
     for part in given.parts or PARTS:
         print(f"measuring {part} …", file=sys.stderr, flush=True)
         with tempfile.TemporaryDirectory() as folder:
-            measured |= PARTS[part](Path(folder), given)
+            measured |= PARTS[part][1](Path(folder), given)
     targets = report.targets(measured)
     measured["targets"] = [asdict(target) | {"met": target.met} for target in targets]
     if given.json:
@@ -73,14 +77,26 @@ def whole_processes(folder: Path, given: argparse.Namespace) -> Measured:
     return {"commands": {"help_s": commands.help_time(), **residuals}}
 
 
-PARTS: dict[str, Callable[[Path, argparse.Namespace], Measured]] = {
-    "compare": compare,
-    "commands": whole_processes,
-    "events": lambda folder, *_: events.race(folder),
-    "live": lambda folder, *_: live.live_frames(folder),
-    "study": lambda folder, given: {"study": commands.study_times(folder, given.trials)},
-    "start": lambda folder, given: {"start": start.start_times(folder, given.repeats)},
-    "memory": lambda folder, *_: {"memory": commands.residuals_time(folder, LONG_FRAMES)},
+PARTS: dict[str, tuple[str, Callable[[Path, argparse.Namespace], Measured]]] = {
+    "compare": ("kinematics and dynamics beside other programs (1 min)", compare),
+    "commands": ("response of the command line, and one trial (5 s)", whole_processes),
+    "events": (
+        "gait events of simulated walkers beside other methods (1 min)",
+        lambda folder, *_: events.race(folder),
+    ),
+    "live": ("frames of the live chain (5 min)", lambda folder, *_: live.live_frames(folder)),
+    "study": (
+        "check, run and report of a study of --trials (10 min for 400)",
+        lambda folder, given: {"study": commands.study_times(folder, given.trials)},
+    ),
+    "start": (
+        "what a process loads before its first frame (1 min)",
+        lambda folder, given: {"start": start.start_times(folder, given.repeats)},
+    ),
+    "memory": (
+        "time and memory of a trial of 72,000 frames (1 min)",
+        lambda folder, *_: {"memory": commands.residuals_time(folder, LONG_FRAMES)},
+    ),
 }
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
@@ -25,9 +26,9 @@ PERSON = """\
 id = "s{number:05}"
 sex = "male"
 mass_kg = {mass_kg}
-static = "static.c3d"
+static = "s{number:05}_static.c3d"
 [trials.level]
-file = "walk.c3d"
+file = "s{number:05}_walk.c3d"
 """
 CORNERS = ((0.85, -0.25, 0), (-0.85, -0.25, 0), (-0.85, 0.25, 0), (0.85, 0.25, 0))
 Row = dict[str, float | str]
@@ -51,10 +52,16 @@ def study_times(folder: Path, trials: int) -> list[Row]:
     """Time check, run and report of a study, with a subject for each trial of 408 frames."""
     study, results = folder / "study", folder / "results"
     study.mkdir()
-    write_trial(walk(STUDY_FRAMES), study / "walk.c3d")
-    write_c3d(study / "static.c3d", synthetic_t_pose())
+    whole, pose = walk(STUDY_FRAMES), synthetic_t_pose()
     (study / "study.toml").write_text("[conditions.level]\n")
     for number in range(trials):
+        # a recording is of one subject: each has its own, moved by 10 µm against the last one
+        of_one, static = (
+            replace(markers, position=markers.position + 1e-5 * number)
+            for markers in (whole.markers, pose)
+        )
+        write_trial(replace(whole, markers=of_one), study / f"s{number:05}_walk.c3d")
+        write_c3d(study / f"s{number:05}_static.c3d", static)
         (study / f"s{number:05}.toml").write_text(PERSON.format(number=number, mass_kg=MASS_KG))
     cores = os.cpu_count() or 1
     commands = {

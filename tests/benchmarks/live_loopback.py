@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pipeline.config.live import Live
 from pipeline.io.read import read_recording
-from pipeline.live.output import RESULTS, RESULTS_FOLDER, load_lsl
+from pipeline.live.output import RESULTS, RESULTS_FOLDER, Outlet, describe_stream, load_lsl
 from pipeline.live.replay import recorded_streams
 from tests.pipeline import lab
 
@@ -30,7 +31,9 @@ def send(walk, sent):
     Appends to a file the time of each frame and when it and its samples were sent, on LSL's clock.
     """
     streams = recorded_streams(read_recording(walk))
-    outlets = [stream.outlet(stream.description.name) for stream in streams]
+    outlets = [
+        Outlet(describe_stream(stream.description, Live(), stream.plates)) for stream in streams
+    ]
     clock, frames = load_lsl().local_clock, streams[0].time
     with Path(sent).open("w", buffering=1) as file:
         while not all(outlet.has_receivers for outlet in outlets):

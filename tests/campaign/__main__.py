@@ -28,6 +28,7 @@ from tests.campaign.recordings import recordings, walk_in
 from tests.campaign.results import results
 from tests.campaign.study_files import study_files, write_study
 from tests.campaign.worker import carry_out
+from tests.tables import described
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +47,43 @@ class Size:
 LONG: Final = Size(7000, 2500, 500, 1000, 100, 1000, 1000)
 """10,000 files; all environments and injections that there are."""
 SHORT: Final = Size(240, 120, 14, 60, 2, 8, 8)
+ATTACKS: Final = {
+    "mutation": "files of every format with values that were changed",
+    "truncation": "files that were cut off",
+    "bit flip": "files with single wrong bits",
+    "command": "damaged files given to commands in processes of their own",
+    "environment": "commands in odd environments",
+    "injection": "texts that want to get out, and values that are no numbers",
+    "kill": "runs that are killed and taken up again",
+}
+PROGRAMS: Final = {
+    ".hammer": "delays of plates by simulated hammers (7 min)",
+    ".inertia_intervals": "how often intervals of compensated plates hold (30 min)",
+    ".inertia_models": "static and dynamic models of a flexible treadmill (25 min)",
+    ".calibration_signals": "which signal calibrates best (3 min)",
+    ".inverse_kinematics": "our optimum beside SciPy's best of five starts (13 min)",
+    ".legs_alone": "residuals without markers on trunk, head and arms (15 s)",
+    ".plates": "plates with one known fault each, under known weights (30 min)",
+    ".planted_faults": "plates with planted faults under walks (15 min)",
+    ".explain": "trials with seeded faults, explained (4 h)",
+    ".explain.injected": "faults of any size put into recordings (3 h)",
+    ".explain.unseen": "bands of residuals without upper markers (1 min)",
+    ".live": "faults of live streams (90 min)",
+}
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.campaign", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign",
+        description=__doc__,
+        epilog="\n\n".join(
+            [
+                described("campaigns, for --only (30 min all)", ATTACKS),
+                described("other campaigns, each with --help: python -m tests.campaign", PROGRAMS),
+            ]
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--short", action="store_true", help="a choice, within two minutes")
     parser.add_argument("--seed", type=int, default=1, help="equal seeds make equal attacks")
     parser.add_argument("--only", default="", help="CAMPAIGN, CAMPAIGN/TARGET or all of a name")

@@ -224,7 +224,9 @@ def unmet(rows: pd.DataFrame) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign.inertia_models", description=__doc__
+    )
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 10), metavar=("FIRST", "END"))
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()

@@ -192,7 +192,9 @@ def _of_seed(seed: int) -> tuple[int, Outcome]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign.inverse_kinematics", description=__doc__
+    )
     parser.add_argument("count", nargs="?", type=int, default=10_000)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--jobs", type=int, default=2)

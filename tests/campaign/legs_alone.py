@@ -36,7 +36,9 @@ def compared(base: Base) -> np.ndarray:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign.legs_alone", description=__doc__
+    )
     parser.add_argument("--data", type=Path, help="folder of real recordings")
     parser.add_argument("--virtual", type=int, default=24)
     chosen = parser.parse_args()

@@ -482,7 +482,9 @@ def accused(rows: Sequence[Sound]) -> Iterator[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign.planted_faults", description=__doc__
+    )
     parser.add_argument("--data", type=Path, help="folder of real recordings")
     parser.add_argument("--virtual", type=int, default=2, help="virtual walks with faults")
     parser.add_argument("--plates", type=int, default=1, help="plates with faults in every walk")

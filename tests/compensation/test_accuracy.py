@@ -1,4 +1,4 @@
-"""Accuracy of plates under known weights, against independent computations."""
+"""Errors of plates under known weights are found as independent computations find them."""
 
 import numpy as np
 import pytest
@@ -84,9 +84,9 @@ PAIR = scattered(9)
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: wrench_of_weight(36, 1000 * MARKER, 100, 0.2), "is it in metres"),
-        (lambda: orthogonal_rmse(PAIR[0] / 1000, PAIR[1]), "are both in one unit"),
-        (lambda: linearity(LOADS[:12], LOADS[:12]), "2 known loads; linearity needs"),
+        (lambda: wrench_of_weight(36, 1000 * MARKER, 100, 0.2), "in metres"),
+        (lambda: orthogonal_rmse(PAIR[0] / 1000, PAIR[1]), "in one unit"),
+        (lambda: linearity(LOADS[:12], LOADS[:12]), "2 known loads"),
     ],
 )
 def test_wrong_input_gets_one_clear_error(call, message):

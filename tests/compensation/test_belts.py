@@ -1,4 +1,4 @@
-"""The pitch moment of accelerating belts: known models are found, real recordings predicted."""
+"""The pitch moment of accelerating belts is found where it is known and predicted in recordings."""
 
 import numpy as np
 import pytest
@@ -114,7 +114,7 @@ def test_the_fit_is_no_worse_than_any_start_of_a_fine_grid(acceleration):
 
 
 def test_an_unstable_model_cannot_be_made():
-    with pytest.raises(ValueError, match=r"unstable, its largest pole has size 1\.1"):
+    with pytest.raises(ValueError, match=r"unstable.* 1\.1"):
         BeltModel([-1.1, 0, 1, 0, 0])
 
 
@@ -194,9 +194,9 @@ def test_cutoff_of_the_real_belt_speed_is_about_ten_hertz(recordings):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda a, m: (a[:300], m[:300]), "300 samples are too few"),
+        (lambda a, m: (a[:300], m[:300]), "300 samples"),
         (lambda a, m: (a, m[::2]), "belt_acceleration 6000, pitch_moment 3000; .* different rates"),
-        (lambda a, m: (a, 1000 * m), "the moment must be in N·m"),
+        (lambda a, m: (a, 1000 * m), "in N·m"),
     ],
 )
 def test_wrong_calibration_input_gets_one_clear_error(acceleration, spoil, message):

@@ -71,10 +71,10 @@ def test_markers_and_plates_of_different_units_are_aligned_without_noise(delay_s
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda a, w: (a[:400], w[:400]), "400 samples are too few to seek delays up to 0.2 s"),
+        (lambda a, w: (a[:400], w[:400]), "400 samples .* 0.2 s"),
         (
             lambda a, w: (a, np.random.default_rng(0).normal(size=w.shape)),
-            "of its variance only, .* one trial",
+            "variance only, .*one trial",
         ),
         (lambda a, w: (a[40:], w[:-40]), "lies beyond 0.2 s"),
     ],
@@ -184,9 +184,9 @@ def test_any_rotation_and_offset_is_undone(angle, x, y):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda p, c: (p[:2], c[:2]), "2 places are too few"),
-        (lambda p, c: (p, 1000 * c), "are both in metres"),
-        (lambda p, c: (p, c * [1, -1]), "fit better when mirrored"),
+        (lambda p, c: (p[:2], c[:2]), "2 places"),
+        (lambda p, c: (p, 1000 * c), "both in metres"),
+        (lambda p, c: (p, c * [1, -1]), "when mirrored"),
     ],
 )
 def test_wrong_places_get_one_clear_error(spoil, message):

@@ -1,4 +1,4 @@
-"""The delay of plates behind markers, from the force that the body's motion needs."""
+"""The delay of plates behind markers is found from the force that the body's motion needs."""
 
 import numpy as np
 import pytest
@@ -118,13 +118,9 @@ def test_a_force_of_which_motion_explains_little_shows_no_delay(seed, noise_n):
 @pytest.mark.parametrize(
     ("plate", "motion", "message"),
     [
-        (
-            walking_force(time),
-            np.full((1500, 3), np.nan),
-            "0.33 s of frames without gaps are needed, got 0 s",
-        ),
+        (walking_force(time), np.full((1500, 3), np.nan), "0.33 s of .* got 0 s"),
         (np.full((1500, 3), 500.0), np.full((1500, 3), 500.0), "changes too little"),
-        (plates_later_by(0.3), walking_force(time), "agree nowhere within ±150 ms"),
+        (plates_later_by(0.3), walking_force(time), "nowhere within ±150 ms"),
     ],
 )
 def test_a_delay_that_cannot_be_estimated_is_refused_with_the_reason(plate, motion, message):

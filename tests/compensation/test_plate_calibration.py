@@ -67,10 +67,10 @@ def test_every_number_survives_the_round_trip():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"matrix": np.eye(5)}, r"plate 1: matrix must be numbers of shape \(6, 6\)"),
-        ({"matrix": 1000 * np.eye(6)}, "matrix holds 1e.03, expected 100 at most"),
+        ({"matrix": np.eye(5)}, r"plate 1: matrix .*shape \(6, 6\)"),
+        ({"matrix": 1000 * np.eye(6)}, "matrix .*1e.03, .* 100 "),
         ({"matrix": np.diag([1, 1, 0, 1, 1, 1])}, "singular"),
-        ({"delay_s": 4.0}, "delay_s must be within ±0.5 s, got 4.0"),
+        ({"delay_s": 4.0}, "delay_s .*±0.5 s, got 4.0"),
     ],
 )
 def test_a_correction_that_cannot_be_one_is_refused(changes, message):
@@ -96,9 +96,9 @@ HUGE = 10**400
     ("text", "message"),
     [
         (spoilt()[:100], "is not JSON"),
-        (with_document(version=2), "has version 2, this program reads 1"),
+        (with_document(version=2), "version 2, .* 1"),
         (with_document(plates=[3]), "damaged"),
-        (spoilt(offset=[None] * 6), "offset must be numbers"),
+        (spoilt(offset=[None] * 6), "offset"),
         (spoilt(offset=[HUGE] * 6), "damaged"),
     ],
 )

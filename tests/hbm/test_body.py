@@ -1,4 +1,4 @@
-"""The body: its parts, and what must not change it."""
+"""A body has the parts of its calibration pose, and nothing else changes it."""
 
 import numpy as np
 import pytest
@@ -198,7 +198,7 @@ def test_a_lower_body_set_estimates_stature_and_sizes_the_rest_by_it(body):
     found = build_body(standing({n: T_POSE_MM[n] for n in names}), mass=MASS_KG, sex="male")
     assert found.marker_set.name == "hbm2_lower"
     assert found.height_m == pytest.approx(STATURE_M, abs=0.1)
-    assert found.notes[0].values["source"] == "by the length of the legs"
+    assert "legs" in found.notes[0].values["source"]
     for part in ("left_upper_arm", "right_forearm", "head"):
         share = proportions("male")[part.split("_", 1)[-1] if "_" in part else part].length
         if part != "head":
@@ -229,22 +229,22 @@ def test_the_second_of_standing_still_is_found(body, t_pose):
 
 def test_a_given_window_is_used(body, t_pose):
     found = built(moving_and_standing(body, t_pose), window_s=(2.5, 3.2))
-    assert str(found.notes[0]).startswith("calibration pose from 2.50 to 3.19 s, standing still")
+    values = found.notes[0].values
+    assert (values["start_s"], values["stop_s"]) == pytest.approx((2.5, 3.19))
+    assert values["posture"] == "standing still"
     same(found, body)
 
 
 def test_a_pose_of_one_frame_is_said_to_be_one():
     pose = synthetic_t_pose()
     note = built(Markers(pose.time[:1], pose.names, pose.position[:1])).notes[0]
-    assert "the one frame of its recording (mean of 1 instant)" in note.text
+    assert (note.code, note.values["instants"]) == ("calibration_pose", 1)
 
 
 def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
     t = synthetic_t_pose()
     gaps = without(without(t, ["C7"], slice(0, 60)), ["T10"], slice(40, 100))
-    with pytest.raises(
-        ValueError, match=r"shows all calibration markers at once; (C7|T10) is missing"
-    ):
+    with pytest.raises(ValueError, match=r"at once; (C7|T10)"):
         built(gaps)
 
 
@@ -254,12 +254,9 @@ def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (
-            {"mass": 74600},
-            "between 10 and 400 kg, got 74600; that looks like grams, give kilograms",
-        ),
-        ({"height_m": 178}, "stature must be between 0.5 and 2.6 m, got 178"),
-        ({"marker_set": "hbm3"}, "no marker set 'hbm3'; known: hbm2_lower, hbm2, hbm1_lower, hbm1"),
+        ({"mass": 74600}, "10 and 400 kg, got 74600; .*grams"),
+        ({"height_m": 178}, "stature .*0.5 and 2.6 m, got 178"),
+        ({"marker_set": "hbm3"}, "'hbm3'; .*hbm2_lower, hbm2, hbm1_lower, hbm1"),
     ],
 )
 def test_impossible_options_are_refused(options, message):
@@ -272,5 +269,5 @@ def test_impossible_options_are_refused(options, message):
 def test_legs_that_nobody_has_show_another_unit_than_metres(factor, height_m):
     t_pose = synthetic_t_pose()
     wrong = Markers(t_pose.time, t_pose.names, factor * t_pose.position)
-    with pytest.raises(ImplausibleLegs, match=r"expected 0\.5 to 2\.6 m: their unit is wrong"):
+    with pytest.raises(ImplausibleLegs, match=r"0\.5 to 2\.6 m: .*unit"):
         build_body(wrong, mass=MASS_KG, height_m=height_m)

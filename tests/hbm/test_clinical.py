@@ -1,4 +1,4 @@
-"""Clinical angles: the same pose in the original's order, sequences and signs."""
+"""Clinical angles are those of the same pose in the original's order, sequences and signs."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The equations of motion: closed loops, invariances, independent implementations."""
+"""The equations of motion hold for closed loops and invariances, as independent ones have them."""
 
 from dataclasses import replace
 
@@ -232,7 +232,7 @@ def test_only_joints_that_carry_an_undefined_wrench_are_undefined(body, motion, 
 
 def test_an_unfiltered_motion_is_refused(body, motion):
     undefined = np.full_like(motion.q, np.nan)
-    with pytest.raises(ValueError, match="filter it first with filter_motion"):
+    with pytest.raises(ValueError, match="filter_motion"):
         inverse_dynamics(body, replace(motion, v=undefined, a=undefined), {})
 
 

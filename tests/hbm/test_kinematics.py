@@ -1,4 +1,4 @@
-"""Inverse kinematics: the optimum, whatever the start, the gaps and the threads."""
+"""Inverse kinematics finds the optimum, whatever the start, the gaps and the threads."""
 
 import numpy as np
 import pytest
@@ -314,5 +314,5 @@ def test_any_motion_with_any_gaps_is_solved_or_marked(seed):
 
 def test_a_trial_without_any_of_the_body_s_markers_is_refused(body):
     strange = Markers(np.zeros(1), ("A", "B"), np.zeros((1, 2, 3)))
-    with pytest.raises(ValueError, match=r"none of the body's markers is in the trial; .* A, B"):
+    with pytest.raises(ValueError, match=r"none of .* A, B"):
         solve_ik(body, strange)

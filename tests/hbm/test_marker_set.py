@@ -1,4 +1,4 @@
-"""Marker sets as tables, and which one the labels of a recording belong to."""
+"""Marker sets are tables, and the one that the labels of a recording belong to is recognised."""
 
 import numpy as np
 import pytest
@@ -23,9 +23,9 @@ def test_lower_body_sets_are_parts_of_the_full_ones(name):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[markers", "marker set 'own' is not valid TOML"),
+        ("[markers", "'own' .*valid TOML"),
         ("title = 'x'", r"needs a \[markers\] table with at least one marker"),
-        ('[markers]\nA = ["pelvsi"]', "no segment 'pelvsi', did you mean 'pelvis'"),
+        ('[markers]\nA = ["pelvsi"]', "'pelvsi', .*'pelvis'"),
         ('[markers]\n"\\u001b[2J" = 3', r"'own': \?\[2J must be"),
     ],
 )
@@ -142,20 +142,18 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
     labels = labels_of("hbm1_lower")[:12]
     with pytest.raises(
         ValueError,
-        match=r"match no shipped set; labels: SACR, .*; nearest: hbm1_lower with 8 of its 21 "
-        r"markers of pelvis and legs \(missing .* more\); hbm2_lower with 5 of .*; "
-        r"rename them \(--rename",
+        match=r"SACR, .* hbm1_lower with 8 of .* 21 .* hbm2_lower with 5 of .*--rename",
     ):
         recognise_marker_set(labels)
 
 
 def test_a_refusal_lists_twenty_labels_and_no_set_of_which_no_label_is_there():
-    with pytest.raises(ValueError, match=r"labels: P0, .*, P19 and 10 more; none of them is of a"):
+    with pytest.raises(ValueError, match=r"P0, .*, P19 and 10 more; none"):
         recognise_marker_set([f"P{i}" for i in range(30)])
 
 
 def test_a_beginning_that_unknown_labels_share_is_not_shown():
-    with pytest.raises(ValueError, match=r"labels: …P0, .* --label-prefix removes it") as refused:
+    with pytest.raises(ValueError, match=r"…P0, .* --label-prefix") as refused:
         recognise_marker_set([f"Anna_P{i}" for i in range(30)])
     assert "Anna" not in str(refused.value)
 
@@ -170,7 +168,7 @@ def test_upper_and_lower_case_are_the_same(name):
 
 def test_labels_that_differ_in_signs_alone_are_refused_with_the_options_that_rename_them():
     labels = [f"{name[0]}_{name[1:]}" for name in labels_of("pig_lower")]
-    with pytest.raises(ValueError, match=r"try --rename L_ASI=LASI --rename ") as caught:
+    with pytest.raises(ValueError, match=r"--rename L_ASI=LASI --rename") as caught:
         recognise_marker_set(labels)
     options = str(caught.value).split("--rename ")[1:]
     renamed = dict(option.strip().split("=") for option in options)

@@ -1,4 +1,4 @@
-"""Bodies from every shipped marker set, compared with the person that wears the markers."""
+"""Every shipped marker set gives the body of the person that wears the markers."""
 
 import numpy as np
 import pytest

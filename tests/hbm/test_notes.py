@@ -1,4 +1,4 @@
-"""Notes: a code, and a sentence made of values; warnings and rows of provenance."""
+"""A note is a code and values, and its sentence states these with their units."""
 
 import json
 import pickle
@@ -14,9 +14,7 @@ CHANGED = {"segment": "pelvis", "limit_m": 0.03, "largest_m": {"a–b": 0.0352, 
 
 def test_the_sentence_of_a_note_states_its_values_with_their_units():
     note = Note.of("legs_differ", **LEGS | {"right_m": float("nan")})
-    assert note.text.startswith(
-        "leg lengths differ by 41 mm (hip to ankle: left 0.843 m, right unknown m"
-    )
+    assert all(part in note.text for part in ("41 mm", "left 0.843 m", "right unknown m"))
     note = Note.of("joint_angles_impossible", share=0.5, extreme_deg={"RHipFlexion": -100.0})
     assert note.text.endswith("extremes RHipFlexion −100°")
 
@@ -31,8 +29,8 @@ def test_numbers_that_people_read_have_a_minus_sign_and_those_they_type_a_hyphen
 @pytest.mark.parametrize(
     ("code", "values", "reason"),
     [
-        ("leg_difers", {}, r"no note has the code 'leg_difers'; hbm/notes\.toml"),
-        ("legs_differ", {"left_m": 0.8}, "its values are difference_m, left_m, right_m, got left_"),
+        ("leg_difers", {}, r"'leg_difers'; .*hbm/notes"),
+        ("legs_differ", {"left_m": 0.8}, "difference_m, left_m, right_m, got left_"),
         ("legs_differ", LEGS | {"left_m": None}, "a note's value is a number, text, names or"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Overrides of single segments: stated values are used, and the total mass stays the same."""
+"""Stated values of single segments are used, and the total mass stays the same."""
 
 import numpy as np
 import pytest
@@ -97,13 +97,13 @@ def test_a_heavier_shank_raises_the_knee_moment_and_changes_no_geometry(changed)
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[rigth_shank]\nmass_kg = 1.0", "no segment 'rigth_shank', did you mean 'right_shank'"),
-        ("[head]\nmas_kg = 1.0", "head: no key 'mas_kg', did you mean 'mass_kg'"),
-        ("[head]\nmass_kg = -4", "head: mass_kg must be positive, got -4"),
-        (f"[head]\n{'.'.join('a' * 5000)} = 1", "not valid TOML: it is nested too deeply"),
+        ("[rigth_shank]\nmass_kg = 1.0", "'rigth_shank', .*'right_shank'"),
+        ("[head]\nmas_kg = 1.0", "head: .*'mas_kg', .*'mass_kg'"),
+        ("[head]\nmass_kg = -4", "head: mass_kg .*-4"),
+        (f"[head]\n{'.'.join('a' * 5000)} = 1", "TOML: .*nested"),
         ("[head]\ncenter_m = [0.0, 1.0, nan]", "head: center_m must be .* finite numbers"),
-        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "above the sum of the other two"),
-        ("[head.worn]\nmass_kg = 1.0", "head: worn needs mass_kg and center_m"),
+        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "above the sum"),
+        ("[head.worn]\nmass_kg = 1.0", "head: worn .*mass_kg and center_m"),
         ("[head.worn]\nmass_kg = 1.0\ncenter_m = [0, 0, 40]", "looks like millimetres"),
         ("[head]\nmass_kg = 1" + 400 * "0", "head: int too large"),
     ],
@@ -114,7 +114,7 @@ def test_faulty_overrides_are_refused(text, message):
 
 
 def test_overrides_that_leave_no_mass_for_other_segments_are_refused():
-    with pytest.raises(ValueError, match=r"weigh 80.00 kg, which leaves nothing of 74.6 kg"):
+    with pytest.raises(ValueError, match=r"80\.00 kg.* 74\.6 kg"):
         built({"thorax": SegmentOverride(mass_kg=80.0)})
 
 
@@ -150,7 +150,7 @@ def test_stated_shoes_leave_the_total_mass_and_the_geometry_as_they_are():
 def test_a_prosthetic_foot_may_wear_a_stated_shoe_but_nothing_else():
     prosthesis = {"right_foot": SegmentOverride(mass_kg=0.6)}
     assert built(prosthesis, shoe_mass_kg=0.3).segments["right_foot"].mass == pytest.approx(0.9)
-    with pytest.raises(ValueError, match="left_foot: both shoe_mass_kg and worn are stated"):
+    with pytest.raises(ValueError, match=r"left_foot: .*shoe_mass_kg and worn"):
         built(read_overrides(TOML), shoe_mass_kg=0.3)
 
 
@@ -165,8 +165,8 @@ def test_a_prosthetic_foot_may_wear_a_stated_shoe_but_nothing_else():
     ids=[
         "nothing is stated",
         "shoes are stated",
-        "bare feet are stated",
-        "what a foot wears is stated",
+        "bare feet",
+        "foot wears",
     ],
 )
 def test_a_body_says_whether_it_has_shoes(overrides, shoes, noted):

@@ -1,4 +1,4 @@
-"""Two implementations, one mechanics: ours and Pinocchio agree in every pose."""
+"""Our mechanics and Pinocchio's agree in every pose."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Segment inertias against de Leva's table, computed by hand."""
+"""Segment inertias are those of de Leva's table, computed by hand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Marker trajectories."""
+"""A marker that lacks one coordinate is a gap, and no caller can change its positions."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What recordings, results and studies show of themselves in a session and in a notebook."""
+"""Recordings, results and studies show in a session and in a notebook what they are."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What residuals of recordings are made of: halves predict each other, known causes are found."""
+"""Causes of real residuals predict the other half of a recording, and known ones are found."""
 
 from functools import cache
 
@@ -142,7 +142,5 @@ def test_without_trunk_markers_the_trunk_explains_the_residual_and_no_plate_does
     share = {name: own.share for own in explanation.budget.groups for name in own.groups}
     assert share["unseen_trunk"][0] > 0.4
     assert share["unseen_trunk"][4] > 0.6
-    said = [line for line in explanation.lines() if line.startswith("Trunk without markers: ")]
-    assert [line.endswith("put markers on the trunk (C7, T10, sternum).") for line in said] == [
-        True
-    ]
+    (line,) = [line for line in explanation.lines() if line.startswith("Trunk without markers: ")]
+    assert "C7, T10, sternum" in line

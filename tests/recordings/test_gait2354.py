@@ -1,4 +1,4 @@
-"""OpenSim's example subject: a T-pose, a walk over two plates, and OpenSim's residuals of it."""
+"""OpenSim's example subject has OpenSim's residuals, from a T-pose and a walk over two plates."""
 
 import numpy as np
 import pytest

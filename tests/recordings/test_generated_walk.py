@@ -1,4 +1,4 @@
-"""A walk generated from a scaled OpenSim model: joint centres, masses and residuals are known."""
+"""A walk generated from an OpenSim model gives its joint centres, masses and residuals."""
 
 from xml.etree import ElementTree
 

@@ -1,4 +1,4 @@
-"""Why the hips of a treadmill walk abduct more than those of its own Plug-in-Gait."""
+"""The hips of a real walk abduct more than Plug-in-Gait's by the pelvis' tilt and its width."""
 
 import numpy as np
 import pytest

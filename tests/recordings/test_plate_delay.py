@@ -1,4 +1,4 @@
-"""How much later plates are than markers: what is put in is found, and what is stated taken off."""
+"""A delay of plates that is put in is found, and one that is stated is taken off."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A person with Plug-in-Gait's markers: its own segments, from the same file, are the oracle.
+"""A person with Plug-in-Gait's markers has the segments that Plug-in-Gait wrote into the file.
 
 Plug-in-Gait wrote the frames of its segments into the static recording: origin (O, the distal
 joint), and points ahead (A), to the left (L) and at the proximal end (P).

@@ -1,4 +1,4 @@
-"""A real treadmill walk: what the markers, Plug-in-Gait and the plates say of the result."""
+"""A real treadmill walk gives what its markers, Plug-in-Gait and its plates say."""
 
 import numpy as np
 import pytest

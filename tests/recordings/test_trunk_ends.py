@@ -1,4 +1,4 @@
-"""End points of trunk and head on recordings of others: what they say for those of the body."""
+"""End points of trunk and head on recordings of others agree with those of the body."""
 
 from xml.etree import ElementTree
 

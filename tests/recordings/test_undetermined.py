@@ -1,4 +1,4 @@
-"""Real recordings without some trunk markers: what these determined follows no noise."""
+"""Where trunk markers are missing, what these determined follows no noise."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The commands of docs/cluster.md, as printed, with a stand-in for SLURM that has two nodes."""
+"""The commands of docs/cluster.md run as printed, on a stand-in for SLURM with two nodes."""
 
 import os
 import re
@@ -33,7 +33,7 @@ def test_dask_workers_from_the_queue_leave_the_same_results(shell, clone, expect
         running = shell(command.partition("   (Enter")[0])
         text, _ = running.communicate()
         assert running.returncode == 0, text
-        assert "6 trials processed, 0 were there already, 0 failed" in text
+        assert re.search("6 trials processed, 0 .*, 0 failed", text)
         cluster.communicate("\n", timeout=60)
         assert cluster.returncode == 0
     finally:

@@ -1,4 +1,4 @@
-"""The scripts in `subjects`, one per level, on a small study: their results are the study's."""
+"""The scripts in `subjects`, one per level, give the study's results."""
 
 import io
 

@@ -7,7 +7,7 @@ cited in the file. `gait_optimum` then finds the nearest gait that the reference
 of motion allow.
 """
 
-import sys
+import argparse
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -202,11 +202,20 @@ def write(
     path.write_text(HEADER + "\n".join(rows) + "\n", encoding="utf-8")
 
 
-if __name__ == "__main__":
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.virtual_gait.fit_gait", description=__doc__
+    )
+    parser.add_argument("norms", type=Path, help="CSV file of the norms as published")
+    norms = read_norms(parser.parse_args().norms)
     reference = make_subject(Person())
-    level, feet = target_of(reference, *read_norms(Path(sys.argv[1])))
+    level, feet = target_of(reference, *norms)
     gaits = {
         slope: optimise(reference, replace(level, slope=float(np.radians(slope))), HARMONICS)
         for slope in SLOPES_DEG
     }
     write(GAIT_CSV, reference, gaits, feet)
+
+
+if __name__ == "__main__":
+    main()

@@ -4,7 +4,7 @@ Run as ``python -m tests.virtual_gait.fit_healthy NORMS.csv`` with the norms of 
 (2014) as published (see `fit_gait`).
 """
 
-import sys
+import argparse
 from pathlib import Path
 from typing import Final
 
@@ -50,12 +50,21 @@ def read_bands(path: Path) -> dict[tuple[str, str], tuple[Array, Array]]:
     return bands
 
 
-if __name__ == "__main__":
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.virtual_gait.fit_healthy", description=__doc__
+    )
+    parser.add_argument("norms", type=Path, help="CSV file of the norms as published")
+    norms = parser.parse_args().norms
     harmonics = range(HARMONICS + 1)
     heads = [f"{wave}_{k}" for k in harmonics for wave in ("cosine", "sine")]
     rows = [",".join(["motion", "curve", "statistic", *heads])]
-    for key, band in read_bands(Path(sys.argv[1])).items():
+    for key, band in read_bands(norms).items():
         for statistic, values in zip(("mean", "sd"), band, strict=True):
             numbers = [f"{number + 0.0:.4f}" for number in fourier(values).round(4).ravel()]
             rows.append(",".join([*key, statistic, *numbers]))
     HEALTHY_CSV.write_text(HEADER + "\n".join(rows) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -4,7 +4,7 @@ Run as ``python -m tests.virtual_gait.realism NORMS.csv`` with the norms of Pinz
 published. Prints the rows of the table of validation/realism.md.
 """
 
-import sys
+import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -183,6 +183,15 @@ def _cycles(walk: Walk) -> Array:
     return np.column_stack([own[:-1], own[1:]])
 
 
-if __name__ == "__main__":
-    for name, least, most in realism_rows(simulated_walks(9), read_norms(Path(sys.argv[1]))):
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.virtual_gait.realism", description=__doc__
+    )
+    parser.add_argument("norms", type=Path, help="CSV file of the norms as published")
+    norms = read_norms(parser.parse_args().norms)
+    for name, least, most in realism_rows(simulated_walks(9), norms):
         print(f"{name}: {least:.2f} to {most:.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -10,7 +10,7 @@ A simulated recording must have the spectra of the real one: gain and phase of m
 acceleration, and the power of both. Nothing of the fitted models of `compensation` is used.
 """
 
-import sys
+import argparse
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -137,7 +137,7 @@ def assumed() -> dict[str, dict[str, float]]:
     }
 
 
-def main(folder: Path) -> None:
+def identify(folder: Path) -> None:
     """Fit both recordings; print what the parameters' file states, and how well each is fitted.
 
     The file has the first recording's values. The force of each of two rollers follows from their
@@ -162,5 +162,13 @@ def main(folder: Path) -> None:
     print(f"unbalance {force:.3f}, {force * 2 / 3:.3f} to {force * 4 / 3:.3f} kg/m")
 
 
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.virtual_machine.identify_belt", description=__doc__
+    )
+    parser.add_argument("folder", type=Path, help="folder of both recordings of a belt")
+    identify(parser.parse_args().folder)
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main()

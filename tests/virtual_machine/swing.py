@@ -4,7 +4,7 @@
 the recording of a split-belt treadmill that stands still (``treadmill_hbm2/treadmill_events.c3d``).
 """
 
-import sys
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -63,8 +63,16 @@ def by_real(faults: Faults, real: Path) -> Array:
     return middle_of_swing(ours.plates) / middle_of_swing(read_c3d(real).plates)
 
 
-if __name__ == "__main__":
-    (path,) = map(Path, sys.argv[1:])
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.virtual_machine.swing", description=__doc__
+    )
+    parser.add_argument("file", type=Path, help="recording of a treadmill that stands still")
+    path = parser.parse_args().file
     print("|", *WRENCH_COMPONENTS, "", sep=" | ")
     for name, faults in MACHINES.items():
         print("", name, *(f"{share:.2g}" for share in by_real(faults, path)), "", sep=" | ")
+
+
+if __name__ == "__main__":
+    main()

@@ -115,7 +115,9 @@ def table(found: list[dict[str, Array]]) -> pd.DataFrame:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.campaign.explain.unseen")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign.explain.unseen", description=__doc__
+    )
     parser.add_argument("--virtual", type=int, default=50)
     parser.add_argument("--calm", action="store_true")
     parser.add_argument("--data", type=Path)

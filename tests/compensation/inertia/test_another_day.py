@@ -1,4 +1,4 @@
-"""A calibration against an empty recording of another day, with one thing changed at a time."""
+"""A calibration is held against an empty recording of another day, and a wrong one is told."""
 
 import numpy as np
 import pytest
@@ -82,7 +82,7 @@ def test_a_plate_whose_zero_changed_has_changed_by_that_much(laboratory, model):
 def test_a_still_platform_cannot_show_whether_a_calibration_is_valid(laboratory, model):
     accelerations, wrench = record(laboratory(), 2)
     mean = accelerations.mean(axis=0)
-    with pytest.raises(ValueError, match=r"moved too little .* expected 0.2"):
+    with pytest.raises(ValueError, match=r"expected 0\.2"):
         check_another_day(model, mean + 0.15 * (accelerations - mean), 0.15 * wrench)
 
 

@@ -41,8 +41,8 @@ def test_every_number_survives_the_round_trip(calibration):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sensors": ("front right", "rear left")}, "sensors .* but the recording has"),
-        ({"rate_hz": 1000.0}, "rate_hz 100.0, but the recording has 1000.0"),
+        ({"sensors": ("front right", "rear left")}, "sensors .*recording"),
+        ({"rate_hz": 1000.0}, "rate_hz 100.0, .* 1000.0"),
     ],
 )
 def test_a_trial_recorded_otherwise_is_refused_with_the_reason(calibration, change, message):
@@ -60,7 +60,7 @@ def test_the_verdict_survives_the_round_trip(calibration):
     (note,) = [n for n in read.notes if n.code == "calibration_leaves_much"]
     assert note.level == "warning"
     assert len(note.values["left"]) == 12
-    assert "left Mx 7.5 N·m (limit 3.8)" in note.values["left"]
+    assert any("Mx 7.5 N·m" in left for left in note.values["left"])
 
 
 def test_what_both_plates_may_leave_raises_the_residuals_of_a_walking_person_by_five_percent():
@@ -94,7 +94,7 @@ def test_a_file_of_the_release_before_is_of_noise_alone_and_not_judged(calibrati
 @pytest.mark.parametrize("version", [1, 8, None])
 def test_a_file_of_another_version_is_refused(calibration, version):
     document = json.loads(to_json(calibration)) | {"version": version}
-    with pytest.raises(ValueError, match=r"version .*, this program reads 2 and 7"):
+    with pytest.raises(ValueError, match=rf"version {version}\b.* 2 and 7"):
         from_json(json.dumps(document))
 
 
@@ -109,7 +109,7 @@ def test_the_correlation_of_plates_survives_the_file_and_is_given_in_any_order(c
     independent = from_json(to_json(calibration)).correlation_of(["left", "right"])
     assert not independent[:6, 6:].any()
     np.testing.assert_array_equal(independent[6:, 6:], calibration.plates["right"].correlation)
-    with pytest.raises(ValueError, match=r"shape \(12, 12\), got shape \(6, 6\)"):
+    with pytest.raises(ValueError, match=r"\(12, 12\).*\(6, 6\)"):
         replace(calibration, correlation=joint[:6, :6])
 
 

@@ -31,7 +31,7 @@ def test_a_machine_that_bends_gets_the_dynamic_model(recordings):
 
 def test_one_kind_of_motion_does_not_show_how_the_dynamic_model_does_in_others(recordings):
     _, reason, models = chosen(recordings[35.0])
-    assert "of one kind of motion" in reason or "in one kind of motion" in reason
+    assert "one kind" in reason
     assert models == {}
 
 
@@ -46,7 +46,7 @@ def test_a_loss_in_any_component_of_other_motion_keeps_the_static_model(recordin
 
 def test_a_stated_model_is_taken(recordings):
     _, reason, models = chosen(recordings[35.0], "static", recordings[35.0][1:])
-    assert (reason[:24], models) == ("static model, as given: ", {})
+    assert (reason.partition(": ")[0], models) == ("static model, as given", {})
     _, _, models = chosen(recordings[None], "dynamic")
     assert list(models) == ["plate 1"]
 
@@ -61,7 +61,7 @@ def test_the_dynamic_model_survives_the_file(recordings):
         read.dynamic["plate 1"].predict(channels), models["plate 1"].predict(channels)
     )
     assert replace(calibration, dynamic={}).in_use["plate 1"] is static["plate 1"]
-    with pytest.raises(ValueError, match="a dynamic model of every plate, or of none"):
+    with pytest.raises(ValueError, match="dynamic model of every"):
         replace(calibration, plates=static | {"plate 2": static["plate 1"]})
 
 

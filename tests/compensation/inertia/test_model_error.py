@@ -1,4 +1,4 @@
-"""What a model is expected to leave, by how the platform moves, against known left-overs."""
+"""The error that a model expects of itself is as large as what it truly leaves."""
 
 from dataclasses import replace
 
@@ -131,7 +131,7 @@ def test_a_recording_that_the_model_explains_badly_hardly_spoils_the_gains():
     named = [(f"{k}", {"plate 1": samples}) for k, samples in enumerate(trials)]
     weight, reason = weigh_beside(named, felt.shape[1], SETUP.rate_hz)
     both = fit_trials(trials, SETUP, beside_weight=weight)
-    assert reason.startswith(f"weight {weight:g} per sample in the gains (0: 1); with")
+    assert reason.startswith(f"weight {weight:g} per sample")
     error = np.abs(both.gain[:-1] - GAIN).max()
     assert error < np.abs(fit_inertia(felt, wrench, SETUP).gain[:-1] - GAIN).max() / 20
 

@@ -1,4 +1,4 @@
-"""Delay and noise of each accelerometer, from a calibration recording of a rigid platform."""
+"""Delay and noise of each accelerometer are found from a calibration of a rigid platform."""
 
 from dataclasses import replace
 

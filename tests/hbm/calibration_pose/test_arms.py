@@ -1,4 +1,4 @@
-"""Joints of the arms: elbow axes of arms in known poses, measured offsets, wrists with a bar."""
+"""Joints of arms in any pose are found from elbow axes, measured offsets and wrist markers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Functional hip centres: star and arc movements of a body whose hips are known."""
+"""Star and arc movements show the hips of a body whose hips are known."""
 
 import numpy as np
 import pytest
@@ -67,5 +67,5 @@ def test_a_body_has_the_centres_that_it_is_built_with():
 
 
 def test_swinging_in_one_plane_is_refused():
-    with pytest.raises(ValueError, match="right thigh rotates too little, or in one plane only"):
+    with pytest.raises(ValueError, match=r"right thigh.* one plane"):
         functional_hips(star_arc(sideways=0.0), HBM2)

@@ -1,4 +1,4 @@
-"""Joint centres and axes: rules and replacements computed by hand, and errors."""
+"""Joint centres and axes follow the published rules, and a landmark that is missing is named."""
 
 import numpy as np
 import pytest
@@ -140,7 +140,7 @@ def test_without_a_medial_marker_the_centre_is_a_share_of_the_shank_away(
     proximal = found.points["right_hip" if joint == "knee" else "right_knee"]
     assert (center - at[lateral]) @ (center - proximal) == pytest.approx(0, abs=1e-12)
     assert np.linalg.norm(center - located().points[f"right_{joint}"]) < 0.02
-    assert found.rules[missing] == f"right_{joint} half the joint's width medial to {lateral}"
+    assert {f"right_{joint}", lateral} <= set(found.rules[missing].split())
 
 
 def test_width_and_marker_radius_are_the_centre_s_distance_from_the_lateral_marker():
@@ -215,7 +215,7 @@ def test_a_wrist_with_one_marker_has_the_elbow_s_axis():
     found = located("LMW")
     np.testing.assert_allclose(found.points["left_wrist"], landmarks()["LLW"])
     np.testing.assert_allclose(found.axes["left_wrist"], found.axes["left_elbow"])
-    assert "a left wrist marker" in found.rules
+    assert any("left wrist" in what for what in found.rules)
 
 
 def test_an_arm_is_found_without_the_other_acromion():
@@ -232,12 +232,9 @@ def test_an_arm_is_found_without_the_other_acromion():
 @pytest.mark.parametrize(
     ("missing", "message"),
     [
-        (
-            ("LASIS", "LPSIS"),
-            "the pelvis needs the landmark LASIS .or one ASIS with both PSIS.",
-        ),
-        (("LLEK",), "the left knee needs the landmark LLEK .or LLEK with knee_width_m."),
-        (("RMT2",), "the right foot needs the landmark RTOE .or RMT2."),
+        (("LASIS", "LPSIS"), "pelvis .*LASIS .*ASIS .*PSIS"),
+        (("LLEK",), "left knee .*LLEK .*knee_width_m"),
+        (("RMT2",), "right foot .*RTOE .*RMT2"),
     ],
 )
 def test_a_landmark_that_no_rule_replaces_is_named(missing, message):
@@ -248,6 +245,6 @@ def test_a_landmark_that_no_rule_replaces_is_named(missing, message):
 @pytest.mark.parametrize(("a", "b", "joint"), [("LLEK", "LMEK", "knee"), ("RLM", "RMM", "ankle")])
 def test_swapped_lateral_and_medial_markers_are_refused(a, b, joint):
     swapped = {a: T_POSE_MM[b], b: T_POSE_MM[a]}
-    said = rf"{joint}'s lateral marker lies on its medial side; .*landmarks {a}, {b}\)"
+    said = rf"{joint}'s lateral .*medial side; .*{a}, {b}\)"
     with pytest.raises(ValueError, match=said):
         located(**swapped)

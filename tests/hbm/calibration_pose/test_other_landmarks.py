@@ -1,4 +1,4 @@
-"""Landmarks that not every set has: alignment devices, other spine levels, heads without a top."""
+"""Other devices, spine levels and heads without a top give the same joints and frames."""
 
 import numpy as np
 import pytest
@@ -104,7 +104,7 @@ def test_the_level_of_the_shoulder_blades_stands_in_for_the_tenth_thoracic_verte
     found = locate_anatomy(landmarks("T10", T8=(-105, 0, 1290)), MEN)
     expected = locate_anatomy(landmarks(T10=(-105, 0, 1290)), MEN)
     np.testing.assert_array_equal(found.frames["thorax"], expected.frames["thorax"])
-    assert found.rules["T10"] == "T8 stands in for it"
+    assert found.rules["T10"].startswith("T8 ")
     plain = locate_anatomy(landmarks(), MEN).frames["thorax"]
     assert np.degrees(np.arccos(found.frames["thorax"][:, 2] @ plain[:, 2])) < 5
 
@@ -114,7 +114,7 @@ def test_the_second_thoracic_vertebra_is_raised_to_stand_in_for_the_seventh_cerv
     measures = Measures(sex)
     found = locate_anatomy(landmarks("C7", T2=(-88, 4, 1465)), measures)
     plain = locate_anatomy(landmarks(), measures)
-    assert found.rules["C7"] == "T2 stands in for it"
+    assert found.rules["C7"].startswith("T2 ")
     assert np.linalg.norm(found.points["cervicale"] - plain.points["cervicale"]) < 0.03
     assert np.linalg.norm(found.points["neck"] - plain.points["neck"]) < 0.03
     assert np.degrees(np.arccos(found.frames["thorax"][:, 2] @ plain.frames["thorax"][:, 2])) < 5

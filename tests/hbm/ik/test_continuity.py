@@ -1,4 +1,4 @@
-"""Among equivalent coordinates of the same poses, those whose angles are continuous."""
+"""Among equivalent coordinates of a pose, those whose angles are continuous are given."""
 
 import numpy as np
 import pytest

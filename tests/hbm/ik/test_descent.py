@@ -1,4 +1,4 @@
-"""Newton's method: one optimum, whatever the memory layout, the place in the lab, the threads."""
+"""Newton's method finds one optimum, whatever the memory layout, the place or the threads."""
 
 from dataclasses import replace
 

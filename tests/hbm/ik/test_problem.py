@@ -1,4 +1,4 @@
-"""What markers near an axis do not determine: a prior holds it, and nothing else."""
+"""A coordinate that markers do not determine is held by a prior, and nothing else is."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Rotations that align a model with measured directions, against independent computations."""
+"""Rotations align a model with measured directions as independent computations do."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -1,4 +1,4 @@
-"""The lowest optimum: beside SciPy's best of several starts, with positions by Pinocchio."""
+"""Inverse kinematics finds the lowest optimum that SciPy finds from several starts."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Compiled kernels and casadi's virtual machine: the same numbers, one in place of the other."""
+"""Compiled kernels and casadi's virtual machine give the same numbers, and replace each other."""
 
 import re
 import shutil
@@ -62,14 +62,14 @@ def test_a_library_of_another_version_is_not_used(copied):
         made_from = re.search(rb"[0-9a-f]{64}", path.read_bytes()).group()
         path.write_bytes(path.read_bytes().replace(made_from, b"0" * 64))
     ready = load(lambda _: None, copied)
-    assert ready.backend == "virtual machine (compiled kernels of another version)"
+    assert re.match("virtual machine .*another version", ready.backend)
     assert ready.solve_frames is None
 
 
 def test_without_a_library_the_virtual_machine_is_used_with_a_hint(tmp_path):
     messages = []
-    assert load(messages.append, tmp_path).backend == "virtual machine (no compiled kernels)"
-    assert "Install a C compiler" in messages[0]
+    assert load(messages.append, tmp_path).backend.startswith("virtual machine (no ")
+    assert "C compiler" in messages[0]
 
 
 @pytest.mark.parametrize("jobs", [7])

@@ -1,4 +1,4 @@
-"""Labels that are exchanged, markers that moved, positions that were repeated."""
+"""Labels that are exchanged, markers that moved and positions that were repeated are named."""
 
 import numpy as np
 import pytest

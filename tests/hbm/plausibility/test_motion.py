@@ -1,4 +1,4 @@
-"""Bodies and motions that cannot be, errors of markers, and what markers do not show."""
+"""Bodies and motions that cannot be, and errors of markers, are named, and healthy ones are not."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What segments without markers are expected to add to the residuals of a walk."""
+"""What segments without markers add to the residuals of a walk is as large as expected."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The low-pass: exact -3 dB, derivatives, gaps; sample by sample as over whole recordings."""
+"""The low-pass is exact at its cut-off, keeps gaps, and gives the same sample by sample."""
 
 from typing import get_args
 
@@ -161,8 +161,8 @@ def test_lost_samples_are_bridged_within_a_quarter_of_the_cutoffs_period(
 @pytest.mark.parametrize(
     ("signal", "times", "cutoff_hz", "method", "message"),
     [
-        (np.zeros(16), 100, 6, "zero_phase", "at least 17 samples at 100 Hz, got 16"),
-        (np.zeros(100), 100, 50, "realtime", r"half the sampling rate \(50 Hz\), got 50"),
+        (np.zeros(16), 100, 6, "zero_phase", "17 samples at 100 Hz, got 16"),
+        (np.zeros(100), 100, 50, "realtime", r"50 Hz.*, got 50"),
         # a clock of 100 Hz of which rounding makes 100.0000000001 Hz
         (np.zeros(9), np.arange(9) * 0.00999999999999, 50, "realtime", r"half the sampling rate"),
         (np.zeros(100), np.arange(100.0) ** 1.01, 0.1, "zero_phase", "equal time steps"),

@@ -1,4 +1,4 @@
-"""Cubic convolution: what it passes, what it reproduces, and where it knows nothing."""
+"""Cubic convolution reproduces what it can, and knows nothing where there are no samples."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Splines through samples, as SciPy computes them."""
+"""Splines through samples are those that SciPy computes."""
 
 import numpy as np
 from hypothesis import given

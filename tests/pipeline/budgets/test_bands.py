@@ -1,4 +1,4 @@
-"""Residuals over time with how sure they are: in files, in a figure, in the viewer."""
+"""Files, figure and viewer show residuals over time with how sure they are."""
 
 import subprocess
 import sys

@@ -1,6 +1,7 @@
-"""A study corrected by its explanation: settings change, recordings do not, and residuals fall."""
+"""A corrected study has other settings and the same recordings, and its residuals fall."""
 
 import hashlib
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -87,15 +88,9 @@ def test_corrections_are_settings_of_a_study_with_the_same_recordings(moving_stu
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (
-            {"held_out": -0.1},
-            ["plate 1: gain of Fz 5.0 ± 1.0 %: it does not lower the residuals of other trials"],
-        ),  # does not hold elsewhere
+        ({"held_out": -0.1}, ["plate 1: .*5.0 ± 1.0 %: .*other trials"]),  # does not hold elsewhere
         ({"deviation": 0.6}, []),  # may be nothing
-        (
-            {"left": 0.98},
-            ["plate 1: gain of Fz 5.0 ± 1.0 %: it lowers no residual by 3 %"],
-        ),  # hardly matters
+        ({"left": 0.98}, ["plate 1: .*5.0 ± 1.0 %: .*by 3 %"]),  # hardly matters
     ],
 )
 def test_what_is_uncertain_or_does_not_hold_elsewhere_is_not_written(
@@ -104,7 +99,8 @@ def test_what_is_uncertain_or_does_not_hold_elsewhere_is_not_written(
     own = cause("plate 1: gain of Fz", *SIZES["plate 1: gain of Fz"], **change)
     written, left_out = corrected(read_study(moving_study), tmp_path / "out", [own])
     assert written == []
-    assert left_out == named
+    assert len(left_out) == len(named)
+    assert all(map(re.match, named, left_out))
     assert read_study(tmp_path / "out").file.mend_plates == ()
 
 
@@ -122,17 +118,14 @@ def test_a_gain_that_all_plates_have_alike_may_be_the_body_model_and_is_not_writ
     }
     found = [cause(name, "gain", "1", size) for name, size in sizes.items()]
     _, left_out = corrected(read_study(moving_study), tmp_path / "out", found)
-    assert [text.split(" in all plates")[0] for text in left_out] == [
-        "plate 1: gain of Mx 6.0 ± 1.2 %:",
-        "plate 2: gain of Mx 7.0 ± 1.4 %:",
-    ]
+    sizes = [re.search(r"plate (\d): .*Mx ([\d.]+) ± ([\d.]+) %", line) for line in left_out]
+    assert [size.groups() for size in sizes] == [("1", "6.0", "1.2"), ("2", "7.0", "1.4")]
     written = read_study(tmp_path / "out").file.mend_plates
     assert {own.split(" ", 2)[2].split()[0] for own in written} == {"My", "Fz"}
     lines = study_lines(found, dict.fromkeys(TRIALS, RESULT))
     (alike,) = (line for line in lines if "Mx" in line)
-    assert alike.startswith(
-        "Not certain: gain of Mx of all plates alike, plate 1 6.0 ± 1.2 %, plate 2 7.0 ± 1.4 %"
-    )
+    assert alike.startswith("Not certain: gain of Mx ")
+    assert "plate 1 6.0 ± 1.2 %, plate 2 7.0 ± 1.4 %" in alike
 
 
 def test_a_correction_is_typed_in_the_plate_s_component_and_explained_in_the_lab(
@@ -144,12 +137,12 @@ def test_a_correction_is_typed_in_the_plate_s_component_and_explained_in_the_lab
     other = replace(other, cause=replace(other.cause, in_lab="pitch moment"))
     written, _ = corrected(read_study(moving_study), tmp_path / "out", [gain, other])
     assert written[0].setting == 'mend_plates "1: gain Mx 0.94340"'
-    assert written[0].cause.startswith("plate 1: gain of Mx (pitch moment in the lab) 6.0")
+    assert "Mx (pitch moment" in written[0].cause
 
 
 def test_a_study_is_not_overwritten(moving_study, tmp_path):
     (tmp_path / "study.toml").touch()
-    with pytest.raises(ValueError, match="there is a study already; name another folder"):
+    with pytest.raises(ValueError, match="a study already"):
         corrected(read_study(moving_study), tmp_path, [])
 
 
@@ -164,7 +157,7 @@ def test_residuals_fall_to_those_of_a_laboratory_without_the_faults(tmp_path, ca
     results, out = tmp_path / "faulty_r", tmp_path / "corrected"
     assert main(["explain", str(results), "--apply", str(out)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "plate 2: gain of Fz" in said
+    assert "2: gain of Fz" in said
     gains = [own for own in read_study(out).file.mend_plates if own.startswith("2: gain Fz")]
     assert float(gains[0].split()[-1]) == pytest.approx(1 / 1.05, abs=0.01)
     assert main(["run", str(out), "--out", str(out / "results")]) == 0

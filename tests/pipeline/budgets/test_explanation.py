@@ -1,4 +1,4 @@
-"""What a trial's residuals are made of, as lines, as a table and as a file."""
+"""What a trial's residuals are made of is the same as lines, as a table and as a file."""
 
 import tomllib
 from dataclasses import replace
@@ -99,10 +99,10 @@ def test_a_file_brings_every_number_back(late, stretch, tmp_path):
 def test_a_file_of_another_version_is_refused(late, tmp_path):
     path = tmp_path / "walk_explained.json"
     write_explanation(replace(late, version=99), path)
-    with pytest.raises(ValueError, match="of another version of hbm: version"):
+    with pytest.raises(ValueError, match="another version"):
         read_explanation(path, Explanation)
 
 
 def test_without_gait_cycles_a_warning_says_what_is_explained(stretch):
     (note,) = stretch.budget.notes
-    assert "2.0 s of the recording" in str(note)
+    assert "2.0 s of" in str(note)

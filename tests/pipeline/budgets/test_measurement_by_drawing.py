@@ -1,4 +1,4 @@
-"""Errors of measurement of a study against draws of every cause, once for all that shares it."""
+"""Errors of measurement of a study are those of draws of every cause, shared where it is."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Causes in words."""
+"""A cause is said with its size, its unit and what to do, and only where it is sure."""
 
 import re
 from dataclasses import replace
@@ -60,15 +60,14 @@ CALIBRATED = SimpleNamespace(
 
 def test_a_mass_is_advised_as_the_scales_would_show_it():
     (found,) = what_to_fix_first(budget(replace(CAUSE, name=MASS, size=0.01)), UNCALIBRATED)
-    assert found.action == (
-        "The body mass is 1.00 ± 0.20 % too large; weigh the subject: 70.0 kg would fit."
-    )
+    assert re.search("1.00 ± 0.20 % too large; weigh .*70.0 kg", found.action)
 
 
 def test_a_delay_that_a_calibration_gives_is_not_stated_a_second_time():
     late = replace(CAUSE, name="plates delayed", group="delay", unit="s")
     (found,) = what_to_fix_first(budget(late), CALIBRATED)
-    assert found.action == "Measure the plates' delay (plates delayed 12.0 ± 2.0 ms)."
+    assert found.action.startswith("Measure the plates' delay")
+    assert "12.0 ± 2.0 ms" in found.action
 
 
 @pytest.mark.parametrize(
@@ -86,8 +85,8 @@ def test_a_fault_is_said_with_its_plate_size_and_what_to_do_in_twenty_words():
     gain = replace(CAUSE, name="plate 1: gain of Fz", size=0.029, deviation=0.003, left=left)
     (found,) = what_to_fix_first(budget(gain), UNCALIBRATED)
     first, second = str(found).split(". ", 1)
-    assert first == "Plate 1 reads 2.90 ± 0.59 % too much vertically; recalibrate it"
-    assert second == "This alone would lower Fz from 2.0 to 1.4 N."
+    assert re.match("Plate 1 .*2.90 ± 0.59 % too much vertically; recalibrate", first)
+    assert "Fz from 2.0 to 1.4" in second
     for name in ("zero of Fx", "Fz in Fy", "place along x", "direction about z"):
         cause = replace(gain, name=f"plate 2: {name}", size=-0.029)
         (found,) = what_to_fix_first(budget(cause), UNCALIBRATED)
@@ -139,7 +138,8 @@ def test_faults_that_a_trial_does_not_tell_are_named():
     unknown = replace(CAUSE, name="plate 1: gain of Mz", deviation=0.05, chance=0.5)
     told = replace(CAUSE, name="plate 1: gain of Fz", chance=0.2)
     said = list(budget_lines(budget(unknown, told), ()))
-    assert "Not determined by this trial, 1 of 2 possible faults: gain of Mz." in said
+    (line,) = (line for line in said if "1 of 2" in line)
+    assert line.endswith(": gain of Mz.")
 
 
 def test_gains_alike_in_all_plates_are_not_certain():
@@ -148,8 +148,8 @@ def test_gains_alike_in_all_plates_are_not_certain():
     both = budget(*(replace(gain, name=f"plate {k}: gain of Mx") for k in (1, 2)))
     assert what_to_fix_first(both, UNCALIBRATED) == ()
     first, second, *_ = budget_lines(both, ())
-    assert first.startswith("Beyond warnings, no certain fault")
-    assert second.startswith("Not certain: gain of Mx of all plates alike, plate 1 6.00 ± 0.20 %")
+    assert "no certain fault" in first
+    assert re.match("Not certain: gain of Mx .*alike, plate 1 6.00 ± 0.20 %", second)
     assert "shoes" in second
 
 
@@ -158,9 +158,7 @@ def test_gains_are_alike_along_the_same_direction_of_the_lab_whatever_the_plates
     pitch = replace(CAUSE, size=0.06, left=left, in_lab="pitch moment")
     turned = [replace(pitch, name=f"plate {k}: gain of {m}") for k, m in ((1, "Mx"), (2, "My"))]
     _, second, *_ = budget_lines(budget(*turned), ())
-    assert second.startswith(
-        "Not certain: gain of Mx, gain of My (pitch moment in the lab) of all plates alike"
-    )
+    assert re.match(r"Not certain: .*Mx, .*My \(pitch moment .*alike", second)
     apart = budget(turned[0], replace(turned[1], in_lab="roll moment", chance=0.3))
     assert alike_in_plates(apart.causes) == {turned[0].name: [turned[0]]}
 
@@ -168,7 +166,7 @@ def test_gains_are_alike_along_the_same_direction_of_the_lab_whatever_the_plates
 @pytest.mark.parametrize("fault", ["gain of Mx", "zero of Mx"])
 def test_a_fault_of_a_component_says_what_the_component_is_in_the_lab(fault):
     cause = replace(CAUSE, name=f"plate 1: {fault}", in_lab="pitch moment")
-    assert "Mx (pitch moment in the lab)" in what_to_do(cause, UNCALIBRATED)
+    assert "Mx (pitch moment" in what_to_do(cause, UNCALIBRATED)
 
 
 def test_the_size_of_a_cause_that_the_trial_does_not_tell_is_unknown():
@@ -187,7 +185,7 @@ def test_gains_alike_that_change_no_residual_are_not_worth_a_word():
     gain = replace(CAUSE, size=0.06, left=np.full(6, 1.96))
     both = budget(*(replace(gain, name=f"plate {k}: gain of Mz") for k in (1, 2)))
     first, *_ = budget_lines(both, ())
-    assert first == "Beyond warnings, no certain fault explains much of a residual."
+    assert "no certain fault" in first
 
 
 def test_a_cause_that_the_other_half_contradicts_is_not_to_be_mended():
@@ -201,7 +199,7 @@ def test_a_gain_of_the_only_plate_may_be_the_body_model_but_not_one_of_fz():
     only = budget(replace(CAUSE, name="plate 1: gain of My", size=0.06, left=left))
     assert what_to_fix_first(only, UNCALIBRATED) == ()
     _, second, *_ = budget_lines(only, ())
-    assert second.startswith("Not certain: gain of My of the only plate, plate 1 6.00 ± 0.20 %")
+    assert re.match("Not certain: gain of My .*only plate, plate 1 6.00 ± 0.20 %", second)
     (found,) = what_to_fix_first(
         budget(replace(only.causes[0], name="plate 1: gain of Fz")), UNCALIBRATED
     )
@@ -234,4 +232,4 @@ def test_shares_are_drawn_as_intervals_on_one_scale_that_holds_zero_and_all():
     shown = re.sub("<[^>]+>", "", str(templates().get_template("blocks.html").module.table(table)))
     assert "25 ± 10 %" in shown  # for those who do not see the dots
     once = replace(of_trial, cycles=1, found_cycles=1)
-    assert budget_table(once)[0].endswith("1 of 1 gait cycle of one side")
+    assert re.search(r"\b1 of 1 gait cycle\b", budget_table(once)[0])

@@ -1,4 +1,4 @@
-"""Which calibration trial to choose: by both rules, and not by thousandths of a newton."""
+"""The calibration trial that is advised is best by both rules, not by thousandths of a newton."""
 
 from itertools import product
 

@@ -1,4 +1,4 @@
-"""Experiment 2: the ranking is right where the truth is known, and certain only with reason."""
+"""The ranking of experiment 2 is right where the truth is known, and certain only with reason."""
 
 from dataclasses import replace
 
@@ -105,7 +105,7 @@ def test_where_one_trial_is_less_noisy_the_bootstrap_is_certain_of_it():
     assert ranking.table["wins"].iloc[0] > 0.95
     answers = dict(recommendation(ranking, "sway", "another").rows)
     assert answers["May be better"] == "none"
-    assert answers["Advised: another"] == "not among these trials"
+    assert answers["Advised: another"].startswith("not among")
 
 
 @pytest.mark.slow
@@ -133,10 +133,10 @@ def test_table_2_holds_the_winner_in_both_frames():
 def test_a_dead_channel_and_other_sensors_are_refused():
     one = trial(RANDOM, 1, name="a")
     dead = replace(one, name="dead", wrench=one.wrench * [1, 1, 1, 1, 1, 0])
-    with pytest.raises(ValueError, match="dead: the plate's Mz is 0 throughout"):
+    with pytest.raises(ValueError, match=r"dead: .*Mz is 0"):
         rank_platform([one, replace(one, name="b")], [dead])
     other = replace(one, name="b", setup=replace(one.setup, sensors=("left", "right")))
-    with pytest.raises(ValueError, match="left, right, a with rear_left, front_right"):
+    with pytest.raises(ValueError, match=r"left, right, .*rear_left, front_right"):
         rank_platform([one, other], [one])
 
 
@@ -200,7 +200,7 @@ def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
     folder, out = tmp_path / "lab", tmp_path / "out"
     assert main(["calibration", "rank", str(folder), "--simulate", "--out", str(out)]) == 0
     advice = " ".join(capsys.readouterr().out.split())
-    assert "not among these trials" in advice
+    assert "not among" in advice
     assert "Signal for belts" in advice
     page = (out / "laboratory.html").read_text(encoding="utf-8")
     assert f"Advised: {ADVISED_PLATFORM_SIGNAL}" in page

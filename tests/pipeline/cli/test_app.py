@@ -1,5 +1,6 @@
-"""The command line: what it loads, its exit codes, and its one line for every mistake."""
+"""The command line loads little, has an exit code for every end, and one line for every mistake."""
 
+import re
 import subprocess
 import sys
 
@@ -106,7 +107,7 @@ def test_a_file_in_place_of_the_output_folder_is_refused_before_processing(
     monkeypatch.setattr(trial, "chain_of", lambda *_: pytest.fail("processing began"))
     for out in (folder / "still.txt", folder / "still.txt" / "deeper"):
         line = refused(capsys, "residuals", folder / "still.c3d", "--out", out)
-        assert "still.txt is a file, not a folder" in line
+        assert "still.txt is a file" in line
 
 
 @pytest.mark.parametrize(
@@ -181,8 +182,8 @@ def test_what_nobody_expects_is_one_line_that_says_it_is_a_fault_of_the_program(
     monkeypatch.setattr(native, "kernels", fails)
     assert main(["doctor"]) == 2
     line = capsys.readouterr().err
-    assert line.startswith(f"hbm: error: a fault of this program: {type(fault).__name__}: ")
-    assert line.endswith("please report it with what --debug shows\n")
+    assert re.match(f"hbm: error: .*this program: {type(fault).__name__}: ", line)
+    assert line.endswith(" --debug shows\n")
     assert "(test_app.py, line " in line
     assert line[:-1].isprintable()
     assert len(line) < 400
@@ -208,8 +209,9 @@ def test_doctor_says_that_there_are_no_compiled_kernels_and_what_to_do(capsys, m
     monkeypatch.setattr(doctor, "speed", lambda _: 1.0)
     assert main(["doctor"]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert "Install a C compiler (gcc or clang), then the package again" in out
-    assert "kernels: virtual machine (data [bold] [2024])" in out
+    assert "C compiler" in out
+    assert "kernels: virtual machine" in out
+    assert "(data [bold] [2024])" in out
 
 
 @pytest.mark.parametrize(
@@ -244,14 +246,14 @@ def test_nothing_is_simulated_into_a_study_of_recorded_people(tmp_path, capsys):
     assert main(["init", str(tmp_path)]) == 0
     before = sorted(tmp_path.iterdir())
     line = refused(capsys, "simulate", tmp_path)
-    assert "its study is not a simulated one" in line
-    assert "name a new folder" in line
+    assert "not a simulated" in line
+    assert "new folder" in line
     assert sorted(tmp_path.iterdir()) == before
 
 
 def test_options_that_contradict_the_study_in_the_folder_are_refused(simulated, capsys):
     line = refused(capsys, "simulate", simulated, "--subjects", 9)
-    assert "its study is simulated with subjects = 3 (not subjects = 9)" in line
+    assert re.search(r"subjects = 3 .*subjects = 9\b", line)
 
 
 def test_what_was_there_is_not_written_again(simulated):
@@ -264,4 +266,4 @@ def test_what_was_there_is_not_written_again(simulated):
 
 def test_of_a_simulated_study_without_recordings_the_next_command_is_named(simulated, capsys):
     line = refused(capsys, "run", simulated)
-    assert f"{simulated}: no recordings yet; 'hbm simulate {simulated}' writes them" in line
+    assert f"'hbm simulate {simulated}'" in line

@@ -1,4 +1,4 @@
-"""hbm calibration fit and check: sensors at fault, channels of any name, another day."""
+"""``hbm calibration`` names sensors at fault, takes any channel names, and judges another day."""
 
 import json
 import shutil
@@ -96,7 +96,7 @@ def test_channels_of_any_name_are_stated(tmp_path, capsys):
     other = lab.save(renamed(empty(2)), tmp_path / "day2.c3d")
     assert main(["calibration", "check", str(out), str(other)]) == 0
     assert main([*command, "--accelerometer", "rear=ch1,ch2"]) == 2
-    assert "expected a name and three channels" in capsys.readouterr().err
+    assert "three channels" in capsys.readouterr().err
 
 
 def test_a_trial_needs_the_channels_of_its_calibration(fitted, moving_study, tmp_path, capsys):
@@ -107,7 +107,7 @@ def test_a_trial_needs_the_channels_of_its_calibration(fitted, moving_study, tmp
     for text in others:
         options += ["--accelerometer", text]
     assert main([*trial, *options]) == 2
-    assert "recording and calibration need the same channels" in capsys.readouterr().err
+    assert "the same channels" in capsys.readouterr().err
 
 
 def exchanged(values):
@@ -128,7 +128,7 @@ def test_sensors_that_exchanged_their_channels_are_named_and_given_right(fitted,
 def test_the_recording_that_a_calibration_was_fitted_to_is_no_check_of_it(fitted, tmp_path, capsys):
     copied = shutil.copy(fitted.with_name("empty.c3d"), tmp_path / "day2.c3d")
     assert main(["calibration", "check", str(fitted), str(copied)]) == 2
-    assert "the calibration was fitted to it" in capsys.readouterr().err
+    assert "fitted to it" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
@@ -151,9 +151,9 @@ def dead(values):
 @pytest.mark.parametrize(
     ("change", "code", "said"),
     [
-        (lambda values: None, 0, "calibration still valid by day2.c3d"),
-        (turned, 1, "calibration no longer valid by day2.c3d: plate 1: Fx left"),
-        (dead, 1, "dead, constant or in another unit: median rear_left 0 m/s²"),
+        (lambda values: None, 0, "still valid"),
+        (turned, 1, "plate 1: Fx left"),
+        (dead, 1, "rear_left 0 m/s²"),
     ],
 )
 def test_a_recording_of_another_day_says_whether_a_calibration_is_valid(

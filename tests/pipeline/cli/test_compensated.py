@@ -1,4 +1,6 @@
-"""Compensated C3D files on the command line: what is written, printed, and refused in one line."""
+"""Compensated C3D files are written, listed, or refused in one line."""
+
+import re
 
 import pytest
 
@@ -32,16 +34,14 @@ def test_a_trial_is_written_under_its_own_name(trial, calibration, tmp_path, cap
     ]
     assert main(command) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert (
-        f"{out / trial.name}: only the plates differ from the original, as read by this" in printed
-    )
+    assert f"{out / trial.name}: only the plates differ" in printed
     assert f"written: {out / trial.name}" in printed
     done = read_c3d(out / trial.name).compensation
     assert done.calibration == "lab.json"
     again = ["export", str(out / trial.name), "--calibration", str(calibration)]
     assert main([*again, "--format", "c3d", "--out", str(tmp_path / "twice")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("hbm: error: sub01_pitch.c3d: its plates are compensated already, by h")
+    assert re.match(r"hbm: error: sub01_pitch\.c3d: .*compensated already", line)
     assert not (tmp_path / "twice").exists()
 
 
@@ -52,7 +52,7 @@ def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, t
         main(["export", str(moving_study), "--format", "c3d", "--out", str(out), "--frame", "lab"])
         == 0
     )
-    assert "6 recordings with compensated plates" in capsys.readouterr().out
+    assert "6 recordings with" in capsys.readouterr().out
     assert sorted(path.name for path in out.iterdir()) == sorted(
         path.name for path in moving_study.glob("sub0*.c3d")
     )
@@ -65,8 +65,8 @@ def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, t
     )
     printed = " ".join(capsys.readouterr().out.split())
     assert "FAILED sub02_sway.c3d:" in printed
-    assert "is another file; nothing is overwritten" in printed
-    assert "5 recordings with compensated plates in" in printed
+    assert "another file" in printed
+    assert "5 recordings with" in printed
     assert (out / "sub01_sway.c3d").read_bytes() == content
     assert (out / "sub02_sway.c3d").read_bytes() == b"mine"
     assert (out / "sub02_pitch.c3d").is_file()

@@ -1,4 +1,4 @@
-"""What residuals are made of, on the command line."""
+"""``hbm explain`` prints and stores what residuals are made of."""
 
 import json
 import re
@@ -15,7 +15,7 @@ def test_a_walk_is_explained_and_the_budget_stored(walker, tmp_path, capsys):
     walk = lab.save(lab.cropped(walker, 0, 900), tmp_path / "walk.c3d")
     assert main(["explain", str(walk), "--sex", "female", "--out", str(tmp_path)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "Held-out check: causes estimated in one half of the cycles" in said
+    assert "Held-out check: " in said
     stored = json.loads((tmp_path / "walk_explained.json").read_text())
     assert stored["budget"]["found_cycles"] >= 3
     assert (tmp_path / "walk_bands.parquet").stat().st_size > 0
@@ -26,11 +26,7 @@ def test_a_walk_is_explained_and_the_budget_stored(walker, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [
-        (["gone.c3d"], "gone.c3d"),
-        (["result.parquet"], "only the recording shows what its residuals are made of"),
-        (["."], "no results of trials here"),
-    ],
+    [(["gone.c3d"], "gone.c3d"), (["result.parquet"], "only the recording"), (["."], "no results")],
 )
 def test_what_cannot_be_explained_gives_one_line(tmp_path, monkeypatch, capsys, arguments, words):
     monkeypatch.chdir(tmp_path)

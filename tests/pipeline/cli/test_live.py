@@ -1,4 +1,4 @@
-"""``hbm live``: a replayed recording gives its residuals, a recording and a summary."""
+"""``hbm live`` gives the residuals of a replayed recording, a recording and a summary."""
 
 import re
 import signal
@@ -102,10 +102,10 @@ def said_of_a_replay(walk, *options):
 def test_a_replayed_walk_gives_its_residuals_until_ctrl_c_and_is_recorded(walk, tmp_path, capsys):
     out = tmp_path / "out"
     said = said_of_a_replay(walk, "--static", walk, "--out", out)
-    assert f"receiving Markers (100 Hz) from {gethostname()}, Plates (1000 Hz) from" in said
+    assert f"Markers (100 Hz) from {gethostname()}, Plates (1000 Hz)" in said
     lights = re.findall(r"^(GOOD|LOOK|STOP): ", said, re.MULTILINE)
     assert lights[0] == "LOOK"  # it waits for streams, then for two seconds of frames
-    assert re.search(r"^GOOD: \d+ of 25 gait cycles used · RMS Fx \d+", said, re.MULTILINE)
+    assert re.search(r"^GOOD: \d+ of 25 .*RMS Fx \d+", said, re.MULTILINE)
     assert len(lights) < DURATION_S  # a line each five seconds, and one when the light changes
     received, solved, marked = map(
         int, re.search(r"(\d+) frames received: (\d+) used, (\d+) not used", said).groups()
@@ -130,8 +130,8 @@ def test_without_any_file_the_body_is_of_the_pose_and_the_plates_are_where_strea
 ):
     out = tmp_path / "out"
     said = said_of_a_replay(walk, "--pose", "--out", out)
-    assert "stand still on the plates, arms out to the sides" in said
-    assert re.search(r"residuals measured: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
+    assert "stand still" in said
+    assert re.search(r"RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
     recorded, true = read_recording(out / STREAMS), read_recording(walk)
     for ours, plate in zip(recorded.plates, true.plates, strict=True):
         np.testing.assert_array_equal(ours.center, plate.center)
@@ -173,7 +173,7 @@ def test_a_recording_that_cannot_go_on_is_said_at_once_and_the_session_goes_on(w
         live.send_signal(signal.SIGINT)
         said = live.communicate(timeout=PATIENCE_S)[0]
     assert live.returncode == 1
-    assert re.search(r"recording stopped: File too large; \d+ entries are missing", said)
+    assert re.search(r"recording stopped: .*\d+ entries", said)
     assert len(read_recording(out / STREAMS).markers.time) > 100
 
 
@@ -182,15 +182,14 @@ def test_a_folder_that_cannot_take_a_recording_is_refused_before_anything_is_awa
 ):
     (tmp_path / STREAMS).touch()
     said = refused(capsys, "--static", walk, "--out", tmp_path)
-    assert "holds a recording already" in said
+    assert "recording already" in said
 
 
 def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
-    assert "no calibration pose: give --static FILE, or show it live with --pose" in refused(capsys)
-    assert "lab.json needs the study: its [treadmill.platform] says by which" in refused(
-        capsys, "--static", walk, "--calibration", tmp_path / "lab.json"
-    )
-    assert "no such file" in refused(capsys, "--static", tmp_path / "absent.c3d")
+    assert re.search("--static FILE.* --pose", refused(capsys))
+    lab = refused(capsys, "--static", walk, "--calibration", tmp_path / "lab.json")
+    assert re.search(r"lab\.json .*\[treadmill\.platform\]", lab)
+    assert "absent.c3d" in refused(capsys, "--static", tmp_path / "absent.c3d")
 
 
 @needs_lsl
@@ -198,17 +197,14 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
     monkeypatch.setattr("pipeline.live.output._listening", [])
     stated = '[conditions.level]\n[live]\nlisten = "192.0.2.1"\n'
     played = "--replay", walk, "--study", study_of(tmp_path / "study", stated)
-    assert "192.0.2.1 is not an address of this computer" in refused(capsys, *played)
-    assert "'cameras' is no IPv4 address" in refused(capsys, *played, "--listen", "cameras")
+    assert "192.0.2.1 is not" in refused(capsys, *played)
+    assert "'cameras' is no" in refused(capsys, *played, "--listen", "cameras")
 
 
 def test_the_light_is_opened_to_others_at_an_address_of_this_computer_alone(walk, capsys):
-    assert "192.0.2.1 is no address of this computer" in refused(
-        capsys, "--static", walk, "--page-host", "192.0.2.1"
-    )
-    assert "'0.0.0.0' is no IPv4 address of this computer" in refused(
-        capsys, "--static", walk, "--page-host", "0.0.0.0"
-    )
+    for address in ("192.0.2.1", "0.0.0.0"):
+        line = refused(capsys, "--static", walk, "--page-host", address)
+        assert re.search(rf"{re.escape(address)}\S* is no .*this computer", line)
 
 
 @pytest.mark.slow
@@ -216,15 +212,15 @@ def test_the_light_is_opened_to_others_at_an_address_of_this_computer_alone(walk
 def test_a_search_that_is_stopped_ends_with_one_line(walk, tmp_path):
     with hbm("--static", walk, "--out", tmp_path / "out") as live:
         assert live.stdout.readline() == f"calibration pose: {walk.name}\n"
-        assert "light for a phone or wall: http://127.0.0.1:" in live.stdout.readline()
-        assert "searching at 127.0.0.1 for Markers, Plates" in live.stdout.readline()
+        assert " http://127.0.0.1:" in live.stdout.readline()
+        assert re.search(r"127\.0\.0\.1 .*Markers, Plates", live.stdout.readline())
         waiting = "LOOK: Waiting for streams Markers, Plates · 0 / 25 gait cycles"
         assert live.stdout.readline() == f"{waiting}\n"
         time.sleep(0.5)
         live.send_signal(signal.SIGTERM)
         said = live.communicate(timeout=PATIENCE_S)[0]
     assert live.returncode == 128 + signal.SIGTERM
-    assert said == "hbm: terminated: nothing was received, and nothing is recorded\n"
+    assert re.fullmatch("hbm: terminated: .*nothing is recorded\n", said)
     assert not (tmp_path / "out").exists()
 
 
@@ -250,13 +246,13 @@ def test_a_terminal_has_one_line_with_the_light_that_says_how_late_the_picture_i
     with LightLine(PlainConsole(file=shown, force_terminal=True, width=200), 25) as line:
         line.wait_for_streams(["Markers"], ["Plates"])
         line._live.refresh()
-        assert "Waiting for stream Markers; there: Plates · 0 / 25 gait cycles" in shown.getvalue()
+        assert re.search("stream Markers; .*Plates · 0 / 25 ", shown.getvalue())
         began = time.monotonic()
         recorder = SimpleNamespace(fault=None)
         goes_on = lambda: time.monotonic() - began < 5 * STATUS_S  # noqa: E731
         follow(session, source, monitor, recorder, view, line, goes_on, deque())
         line._live.refresh()
     newest = shown.getvalue().rsplit(" GOOD ", 1)[-1]
-    assert "gait cycles used · RMS Fx" in newest
-    assert ("picture 1.2 s late" in newest) == (view is not None)
+    assert "· RMS Fx" in newest
+    assert ("1.2 s late" in newest) == (view is not None)
     assert shown.getvalue().count("\n") == 1  # at its end

@@ -1,4 +1,4 @@
-"""Standard output of any encoding and width, closed, full, or no longer read."""
+"""Output of any encoding and width arrives, though it be closed, full, or no longer read."""
 
 import os
 import shutil

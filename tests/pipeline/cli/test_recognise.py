@@ -1,6 +1,7 @@
-"""``hbm FILE``: what a file or folder is, and what can be done with it."""
+"""``hbm FILE`` says what a file or folder is, and what can be done with it."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -27,7 +28,7 @@ def folder(tmp_path_factory):
 
 def test_a_folder_of_recordings_is_no_study_and_begins_with_one(folder):
     found = recognise(folder)
-    assert found.what == "a folder with 2 recordings and no study"
+    assert "2 recordings" in found.what
     assert found.commands[0] == f"hbm init {folder}"
 
 
@@ -36,9 +37,9 @@ def test_what_a_killed_process_left_is_no_recording(folder, tmp_path, capsys):
     shutil.copy(folder / "standing.c3d", tmp_path / "walk.c3d")
     part = tmp_path / ".walk.c3d.deadbeef.part"
     shutil.copy(folder / "standing.c3d", part)
-    assert recognise(tmp_path).what == "a folder with 1 recording and no study"
+    assert re.search(r"\b1 recording\b", recognise(tmp_path).what)
     assert main(["residuals", str(part)]) == 2
-    assert "whose writing was stopped" in capsys.readouterr().err
+    assert "writing was stopped" in capsys.readouterr().err
     assert main(["init", str(tmp_path)]) == 0
     assert "deadbeef" not in capsys.readouterr().out
     assert "deadbeef" not in (tmp_path / "sub01.toml").read_text(encoding="utf-8")
@@ -46,10 +47,10 @@ def test_what_a_killed_process_left_is_no_recording(folder, tmp_path, capsys):
 
 def test_a_study_its_calibration_and_its_settings_are_recognised(moving_study):
     found = recognise(moving_study)
-    assert found.what.startswith("a study with 2 subject files")
+    assert "2 subject files" in found.what
     assert found.commands[0] == f"hbm check {moving_study}"
     assert recognise(moving_study / "study.toml").what == found.what
-    assert recognise(moving_study / "sub01.toml").what == "a subject file of a study"
+    assert "subject file" in recognise(moving_study / "sub01.toml").what
 
 
 def test_a_study_without_subjects_or_not_in_toml_is_checked_and_nothing_else(
@@ -75,16 +76,16 @@ def test_a_recording_of_a_person_beside_an_empty_plate_is_fitted_with_that_of_th
     loaded = replace(first, wrench_in_plate=first.wrench_in_plate + np.eye(6)[2] * load_n)
     path = tmp_path / "beside.c3d"
     write_c3d(path, empty.markers, [loaded, *others], analog=shaken)
-    assert recognise(path).commands == (
-        f"hbm calibration fit EMPTY.c3d --beside {path} --out calibration.json",
-    )
+    (command,) = recognise(path).commands
+    assert command.startswith("hbm calibration fit ")
+    assert f"--beside {path}" in command
 
 
 def test_a_recording_without_plates_is_a_static_or_needs_forces(folder, capsys):
     path = folder / "no_plates.c3d"
     assert main([str(path)]) == 0
     out = capsys.readouterr().out
-    assert "46 markers, no plates" in out
+    assert "no plates" in out
     assert f"--static {path}" in out
 
 
@@ -108,17 +109,17 @@ def test_what_is_no_recording_is_named_by_residuals_with_what_to_do(folder, movi
     shutil.copy(moving_study / "study.toml", folder / "other.toml")
     assert main(["residuals", str(moving_study)]) == 2
     line = capsys.readouterr().err
-    assert "is no recording, but a study" in line
-    assert f"next: hbm check {moving_study}" in line
+    assert "no recording" in line
+    assert f"hbm check {moving_study}" in line
 
 
 def test_what_is_neither_a_command_nor_a_file_gets_the_nearest_one(folder, capsys):
     assert main(["residual"]) == 2
     assert "residuals" in capsys.readouterr().err
     assert main(["walk.c3d"]) == 2
-    assert "walk.c3d: no such file" in capsys.readouterr().err
+    assert "walk.c3d: no such" in capsys.readouterr().err
     assert main([str(folder / "standig.c3d")]) == 2
-    assert "standig.c3d: no such file, did you mean 'standing.c3d'?" in capsys.readouterr().err
+    assert re.search(r"standig\.c3d: .*'standing\.c3d'", capsys.readouterr().err)
 
 
 def test_a_calibration_is_recognised(tmp_path, moving_study, capsys):
@@ -127,6 +128,6 @@ def test_a_calibration_is_recognised(tmp_path, moving_study, capsys):
     assert main(["calibration", "fit", str(recording), "-o", str(out), "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     found = recognise(out)
-    assert found.what == "a calibration of a moving treadmill, plate 1, plate 2"
+    assert re.search("calibration .*treadmill, plate 1, plate 2", found.what)
     assert found.commands[1].startswith("hbm calibration check")
     assert recognise(recording).commands[0].startswith("hbm calibration fit")

@@ -1,4 +1,4 @@
-"""A study's results on the command line: they stand for themselves, without the recordings."""
+"""A study's results stand for themselves on the command line, without the recordings."""
 
 import shutil
 

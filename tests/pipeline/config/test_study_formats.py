@@ -1,4 +1,4 @@
-"""A study of files other than C3D, with forces or records in accompanying files."""
+"""A study takes files other than C3D, with forces or records in accompanying files."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Shares of the mean square among groups of causes."""
+"""Shares of the mean square are fair among groups of causes, with how sure they are."""
 
 from itertools import permutations
 from math import factorial

@@ -1,4 +1,4 @@
-"""Sizes of causes: Fourier coefficients of gait cycles, and what they say of causes."""
+"""Sizes of causes are found from Fourier coefficients of gait cycles, with how sure they are."""
 
 from itertools import product
 

@@ -1,4 +1,4 @@
-"""How sure the RMS of residuals is: the delta method by known answers, and by drawing."""
+"""How sure the RMS of residuals is agrees with known answers and with drawing."""
 
 from dataclasses import replace
 

@@ -1,3 +1,5 @@
+"""A study in BIDS is valid, and holds the samples, participants and events of its recordings."""
+
 import json
 import shutil
 import subprocess

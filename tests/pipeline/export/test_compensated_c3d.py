@@ -116,7 +116,7 @@ def test_a_copy_of_wrong_plates_holds_corrected_ones(original, study, tmp_path):
         error = np.abs(plate.wrench_in_plate - (before.wrench_in_plate - artefact))
         assert (error < RANGE_SHARE * np.ptp(before.wrench_in_plate, axis=0)).all()
     assert copy.compensation.plate_calibration_sha256 == correction.sha256
-    with pytest.raises(ValueError, match=r"copy\.c3d: its plates are compensated or corrected al"):
+    with pytest.raises(ValueError, match=r"copy\.c3d: .*corrected already"):
         with_corrected_plates(copy, correction)
 
 
@@ -175,7 +175,7 @@ def test_with_the_plates_frame_the_corners_are_in_the_mean_pose(original, record
 def test_a_frame_without_a_pose_is_refused(original, laboratory, tmp_path):
     treadmill = laboratory.treadmill.model_copy(update={"platform": None})
     level = replace(laboratory, treadmill=treadmill)
-    with pytest.raises(ValueError, match=r"sub01_pitch\.c3d: --frame lab needs the pose of the pl"):
+    with pytest.raises(ValueError, match=r"sub01_pitch\.c3d: --frame lab .*pose"):
         write_compensated(original, level, tmp_path / "x.c3d", frame="lab")
 
 
@@ -185,7 +185,7 @@ def test_the_original_is_never_written_over(original, laboratory, tmp_path):
     link.symlink_to(original.source)
     before = file_digest(original.source)
     for target in (original.source, link):
-        with pytest.raises(ValueError, match="would be written over the original; name another f"):
+        with pytest.raises(ValueError, match="over the original"):
             write_compensated(original, laboratory, target)
     assert file_digest(original.source) == before
 
@@ -218,12 +218,12 @@ def test_a_study_is_written_whole_and_what_fails_is_listed(study, tmp_path):
     other = replace(study, folder=tmp_path / "study", subjects={"sub01": subject})
     outcomes = dict(write_compensated_study(other, tmp_path / "out", None))
     assert len(list((tmp_path / "out").iterdir())) == 2
-    assert "not a C3D file" in outcomes["damaged.c3d"]
+    assert "not a C3D" in outcomes["damaged.c3d"]
     assert all(outcomes[f"sub01_{c}.c3d"].path for c in ("baseline", "pitch"))
 
 
 def test_a_study_without_a_calibration_is_refused_in_one_line(study, tmp_path):
     treadmill = study.file.treadmill.model_copy(update={"calibration": None})
     without = replace(study, file=study.file.model_copy(update={"treadmill": treadmill}))
-    with pytest.raises(ValueError, match=r"study\.toml names no calibration in \[treadmill\]"):
+    with pytest.raises(ValueError, match=r"study\.toml .*no calibration .*treadmill"):
         next(write_compensated_study(without, tmp_path, None))

@@ -1,4 +1,4 @@
-"""Bands of healthy adults behind joint angles and moments."""
+"""Bands of healthy adults lie behind joint angles and moments where they can be compared."""
 
 import numpy as np
 import pytest

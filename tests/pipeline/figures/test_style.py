@@ -1,4 +1,4 @@
-"""How figures are written: the same figure gives the same files, and bands have their spread."""
+"""The same figure gives the same files, and its bands have the spread that they state."""
 
 import numpy as np
 import pytest

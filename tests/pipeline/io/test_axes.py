@@ -1,3 +1,5 @@
+"""The axes of a laboratory are inferred from its markers, or asked for where these do not tell."""
+
 from itertools import permutations, product
 
 import numpy as np
@@ -34,7 +36,7 @@ def test_any_axes_of_a_file_are_inferred_from_a_standing_subject(subject, axes):
 
 @pytest.mark.parametrize("axes", ["", "x,y,z", "forward,right,up", "left,left,up"])
 def test_axes_that_are_no_right_handed_directions_are_refused(axes):
-    with pytest.raises(ValueError, match=r"must be three of forward, back|not right-handed axes"):
+    with pytest.raises(ValueError, match=r"three of forward|not right-handed"):
         parse_axes(axes)
 
 
@@ -43,15 +45,15 @@ def test_a_loaded_plate_shows_up_where_no_marker_is_known():
     names = ("LF", "RF")
     found, _ = settle_axes(None, position, names, plate_forces=[[0, 0, 300.0]])
     assert found == "forward,left,up"
-    with pytest.raises(ValueError, match=r"^the markers match no shipped set.* without a person"):
+    with pytest.raises(ValueError, match=r"no shipped set.* without a person"):
         settle_axes(None, position, names, plate_forces=[[0, 0, 20.0]])
 
 
 @pytest.mark.parametrize(
     ("evidence", "complaint"),
     [
-        ({"plate_forces": [[0, 0, -400.0]]}, "-z is up by the load on plate 1, but not by"),
-        ({"plate_normals": [[0, 1.0, 0]]}, "but not by the surface of plate 1;"),
+        ({"plate_forces": [[0, 0, -400.0]]}, "-z is up .*plate 1, but"),
+        ({"plate_normals": [[0, 1.0, 0]]}, "surface of plate 1;"),
         ({"screen_up": "+Y"}, "but not by Y_SCREEN;"),
     ],
 )
@@ -93,19 +95,19 @@ def test_up_is_where_most_witnesses_have_it_whatever_sign_plates_store(axes, sig
 def test_toes_that_point_backwards_are_exchanged_labels_or_mirrored_coordinates(subject, exchanged):
     sides_or_sites = ((name[0], name[1:]) for name in subject.names)
     swapped = tuple(f"{exchanged.get(a, a)}{exchanged.get(b, b)}" for a, b in sides_or_sites)
-    with pytest.raises(ValueError, match=r"toes point the other way: all left and .* mirrored"):
+    with pytest.raises(ValueError, match=r"toes point .*mirrored"):
         settle_axes(None, subject.position, swapped)
 
 
 def test_a_subject_who_turns_around_needs_stated_axes(subject):
     position = subject.position - [0, 0.1, 0]
     position[35:, :, :2] *= -1
-    with pytest.raises(ValueError, match="the subject turns around"):
+    with pytest.raises(ValueError, match="turns around"):
         settle_axes(None, position, subject.names)
 
 
 def test_stated_axes_that_turn_the_subject_upside_down_are_refused(subject):
-    with pytest.raises(ValueError, match=r"\+z is up by .* but down by pelvis or shoulders"):
+    with pytest.raises(ValueError, match=r"\+z is up .*down by pelvis"):
         settle_axes("forward,left,up", subject.position * [1, 1, -1], subject.names)
 
 
@@ -200,7 +202,7 @@ def test_a_pair_that_lies_the_other_way_round_is_a_warning(exchanged, doubtful):
 
 
 def test_as_many_pairs_the_other_way_round_as_not_are_refused():
-    with pytest.raises(ValueError, match=r"of the marker pairs .*, as many lie one way"):
+    with pytest.raises(ValueError, match=r"marker pairs .*as many"):
         settle_sides(("ASIS", "SHO"), ("SHO",))
 
 
@@ -219,9 +221,7 @@ def settle_sides(sites, exchanged):
 
 
 def test_plates_that_pull_the_subject_down_are_refused(subject):
-    with pytest.raises(
-        ValueError, match=r"or the plate stores the force.*then give .*1: reverse all"
-    ):
+    with pytest.raises(ValueError, match=r"the plate stores.*1: reverse"):
         settle_axes(
             "forward,left,up", subject.position, subject.names, plate_forces=[[0, 0, -400.0]]
         )

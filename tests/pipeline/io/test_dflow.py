@@ -1,3 +1,7 @@
+"""A D-Flow file is read on its frames, with what lacks as gaps and what contradicts refused."""
+
+import re
+
 import numpy as np
 import pytest
 
@@ -61,7 +65,8 @@ def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path)
     assert np.flatnonzero(np.isnan(read.plates[0].wrench).all(axis=1)).tolist() == gone
     assert np.flatnonzero(np.isnan(read.analog.channel("Channel13.Anlg"))).tolist() == gone
     (fact,) = read.facts
-    assert (fact.kind, fact.reason) == ("missing", "3 rows are not there, the first after line 51")
+    assert fact.kind == "missing"
+    assert re.match(r"3 rows .*line 51\b", fact.reason)
     kept = np.delete(np.arange(300), gone)
     np.testing.assert_allclose(read.markers.position[kept], trial.markers.position[kept], atol=1e-6)
 
@@ -85,14 +90,14 @@ def test_moments_that_no_centre_of_pressure_explains_are_refused(trial, tmp_path
         return [lines[0], *("\t".join(row) for row in rows)]
 
     path = write_dflow(trial, tmp_path / "t.txt", edit=doubled)
-    with pytest.raises(ValueError, match=r"plate 1: moments and centres of pressure disagree by"):
+    with pytest.raises(ValueError, match=r"plate 1: moments .*disagree"):
         read_recording(path)
 
 
 def test_a_vertical_moment_that_was_not_exported_is_refused(trial, tmp_path):
     zero = {"FP1.MomY": np.zeros(300)}
     path = write_dflow(trial, tmp_path / "t.txt", extra=zero)
-    with pytest.raises(ValueError, match="plate 1: the vertical moment is zero"):
+    with pytest.raises(ValueError, match=r"plate 1: .*vertical moment"):
         read_recording(path)
 
 
@@ -127,7 +132,7 @@ def test_a_record_is_interpolated_onto_the_markers_clock(trial, tmp_path, rng):
 def test_a_record_of_another_time_is_refused(trial, tmp_path):
     mocap = write_dflow(trial, tmp_path / "t.txt")
     record = write_record(tmp_path, 3600 + np.arange(12) / 100)
-    with pytest.raises(ValueError, match=r"^record\.txt: its times .* do not overlap"):
+    with pytest.raises(ValueError, match=r"^record\.txt: .*not overlap"):
         read_recording(mocap, record=record)
 
 
@@ -136,7 +141,7 @@ def test_a_record_of_another_time_is_refused(trial, tmp_path):
     [
         (lambda lines: [lines[0].replace(".PosY", ".PosQ", 1), *lines[1:]], "PosY is absent"),
         (lambda lines: [lines[0], *lines[5:9], *lines[1:4]], "FrameNumber 1, expected 9 in steps"),
-        (lambda lines: [lines[0], *lines[1::9]], "FrameNumber 10, expected 2 in steps of 1"),
+        (lambda lines: [lines[0], *lines[1::9]], "FrameNumber 10, expected 2 "),
     ],
 )
 def test_a_broken_mocap_file_is_refused_in_one_line(trial, tmp_path, edit, message):
@@ -155,9 +160,7 @@ def test_a_channel_written_twice_counts_once_only_if_it_is_the_same(trial, tmp_p
     extra = {"Channel1.Anlg": values, "Channel2.Anlg": values + offset}
     path = write_dflow(trial, tmp_path / "t.txt", edit=renamed, extra=extra)
     if offset:
-        with pytest.raises(
-            ValueError, match=r"^t\.txt: columns 159 and 160 are both named Channel1"
-        ):
+        with pytest.raises(ValueError, match=r"^t\.txt: columns 159 and 160 .*Channel1"):
             read_recording(path)
         return
     read = read_recording(path)

@@ -63,7 +63,7 @@ def test_a_file_larger_than_any_of_its_kind_is_refused_by_its_size(tmp_path, nam
     else:
         path.write_bytes(head)
     os.truncate(path, 5 * 10**9)
-    with pytest.raises((ValueError, OSError), match=r"5,000 MB, expected at most (2,147|67) MB"):
+    with pytest.raises((ValueError, OSError), match=r"5,000 MB.* (2,147|67) MB"):
         read(path)
 
 
@@ -73,4 +73,4 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path, read):
     pipe = tmp_path / "pipe.c3d"
     os.mkfifo(pipe)
     (error,) = opened_within_5_s(read, pipe)
-    assert error.strerror.startswith("is a pipe or a device")
+    assert "pipe" in error.strerror

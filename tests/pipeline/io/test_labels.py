@@ -1,4 +1,4 @@
-"""Labels in every format: prefixes, labels that occur twice, exchanges; codes of gaps."""
+"""Labels with prefixes, that occur twice or are exchanged are settled alike in every format."""
 
 import re
 import shlex
@@ -89,7 +89,8 @@ def test_trajectories_of_one_label_in_two_places_are_a_doubt_with_options_that_n
     position[:, k] += [0.0, 0.0, 0.072]
     path = with_second(trial, position, tmp_path / "a.dat", name)
     (doubt,) = (fact for fact in read_recording(path).facts if fact.kind == "in_doubt")
-    assert f"trajectories {k + 1} and {position.shape[1]} have this label, 72 mm" in doubt.reason
+    assert f"trajectories {k + 1} and {position.shape[1]} " in doubt.reason
+    assert "72 mm" in doubt.reason
     read = read_recording(path, Stated(rename=renames(doubt.reason)))
     found = read.markers.position[:, read.markers.names.index("LPSIS")]
     np.testing.assert_allclose(found, true[:, 0], atol=2e-6)
@@ -187,7 +188,7 @@ def test_one_number_in_all_axes_is_a_gap_and_nothing_else_is(code, share, one_ma
     np.testing.assert_allclose(found.position[~missing], NOISY[~missing], atol=1e-12)
     (fact,) = found.notes
     assert fact.kind == "missing"
-    assert f"samples at {np.float64(code):.7g} in x, y and z" in fact.reason
+    assert f" at {np.float64(code):.7g} " in fact.reason
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -224,7 +225,7 @@ def test_a_marker_on_the_diagonal_of_the_axes_is_a_marker(column, frame):
 def test_a_wrong_unit_is_named_with_the_right_one_beside_codes_of_missing_samples(factor, unit):
     position = factor * NOISY
     position[:5, 2] = 9999.0
-    with pytest.raises(ValueError, match=rf"spread over .* m in {unit}: give --units {unit},"):
+    with pytest.raises(ValueError, match=rf" m in {unit}: .*--units {unit},"):
         settled(POSE.names, position)
 
 
@@ -260,7 +261,7 @@ def test_a_beginning_that_all_labels_share_is_removed_and_never_shown(
 def test_of_two_subjects_one_is_chosen_by_any_prefix(separator, number):
     bare = [*marker_sets()["pig_lower"].segment]
     labels = [f"{who}{separator}{label}" for who in ("Anna", "Boris") for label in bare]
-    with pytest.raises(ValueError, match=r"2 subjects carry the same .* \(1, 2\)") as several:
+    with pytest.raises(ValueError, match=r"2 subjects .* \(1, 2\)") as several:
         without_prefixes(labels, Stated())
     assert "Anna" not in str(several.value)
     found, _ = without_prefixes(labels, Stated(label_prefix=number))
@@ -335,5 +336,5 @@ def test_exchanged_sides_are_named_with_the_options_that_mend_this_file_alone(
 
 def test_of_two_analog_channels_of_one_label_none_is_taken():
     signals = Analog(np.arange(3) / 100, ("Acc", "Acc", "Belt"), ("V",) * 3, np.zeros((3, 3)))
-    with pytest.raises(ValueError, match="2 analog channels are called 'Acc'"):
+    with pytest.raises(ValueError, match=r"2 analog channels .*'Acc'"):
         signals.channel("Acc")

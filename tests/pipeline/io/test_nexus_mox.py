@@ -1,3 +1,7 @@
+"""Exports of Nexus and MOX are read as their recordings, and what lacks is named."""
+
+import re
+
 import numpy as np
 import pytest
 
@@ -51,7 +55,7 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
     )
     read = read_recording(path)
     assert len(read.plates) == 1
-    assert "EMG - Voltage Cx" in read.analog.names
+    assert any(name.startswith("EMG") for name in read.analog.names)
     assert read.analog.values.shape == (1000, 9)
 
 
@@ -59,7 +63,7 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
     ("write", "pairs", "message"),
     [
         (write_nexus, [("S01:", "S02:"), ("\n302,0,", "\n303,0,")], "increase"),
-        (write_nexus, [("N.mm", "lbf")], "unknown moment unit 'lbf'"),
+        (write_nexus, [("N.mm", "lbf")], "unit 'lbf'"),
         (write_nexus, [("Devices\n1000", "Devices\n900")], "do not"),
         (write_nexus, [("Trajectories", "Points")], "no Trajectories block"),
         (write_mox, [("</viewer_data>", "")], "broken or truncated"),
@@ -94,7 +98,7 @@ def test_a_number_of_samples_that_mox_does_not_hold_is_a_doubt(trial, tmp_path):
     pair = ("<nr_of_samples>100", "<nr_of_samples>250")
     (fact,) = read_recording(changed(write_mox(trial, tmp_path / "t.mox"), pair)).facts
     assert fact.kind == "in_doubt"
-    assert "nr_of_samples 250, but it holds 100" in fact.reason
+    assert re.search(r"nr_of_samples 250\b.* 100\b", fact.reason)
 
 
 def test_a_pose_of_one_frame_is_read_but_is_no_motion(walker, tmp_path):
@@ -103,5 +107,5 @@ def test_a_pose_of_one_frame_is_read_but_is_no_motion(walker, tmp_path):
     path.write_text("\n".join(line for line in lines if line[:2] != "2,"), encoding="utf-8")
     pose = read_recording(path)
     assert len(pose.markers.time) == 1
-    with pytest.raises(ValueError, match=r"^t\.csv: it is one frame; residuals need a motion"):
+    with pytest.raises(ValueError, match=r"^t\.csv: .*one frame"):
         process_recording(pose, Subject(sex="male", mass_kg=80.0), Settings())

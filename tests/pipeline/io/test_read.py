@@ -1,3 +1,5 @@
+"""The same trial in each format is the same recording, and other content is refused."""
+
 from dataclasses import replace
 from pathlib import Path
 
@@ -100,16 +102,16 @@ def test_unknown_content_is_refused_with_the_formats_that_are_read(tmp_path):
     path = tmp_path / "trial.c3d"
     for content in (b"time\tLASIS\n0\t1\n", bytes(range(256)) * 40):
         path.write_bytes(content)
-        with pytest.raises(ValueError, match=r"trial\.c3d: .*not a C3D file.*TRC.*D-Flow"):
+        with pytest.raises(ValueError, match=r"trial\.c3d: .*TRC.*D-Flow"):
             read_recording(path)
 
 
 def test_a_file_of_forces_or_signals_alone_names_the_file_it_needs(formats, tmp_path):
-    with pytest.raises(ValueError, match="no markers; give it with a TRC file"):
+    with pytest.raises(ValueError, match=r"no markers; .*TRC"):
         read_recording(formats["TRC"]["forces"])
     path = tmp_path / "record.txt"
     path.write_text("Time\tBelt\n0.0\t1.0\n0.1\t1.0\n")
-    with pytest.raises(ValueError, match="no markers; give it with a D-Flow mocap file"):
+    with pytest.raises(ValueError, match=r"no markers; .*D-Flow"):
         read_recording(path)
 
 
@@ -140,9 +142,7 @@ def with_decimal_commas(formats, tmp_path, name):
 
 
 def test_decimal_commas_in_mox_are_refused(formats, tmp_path):
-    with pytest.raises(
-        ValueError, match=r"^comma\.txt: .*'\d+,\d+', expected a number such as 1\.5"
-    ):
+    with pytest.raises(ValueError, match=r"^comma\.txt: .*'\d+,\d+', expected a number"):
         read_recording(with_decimal_commas(formats, tmp_path, "MOX"))
 
 
@@ -151,7 +151,7 @@ def test_decimal_commas_that_separate_no_columns_are_points(formats, tmp_path, n
     read = read_recording(with_decimal_commas(formats, tmp_path, name))
     plain = read_recording(formats[name]["path"])
     np.testing.assert_array_equal(read.markers.position, plain.markers.position)
-    assert "its decimal commas are read as points" in [fact.reason for fact in read.facts]
+    assert any("decimal commas" in fact.reason for fact in read.facts)
 
 
 @pytest.mark.parametrize(("name", "separator"), [("D-Flow", "\t"), ("Nexus", ","), ("TRC", "\t")])
@@ -164,7 +164,7 @@ def test_a_row_with_another_number_of_columns_is_refused_with_its_line(
     lines[200] = separator.join(fields)
     path = tmp_path / "columns.txt"
     path.write_text("\n".join(lines), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"^columns\.txt: .*line 201 holds .* fields for"):
+    with pytest.raises(ValueError, match=r"^columns\.txt: .*line 201 .*fields"):
         read_recording(path)
 
 
@@ -224,9 +224,9 @@ def test_the_prefix_of_a_subject_is_chosen_in_every_format(trial, tmp_path, name
     path = tmp_path / "two.dat"
     options = {"subject": ""} if name == "Nexus" else {}
     WRITERS[name](replace(trial, markers=markers), path, **options)
-    with pytest.raises(ValueError, match=r"2 subjects carry the same .* \(1, 2\)") as several:
+    with pytest.raises(ValueError, match=r"2 subjects .* \(1, 2\)") as several:
         read_recording(path)
-    with pytest.raises(ValueError, match=r"no label begins .* it has 3, numbered from 1") as none:
+    with pytest.raises(ValueError, match=r"no label begins .* 3, numbered") as none:
         read_recording(path, Stated(label_prefix="S03"))
     read = read_recording(path, Stated(label_prefix="S01"))
     assert read.markers.names == (*names, "PLAT1")
@@ -246,7 +246,7 @@ def test_a_table_shows_the_axes_in_every_format_and_has_to_fit(formats, trial, t
     plain = read_recording(**formats[name])
     read = read_recording(**formats[name], stated=Stated(rename=labels, marker_set=table))
     np.testing.assert_array_equal(read.markers.position, plain.markers.position)
-    with pytest.raises(ValueError, match=r"none of the \d+ labels of marker set lab \(m0.* LASIS,"):
+    with pytest.raises(ValueError, match=r"marker set lab \(m0.* LASIS,"):
         read_recording(**formats[name], stated=Stated(marker_set=table))
 
 
@@ -296,4 +296,5 @@ def test_what_was_found_on_reading_is_printed_with_a_later_error():
     fault, file = pytest.raises(ValueError, match=r"walk\.c3d: axes"), Path("walk.c3d")
     with fault as error, naming(file), saying([plate]):
         raise ValueError("axes unknown")
-    assert describe_error(error.value) == f"walk.c3d: axes unknown; on reading, {plate}"
+    assert describe_error(error.value).startswith("walk.c3d: axes unknown; ")
+    assert describe_error(error.value).endswith(f", {plate}")

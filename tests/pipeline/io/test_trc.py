@@ -1,3 +1,7 @@
+"""A TRC file gives markers in metres and axes of the lab, or one line that says what is wrong."""
+
+import re
+
 import numpy as np
 import pytest
 
@@ -51,10 +55,10 @@ def test_empty_fields_and_zeros_are_gaps(trc_file, subject):
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (lambda text: "", "the file is empty"),
-        (lambda text: text.replace("Units", "Unit"), "header does not say Units"),
-        (lambda text: text.replace("RASIS\t\t\t", "", 1), "names 5 markers, but line 7 .* for 6"),
-        (lambda text: text.replace("2.030", "2.040"), "line 11: time 2.04 occurs twice"),
+        (lambda text: "", "is empty"),
+        (lambda text: text.replace("Units", "Unit"), "Units"),
+        (lambda text: text.replace("RASIS\t\t\t", "", 1), "5 markers, .*line 7 .* 6"),
+        (lambda text: text.replace("2.030", "2.040"), "line 11: time 2.04 "),
     ],
 )
 def test_a_damaged_file_is_refused_in_one_line(trc_file, edit, message):
@@ -71,7 +75,7 @@ def test_a_trimmed_file_is_read_as_far_as_it_goes_with_a_warning(trc_file, subje
     frames = len(recording.markers.time)
     assert 20 < frames < 30
     np.testing.assert_allclose(recording.markers.position, subject.position[:frames], atol=1e-6)
-    assert f"says NumFrames 50, but it holds {frames}" in " ".join(map(str, recording.facts))
+    assert re.search(rf"NumFrames 50\b.* {frames}\b", " ".join(map(str, recording.facts)))
 
 
 def rounded_times(text, rate_hz, decimals, first=0):

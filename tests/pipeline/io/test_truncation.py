@@ -1,4 +1,4 @@
-"""Text files that were cut short: no cut changes a number without a refusal or a warning."""
+"""Text files that were cut short change no number without a refusal or a warning."""
 
 from dataclasses import replace
 

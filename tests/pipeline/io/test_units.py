@@ -1,3 +1,5 @@
+"""Units are known in every spelling, and unknown ones are refused with what is expected."""
+
 import pytest
 
 from pipeline.io.units import force_in_n, length_in_m, moment_in_nm, speed_in_mps

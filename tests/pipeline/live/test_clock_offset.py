@@ -1,4 +1,4 @@
-"""Measurements of clocks scatter and drift; time stamps on this computer's clock follow."""
+"""Time stamps on this computer's clock follow measurements that scatter and drift."""
 
 import numpy as np
 

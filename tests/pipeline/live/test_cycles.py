@@ -99,7 +99,7 @@ def test_gait_cycles_are_left_out_and_counted_as_in_trials(result, frames, flag,
         for cycle in cycles_of(tracker, replace(frame, quality=frame.quality | more)):
             so_far.add(cycle)
     counted = so_far.left_out
-    assert set(counted) <= {reason, "an end or a gap too near for the filters to settle"}
+    assert all("to settle" in other for other in set(counted) - {reason})
     assert (counted[reason] > 2) == (reason is not None)
     assert so_far.cycles > 2
 

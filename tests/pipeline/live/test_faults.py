@@ -1,4 +1,4 @@
-"""Late, lost, doubled and reordered samples, streams that go away: counted, shown, survived."""
+"""Samples that are late, lost, doubled or reordered are counted, shown and survived."""
 
 import tracemalloc
 
@@ -178,11 +178,11 @@ def test_memory_does_not_grow(recording, new_chain):
 @pytest.mark.parametrize(
     ("live", "treadmill", "message"),
     [
-        (Live(markers="Cameras"), {}, "names the streams Cameras, which are not received"),
+        (Live(markers="Cameras"), {}, "streams Cameras, "),
         (Live(analog=("Plates",)), {}, "Acc1.X"),
-        (Live(plates={"1": tuple("abcdef")}), {}, "live channels a, b, c, d, e, f are in no"),
-        (Live(), {"platform": Platform(markers=("P1", "P2", "P3"))}, "P1, P2, P3 are not in the"),
-        (Live(), {"cutoff_hz": 10.0}, "calibration does not match"),
+        (Live(plates={"1": tuple("abcdef")}), {}, "a, b, c, d, e, f "),
+        (Live(), {"platform": Platform(markers=("P1", "P2", "P3"))}, "P1, P2, P3 "),
+        (Live(), {"cutoff_hz": 10.0}, "calibration does"),
     ],
 )
 def test_what_is_stated_and_not_received_is_refused(
@@ -197,5 +197,5 @@ def test_what_is_stated_and_not_received_is_refused(
 
 def test_channels_of_one_label_are_not_told_apart():
     board = StreamDescription("Board", "analog", ("Acc.X", "Acc.X"), ("g", "g"), 100.0)
-    with pytest.raises(ValueError, match="several channels are Acc"):
+    with pytest.raises(ValueError, match="channels are Acc"):
         AnalogStreams([board]).find(["Acc.X"], [acceleration_in_mps2])

@@ -1,4 +1,4 @@
-"""One light: good, look or stop, with what is wrong and what to do."""
+"""One light says good, look or stop, with what is wrong and what to do."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def test_a_complete_session_whose_streams_have_all_ended_is_no_fault(laboratory,
     with monkeypatch.context() as patch:
         patch.setattr(monitor, "_arrived_s", dict.fromkeys(monitor._arrived_s or "MP", -np.inf))
         monitor.look_for_silence()
-        assert monitor.board().sentence.startswith("All streams have ended")
+        assert monitor.board().sentence.startswith("All streams")
         patch.setitem(monitor._arrived_s, next(iter(monitor._arrived_s)), np.inf)
         monitor.look_for_silence()
         assert monitor.board().colour == "stop"

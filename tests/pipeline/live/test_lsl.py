@@ -1,4 +1,4 @@
-"""Lab Streaming Layer on the loopback: what is sent arrives, described, on one clock."""
+"""What is sent by Lab Streaming Layer arrives, described, on one clock."""
 
 import itertools
 import os
@@ -215,7 +215,7 @@ def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(pref
     first.close()
     second = Outlet(describe(prefix, "MoCap", channels, 100.0))
     opened.append(second)
-    with pytest.raises(ValueError, match="came back with another description of its channels"):
+    with pytest.raises(ValueError, match="another description"):
         receive_nothing(source, second, np.full((1, len(channels)), 7.0))
 
 
@@ -328,9 +328,7 @@ def test_streams_that_are_absent_not_told_apart_or_lack_something_are_one_line(p
 
 def test_the_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pylsl", None)
-    with pytest.raises(
-        ValueError, match=r"needs the extra live: pip install 'hbm-residuals\[live\]'"
-    ):
+    with pytest.raises(ValueError, match=r"pip install 'hbm-residuals\[live\]'"):
         load_lsl()
 
 

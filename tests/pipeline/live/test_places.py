@@ -1,4 +1,4 @@
-"""Places of plates: as streams state them now, else as the static recording has them."""
+"""Plates lie where streams state them now, else where the static recording has them."""
 
 from contextlib import closing
 from dataclasses import replace
@@ -91,7 +91,7 @@ def test_channels_are_those_of_the_study_then_of_the_streams_then_the_usual_ones
 
 
 def test_one_plate_that_two_streams_state_is_refused(stated):
-    with pytest.raises(ValueError, match="several streams give the place of plate 1"):
+    with pytest.raises(ValueError, match=r"several streams .*plate 1"):
         place_plates([*stated, stated[0]], None, Live())
 
 
@@ -123,7 +123,7 @@ def test_a_damaged_description_is_no_place_and_says_why(walker):
     plate = walker.plates[0]
     (turned,) = described([replace(plate, rotation=np.ones((3, 3)))])
     assert turned.place is None
-    assert turned.problem.startswith("its rotation is no rotation")
+    assert "no rotation" in turned.problem
     (nowhere,) = described([replace(plate, center=np.full(3, np.nan))])
     assert nowhere.place is None
 

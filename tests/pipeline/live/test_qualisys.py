@@ -1,4 +1,4 @@
-"""Qualisys Track Manager, by a server that speaks its protocol, or does not, on the loopback."""
+"""A server that speaks Qualisys' protocol is received, and one that does not is told apart."""
 
 import socket
 import struct
@@ -138,15 +138,13 @@ def test_moments_about_another_point_than_the_surface_are_refused(source, server
     wrong = acting_on_plate(30)
     wrong[:, 3:6] += np.cross([0.0, 0.3, 0.0], FORCE)
     server.send(frame(0, 0.0, np.ones((3, 3)), forces=[(0, wrong)]))
-    with pytest.raises(
-        ValueError, match="'Left': moments and points of application disagree by 300"
-    ):
+    with pytest.raises(ValueError, match=r"'Left': moments .*disagree by 300"):
         collect(source, 9)
 
 
 def test_other_markers_than_were_named_are_refused(source, server):
     server.send(frame(0, 0.0, np.ones((5, 3))))
-    with pytest.raises(ValueError, match="sends 5 markers, but named 3"):
+    with pytest.raises(ValueError, match=r"5 markers.* 3"):
         collect(source, 9)
 
 
@@ -169,9 +167,7 @@ def test_plates_that_lie_elsewhere_when_the_program_is_back_are_refused(source, 
         NAMES, plates=("Left", "Right"), channels=CHANNELS, locations=moved
     )
     server.drop_clients()
-    with pytest.raises(
-        ValueError, match="back with another description of its plates; begin a new session"
-    ):
+    with pytest.raises(ValueError, match=r"another description .*plates"):
         collect(source, 1, timeout_s=5.0)
 
 
@@ -305,9 +301,9 @@ def test_who_is_not_there_refuses_or_does_not_answer_is_told_apart():
         with socket.create_connection(("127.0.0.1", port)), socket.socket() as second:
             second.setblocking(False)  # the queue is full: nobody answers
             second.connect_ex(("127.0.0.1", port))
-            with pytest.raises(ConnectionError, match=r"does not answer in time"):
+            with pytest.raises(ConnectionError, match="not answer"):
                 QualisysSource("127.0.0.1", port=port, stated=AXES, timeout_s=0.2)
-    with pytest.raises(ConnectionError, match="is unknown: no computer"):
+    with pytest.raises(ConnectionError, match="no computer"):
         QualisysSource("nobody.invalid", stated=AXES)
 
 

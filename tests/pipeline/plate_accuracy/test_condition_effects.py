@@ -1,5 +1,6 @@
 """Errors depend on the conditions that matter and no other; what was not tested is named."""
 
+import re
 from itertools import product
 
 import numpy as np
@@ -79,7 +80,7 @@ def test_what_cannot_be_tested_is_said():
     data = errors()
     together = data[(data["belt"] == "left") == (data["profile"] == "sine")]
     tests, _, remarks = condition_effects(together)
-    assert any(r.startswith("COPx, whole recordings: not tested: an effect") for r in remarks)
+    assert any(re.match("COPx, whole .*not tested", remark) for remark in remarks)
     assert set(tests["effect"]) == {"zone"}
     tests, pairs, remarks = condition_effects(data.groupby("zone", sort=False).head(3))
     assert tests.empty

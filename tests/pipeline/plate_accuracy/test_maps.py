@@ -1,4 +1,4 @@
-"""Maps of errors over a plate, and the tables of the laboratory's page."""
+"""Maps of errors over a plate and the tables of the laboratory's page show the numbers found."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Recordings of experiment 1 in any format: what is read, and what is refused in one line."""
+"""Recordings of experiment 1 are read in any format, or refused in one line."""
 
 import re
 import shutil
@@ -94,9 +94,7 @@ def test_where_a_plate_is_has_to_be_stated_where_the_files_do_not_say_it(in_text
     assert main(["plates", str(edited(in_text, tmp_path, LEFT_BELT, ""))]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "static_left.txt: does not say where plate 1 is; give the edges of the left belt" in (
-        error
-    )
+    assert re.search(r"static_left\.txt: .*plate 1 .*left belt", error)
 
 
 def test_a_stated_surface_is_taken_in_place_of_that_of_the_file(in_c3d, tmp_path):
@@ -118,7 +116,7 @@ def test_a_plate_with_gaps_is_refused(in_text, tmp_path):
     path = folder / "weight_001.txt"
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join(lines[:100] + lines[110:]), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"weight_001\.txt: marker 'WEIGHT' has a gap"):
+    with pytest.raises(ValueError, match=r"weight_001\.txt: .*'WEIGHT' .*gap"):
         read_first(folder)
 
 
@@ -130,5 +128,5 @@ def test_a_hammer_at_the_rate_of_the_cameras_is_refused_with_what_to_do(in_c3d, 
     with (folder / "plates.toml").open("a", encoding="utf-8") as file:
         file.write('\n[[hammer]]\nfile = "hammer_left.txt"\nbelt = "left"\n')
     study = read_plates_study(folder)
-    with pytest.raises(ValueError, match=r"hammer_left\.txt: a force at 100 Hz misses impacts"):
+    with pytest.raises(ValueError, match=r"hammer_left\.txt: .*100 Hz"):
         read_hammer_delay(study, study.file.hammer[0])

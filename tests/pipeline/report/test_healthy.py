@@ -1,5 +1,7 @@
 """Residuals of one condition are compared with those of healthy adults."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -32,9 +34,9 @@ def test_the_table_has_the_healthy_rms_and_no_columns_of_compensation():
 
 
 def test_the_verdict_names_what_is_above_the_healthy_rms():
-    for factor, named in ((0.1, "No residual is above"), (0.5, "Fz (94.7, healthy 63.1 N): above")):
+    for factor, named in ((0.1, "No residual"), (0.5, "Fz (94.7, healthy 63.1 N)")):
         values = verdict_values([], residuals(factor), NO_TESTS, [], WALKING, stated=False)
-        assert values["headline"][0].startswith(f"{named} the RMS of healthy adults")
+        assert values["headline"][0].startswith(named)
 
 
 def partly_unseen(compensated=False):
@@ -59,8 +61,8 @@ def test_where_markers_miss_segments_the_table_has_what_is_expected(design):
 
 def test_what_is_expected_is_compared_with_the_recordings_that_lack_markers_alone():
     first, *_ = verdict_values([], partly_unseen(), NO_TESTS, [], WALKING, stated=False)["headline"]
-    assert first == (
-        "Trunk, head or arms have no markers in some recordings; expected from that alone in "
-        "walking: Fx 2.0, Fy 2.0, Fz 2.0 % of body weight, Mx 2.00, My 2.00, Mz 2.00 % of body "
-        "weight × stature; measured 4.0, 4.0, 4.0, 4.00, 4.00, 4.00."
-    )
+    expected, measured = first.split("; measured ")
+    assert re.findall(r"[FM][xyz] [\d.]+", expected) == [
+        *("Fx 2.0", "Fy 2.0", "Fz 2.0", "Mx 2.00", "My 2.00", "Mz 2.00")
+    ]
+    assert re.findall(r"\d\.\d+", measured) == ["4.0"] * 3 + ["4.00"] * 3

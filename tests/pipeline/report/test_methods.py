@@ -150,7 +150,7 @@ def test_only_analyses_that_were_made_are_described(tmp_path):
     results = collect(write_fake_results(tmp_path, subjects=2, cycles=2, without=lacking))
     tests = statistics(results.residuals, results.subjects, recordings=results.residuals)
     text = " ".join(methods(results, tests, EXPERIMENT_3, None))
-    assert "1 of the 5 planned pairs was compared (baseline IC against baseline no IC)" in text
+    assert re.search(r"1 of the 5 .*baseline IC .*baseline no IC", text)
     assert "mixed model" not in text
     assert "non-inferiority" in text
     alone = {*lacking, ("sub02", "baseline")}

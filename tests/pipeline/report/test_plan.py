@@ -1,4 +1,6 @@
-"""The plan: subjects needed, for every residual and condition, or one line."""
+"""The plan states the subjects needed for every residual and condition, or is one line."""
+
+import re
 
 import pandas as pd
 
@@ -30,7 +32,7 @@ def test_every_comparison_has_its_number():
 
 def test_fewer_than_two_subjects_give_one_line():
     text = plan_markdown([verdict(answer="no interval", n=1, needed=None)], EXPERIMENT_3)
-    assert text.startswith("No plan: the variance between subjects needs at least 2")
+    assert re.match(r"No plan: .*\b2\b", text)
 
 
 def test_the_command_prints_the_plan_of_the_report(results, monkeypatch, capsys):

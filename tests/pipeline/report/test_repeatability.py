@@ -1,4 +1,6 @@
-"""How well residuals repeat, on the page."""
+"""The page states how well residuals repeat, in every condition."""
+
+import re
 
 import numpy as np
 import pandas as pd
@@ -29,6 +31,6 @@ def test_a_table_per_condition_has_the_six_residuals_and_says_where_joints_are(r
     assert "left_ankle z, moment" in set(repeated["name"])
     tables = reliability_tables(repeated, unstated_design(("level", "slope"), compensated=False))
     for condition, table in zip(("level", "slope"), tables, strict=True):
-        assert table.caption.startswith(f"Repeatability, {condition}: 3 recordings of 5 subjects")
+        assert re.search(f"{condition}: 3 recordings .*5 subjects", table.caption)
         assert "reliability.csv" in table.caption
         assert [row[0] for row in table.rows] == [f"{axis} (N)" for axis in AXES]

@@ -1,4 +1,4 @@
-"""Tables for other programs: the same numbers in a workbook and with a row per subject."""
+"""Tables for other programs hold the same numbers, in a workbook and with a row per subject."""
 
 from dataclasses import replace
 

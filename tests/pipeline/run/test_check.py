@@ -1,5 +1,6 @@
-"""``hbm check``: what a run will use, leave out or refuse, known before it."""
+"""``hbm check`` says before a run what it will use, leave out or refuse."""
 
+import re
 import shutil
 from dataclasses import dataclass, replace
 
@@ -101,7 +102,7 @@ def test_markers_that_are_often_missing_are_named(sway):
     change(sway, "sub01_sway", markers=gaps)
     found = findings(sway)
     assert found.faults == []
-    assert "sub01_sway.c3d: often missing: LHEAD 50 %" in found.remarks
+    assert any(re.match("sub01_sway.c3d: .*LHEAD 50 %", remark) for remark in found.remarks)
 
 
 @pytest.mark.parametrize(
@@ -109,33 +110,33 @@ def test_markers_that_are_often_missing_are_named(sway):
     [
         (
             lambda f: change(f, "sub01_sway", plates=lambda r: ()),
-            "sub01_sway.c3d: the file has no force plates",
+            "sub01_sway.c3d: .*no force plates",
         ),
         (
             lambda f: change(
                 f, "sub01_sway", analog=lambda r: lab.without_channels(r, "Acc1.X").analog
             ),
-            "sub01_sway.c3d: no analog channel 'Acc1.X'; present: Acc1.Y",
+            "sub01_sway.c3d: .*'Acc1.X'; .*Acc1.Y",
         ),
         (
             lambda f: change(f, "sub01_sway", markers=without_markers("PF1", "PF2")),
-            "sub01_sway.c3d: platform markers PF1, PF2 are not in the file",
+            "sub01_sway.c3d: platform markers PF1, PF2 ",
         ),
         (
             lambda f: change(f, "sub01_sway", markers=without_markers("LHEE")),
-            "sub01_sway.c3d: the left foot needs the landmark LHEE",
+            "sub01_sway.c3d: .*left foot .*LHEE",
         ),
         (
             lambda f: (f / "sub01_sway.c3d").write_bytes(b"no c3d"),
             "sub01_sway.c3d: not a C3D file",
         ),
-        (lambda f: shorten(f, "sub01_sway", 300), "sub01_sway.c3d: there are no foot strikes"),
+        (lambda f: shorten(f, "sub01_sway", 300), "sub01_sway.c3d: .*no foot strikes"),
     ],
 )
 def test_what_a_run_would_refuse_is_a_fault(sway, tmp_path, change_study, fault):
     change_study(sway)
     found = findings(sway)
-    assert any(line.startswith(fault) for line in found.faults), found.faults
+    assert any(re.match(fault, line) for line in found.faults), found.faults
     outcomes = list(run_study(read_study(sway), tmp_path / "out", conditions=["sway"]))
     assert [outcome.state for outcome in outcomes] == ["failed"]
 
@@ -150,17 +151,17 @@ VARIANT = "[variants.other]\n"
     [
         (IN_BASELINE, f"[settings]\ncutoff_hz = 50\n{IN_BASELINE}", "cut-off must lie between 0"),
         (IN_BASELINE, f"{VARIANT}cutoff_hz = 50.0\n{IN_BASELINE}", "variant other: cut-off must"),
-        (IN_BASELINE, f'{VARIANT}events = "file"\n{IN_BASELINE}', "there are no foot strikes"),
-        (IN_BASELINE, f'{VARIANT}marker_set = "pig"\n{IN_BASELINE}', "pelvis needs the landmarks"),
+        (IN_BASELINE, f'{VARIANT}events = "file"\n{IN_BASELINE}', "no foot strikes"),
+        (IN_BASELINE, f'{VARIANT}marker_set = "pig"\n{IN_BASELINE}', "pelvis needs"),
         (
             IN_BASELINE,
             f'[variants.other.treadmill.accelerometers]\nx = ["a", "b", "c"]\n{IN_BASELINE}',
-            "variant other: empty.c3d: no analog channel 'a'",
+            "variant other: empty.c3d: .*'a'",
         ),
-        (SWAY, 'pulse_channel = "Pitch"\n', "Pitch shows no perturbation"),
-        (SWAY, 'pulse_channel = "Puls"\n', "no analog channel 'Puls', did you mean 'Pulse'?"),
-        (SWAY, f"{SWAY}skip_s = 10.0\n", "none of the gait cycles is one that the condition"),
-        (SWAY, f"{SWAY}window = [0.0, 3.3]\n", "reaches into the next one at 9.7"),
+        (SWAY, 'pulse_channel = "Pitch"\n', "no perturbation"),
+        (SWAY, 'pulse_channel = "Puls"\n', "'Puls', .*'Pulse'"),
+        (SWAY, f"{SWAY}skip_s = 10.0\n", "none of the"),
+        (SWAY, f"{SWAY}window = [0.0, 3.3]\n", "next one at 9.7"),
         (SWAY, f"{SWAY}window = [0.0, 3.0]\n", "ends beyond all"),
     ],
 )
@@ -168,7 +169,7 @@ def test_what_settings_make_a_run_refuse_is_a_fault(sway, tmp_path, old, new, fa
     """The sway trial at 100 Hz has pulses at 6.5 and 9.7 s, none in pitch, and no gait events."""
     edit(sway / "study.toml", old, new)
     faults = findings(sway).faults
-    assert len([line for line in faults if fault in line]) == 1, faults
+    assert len([line for line in faults if re.search(fault, line)]) == 1, faults
     (outcome,) = run_study(read_study(sway), tmp_path / "out", conditions=["sway"])
     assert outcome.failure is not None or outcome.failed_variants
 
@@ -182,8 +183,8 @@ def test_a_variant_that_contradicts_its_fitted_calibration_is_a_fault(sway):
     stated += "[variants.b.treadmill]\ncutoff_hz = 10.0\n"
     edit(sway / "study.toml", IN_BASELINE, stated + IN_BASELINE)
     of_model, of_cutoff = findings(sway).faults
-    assert of_model.startswith("study.toml: variant a: e.json: the calibration was fitted with a")
-    assert of_cutoff.startswith("variant b: sub01_sway.c3d: plate 1: calibration does not match")
+    assert of_model.startswith("study.toml: variant a: e.json: ")
+    assert of_cutoff.startswith("variant b: sub01_sway.c3d: plate 1: ")
 
 
 def test_a_trial_with_none_of_the_markers_of_its_pose_is_a_fault(sway):
@@ -198,7 +199,7 @@ def test_a_trial_with_none_of_the_markers_of_its_pose_is_a_fault(sway):
 
     change(sway, "sub01_sway", markers=renamed)
     faults = findings(sway).faults
-    assert any("none of the body's markers is in the trial" in fault for fault in faults), faults
+    assert any("none of the body's" in fault for fault in faults), faults
 
 
 @pytest.mark.parametrize(
@@ -219,7 +220,7 @@ def test_a_recording_that_counts_twice_is_named_whatever_its_name(study, copy, w
     for condition, window in zip(("baseline", "pitch"), windows, strict=True):
         edit(study / "sub01.toml", f"[trials.{condition}]", f"[trials.{condition}]\n{window}")
     found = findings(study)
-    text = "sub01 baseline: the same recording as sub01 pitch; frames that several use count more"
+    text = "sub01 baseline: the same recording as sub01 pitch; "
     assert found.faults == []
     assert any(line.startswith(text) for line in found.remarks) == repeated
 
@@ -228,7 +229,7 @@ def test_many_copies_of_a_recording_are_one_warning(study):
     for condition in ("sway", "pitch"):
         edit(study / "sub01.toml", f"sub01_{condition}.c3d", "sub01_baseline.c3d")
     (line,) = [line for line in findings(study).remarks if "the same recording" in line]
-    assert line.startswith("sub01 baseline: the same recording as sub01 sway, sub01 pitch; frames")
+    assert re.match("sub01 baseline: .* sub01 sway, sub01 pitch;", line)
 
 
 @pytest.mark.parametrize("as_static", [True, False])
@@ -239,12 +240,12 @@ def test_a_recording_of_two_subjects_is_a_fault(study, as_static):
     (study / "sub02.toml").write_text(f'id = "sub02"\n{static}[trials.pitch]\n{trial}')
     found, other = findings(study), "sub02" if as_static else "sub02 pitch"
     (fault,) = found.faults
-    assert fault.startswith(f"sub01 baseline: the same recording as {other};")
+    assert re.match(f"sub01 baseline: .*same recording.* {other};", fault)
 
 
 def test_what_is_not_stated_of_subjects_is_one_line_with_what_is_used_instead(study):
     (line,) = [line for line in findings(study).remarks if line.startswith("subjects: not stated:")]
-    assert "height_m of sub01 (the file's, else by the legs)" in line
+    assert "height_m of sub01" in line
     edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nheight_m = 1.77\nmass_kg = 74.6')
     assert not [line for line in findings(study).remarks if "not stated" in line]
 
@@ -269,7 +270,7 @@ def test_a_stature_that_the_legs_contradict_is_a_warning_before_a_run_and_in_it(
     edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nheight_m = 1.2')
     (before,) = [n for n in findings(sway).notes["sub01_sway.c3d"] if n.code == "stature_differs"]
     assert before in process_trial(read_study(sway), "sub01", "sway").notes
-    assert before.text == "stature 1.20 m, but 1.77 m by the length of the legs"
+    assert before.values == {"height_m": 1.2, "by_legs_m": pytest.approx(1.77, abs=0.005)}
 
 
 needs_ezc3d = pytest.mark.skipif(not installed(), reason="no ezc3d wheel for this system")
@@ -279,7 +280,7 @@ needs_ezc3d = pytest.mark.skipif(not installed(), reason="no ezc3d wheel for thi
 def test_a_study_in_which_both_readers_agree_says_so(study, capsys):
     edit(study / "sub01.toml", 'file = "sub01_pitch.c3d"', 'exclude = "fell"')
     assert main(["check", str(study), "--second-reader"]) == 0
-    assert "both readers read the same in 3 of 3 files" in capsys.readouterr().out
+    assert "3 of 3 files" in capsys.readouterr().out
 
 
 def test_a_disagreement_of_readers_is_a_fault_with_channel_frame_and_values(
@@ -291,13 +292,13 @@ def test_a_disagreement_of_readers_is_a_fault_with_channel_frame_and_values(
     assert main(["check", str(study), "--second-reader"]) == 2
     out = capsys.readouterr().out
     assert f"FAULT sub01_sway.c3d: {line}\n" in out
-    assert "both readers read the same in 0 of 4 files" in out
+    assert "0 of 4 files" in out
 
 
 def test_a_trial_without_the_belts_speed_is_a_fault(sway):
     belt = '[treadmill.belt]\ncalibration = "empty.c3d"\nspeed_channels = ["Belt.L"]\n'
     edit(sway / "study.toml", "[treadmill.platform]", belt + "[treadmill.platform]")
-    assert any(f == "sub01_sway.c3d: no analog channel 'Belt.L'" for f in findings(sway).faults)
+    assert any(re.match("sub01_sway.c3d: .*'Belt.L'", f) for f in findings(sway).faults)
 
 
 def test_faults_of_all_files_are_listed_at_once(study):
@@ -324,8 +325,8 @@ def test_a_mass_that_only_steps_can_weigh_is_remarked(sway):
     change(sway, "sub01_sway", metadata=lambda recording: Metadata())
     found = findings(sway)
     assert found.faults == []
-    (remark,) = [remark for remark in found.remarks if "mass missing: nobody stands" in remark]
-    assert remark.endswith("else steps weigh, where plates carry them")
+    (remark,) = [remark for remark in found.remarks if "mass missing" in remark]
+    assert "steps weigh" in remark
     edit(sway / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
     assert not any("mass missing" in remark for remark in findings(sway).remarks)
 
@@ -366,7 +367,7 @@ def test_a_static_recording_is_checked_too(sway):
     assert found.faults == []
     (sway / "pose.c3d").write_bytes(b"no c3d")
     (fault,) = findings(sway).faults
-    assert fault.startswith("pose.c3d: not a C3D file, nor ")
+    assert fault.startswith("pose.c3d: not a")
 
 
 def test_a_pose_that_is_refused_says_which_label_it_has_twice(sway):
@@ -377,7 +378,7 @@ def test_a_pose_that_is_refused_says_which_label_it_has_twice(sway):
     write_c3d(sway / "pose.c3d", replace(pose, names=(*pose.names, "RLN"), position=position))
     (sway / "pose.c3d").write_bytes((sway / "pose.c3d").read_bytes().replace(b"RLN", b"RLM"))
     (fault,) = (str(fault) for fault in findings(sway).faults if "medial side" in str(fault))
-    assert "on reading, marker RLM: trajectories" in fault
+    assert "marker RLM: trajectories" in fault
 
 
 def test_a_marker_hidden_at_the_beginning_is_not_a_fault(sway):
@@ -389,7 +390,8 @@ def test_a_marker_hidden_at_the_beginning_is_not_a_fault(sway):
 def test_hbm_check_prints_everything_and_what_to_do_next(moving_study, capsys):
     assert main(["check", str(moving_study)]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last == f"2 subjects, 6 trials, 0 faults; next: hbm run {moving_study}"
+    assert re.match(r"2 subjects, 6 trials, 0 faults\b", last)
+    assert last.endswith(f" hbm run {moving_study}")
 
 
 def test_a_check_of_the_template_lists_what_is_missing(tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""A study's trials together: the same numbers as in the trials, none lost, none twice."""
+"""A study's trials together have the same numbers as alone, none lost and none twice."""
 
 import shutil
 
@@ -66,5 +66,5 @@ def test_subjects_are_listed_once_with_measured_mass_and_stated_stature(gathered
 
 
 def test_a_folder_without_results_says_what_to_run(tmp_path):
-    with pytest.raises(ValueError, match=r"no results of trials here; run 'hbm run STUDY --out"):
+    with pytest.raises(ValueError, match=r"no results of.*hbm run STUDY"):
         collect(tmp_path)

@@ -1,4 +1,4 @@
-"""Studies of many subjects: the work for each is that of a study of its own."""
+"""In studies of many subjects the work for each is that of a study of its own."""
 
 import os
 import pickle

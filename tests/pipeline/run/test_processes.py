@@ -1,4 +1,4 @@
-"""Processes that work on trials."""
+"""Processes that work on trials start where they pay, end when asked, and leave no file."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Which sources a trial's key depends on: those that compute it, and no others."""
+"""A trial's key depends on the sources that compute it, and on no others."""
 
 import shutil
 import subprocess

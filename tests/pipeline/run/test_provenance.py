@@ -1,4 +1,4 @@
-"""What became of every trial, and where the numbers come from."""
+"""Every trial has a state and a reason, and results say where their numbers come from."""
 
 import hashlib
 import json
@@ -50,7 +50,7 @@ def test_every_trial_of_the_study_has_a_state_and_a_reason(results, study):
     assert len(found) == 9
     assert found["sub01", "sway"].state == "done"
     assert found["sub02", "sway"].state == "failed"
-    assert found["sub02", "sway"].reason == "marker LHEE is missing"
+    assert "LHEE" in found["sub02", "sway"].reason
     assert not found["sub02", "sway"].in_tables
     assert (found["sub03", "pitch"].state, found["sub03", "pitch"].reason) == (
         "excluded",
@@ -67,7 +67,7 @@ def test_without_the_study_a_gap_is_missing(results):
 def test_the_older_result_of_a_failed_trial_is_mentioned_and_left_out(results, study):
     found = states(results, {"sub01 pitch": "disk full"}, study)["sub01", "pitch"]
     assert (found.state, found.in_tables) == ("failed", False)
-    assert "an older result is not in the tables" in found.reason
+    assert "older result" in found.reason
 
 
 def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, study):
@@ -87,7 +87,7 @@ def test_results_of_changed_files_are_outdated(results, study, tmp_path):
     (folder / "sub01_sway.c3d").write_bytes(b"another recording")
     found = states(results, {}, read_study(folder))["sub01", "sway"]
     assert found.state == "outdated"
-    assert "have changed; run it again" in found.reason
+    assert "have changed" in found.reason
     assert found.in_tables
 
 

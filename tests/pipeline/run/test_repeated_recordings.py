@@ -1,4 +1,4 @@
-"""A study as laboratories run them: three recordings per condition, two sessions, some missing."""
+"""Several recordings per condition and session, some missing, all enter a study's results."""
 
 import json
 import re
@@ -107,7 +107,7 @@ def test_mixed_models_use_every_recording_and_the_anova_says_whom_it_leaves_out(
     assert (mixed["note"] == "20 recordings").all()
     anova = tests[tests["test"] == "RM-ANOVA"]
     assert (anova["n"] == len(PEOPLE) - 1).all()
-    assert anova["note"].str.contains("without s2 (no treadmill)", regex=False).all()
+    assert anova["note"].str.contains("without s2 (", regex=False).all()
 
 
 def test_reliability_is_between_sessions_for_residuals_and_joints(results):

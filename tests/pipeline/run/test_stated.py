@@ -103,7 +103,7 @@ def test_a_study_of_disguised_files_gives_the_residuals_of_the_plain_ones(plain,
 
 
 def test_without_the_statements_nothing_is_guessed(disguised):
-    with pytest.raises(ValueError, match="2 subjects carry the same labels: choose one"):
+    with pytest.raises(ValueError, match=r"2 subjects .*same labels"):
         read_c3d(disguised / "sub01_pitch.c3d")
 
 
@@ -160,11 +160,11 @@ def test_a_misspelt_label_to_rename_is_named_with_the_error_that_it_causes(plain
     walk = lab.save(replace(recording, markers=markers), tmp_path / "walk.c3d")
     options = ["--mass-kg", "75", "--rename", "hel_l=LHEE", "--out", str(tmp_path / "out")]
     assert main(["residuals", str(walk), *options]) == 2
-    assert "; on reading, rename: no marker hel_l in any file" in capsys.readouterr().err
+    assert "no marker hel_l" in capsys.readouterr().err
 
 
 def test_a_pair_to_rename_that_is_none_is_refused(plain):
-    with pytest.raises(ValueError, match="--rename: LASI: expected OLD=NEW"):
+    with pytest.raises(ValueError, match=r"--rename: LASI: .*OLD=NEW"):
         check_options(TrialRequest, {"trial": plain / "sub01_pitch.c3d", "rename": ("LASI",)})
 
 

@@ -1,4 +1,4 @@
-"""A stored trial: written whole or not at all, and read back as it was."""
+"""A stored trial is written whole or not at all, and read back as it was."""
 
 import errno
 from dataclasses import fields, replace
@@ -54,11 +54,11 @@ def test_a_file_that_expands_to_far_more_than_its_size_is_refused_before_it_is_r
     with pq.ParquetWriter(path, schema, compression="zstd") as file:
         file.write_table(pa.table(columns, schema=schema))
         file.add_key_value_metadata({VERSION: b""})
-    with pytest.raises(ValueError, match=r"holds \d+ MB, expected at most \d+ MB"):
+    with pytest.raises(ValueError, match=r"\d+ MB, .* \d+ MB"):
         read_trial(path, frames=False)
     write.MAX_EXPANDED_BYTES, most = 10**6, write.MAX_EXPANDED_BYTES
     try:
-        with pytest.raises(ValueError, match="expected at most 1 MB"):
+        with pytest.raises(ValueError, match="at most 1 MB"):
             read_parquet(path)
     finally:
         write.MAX_EXPANDED_BYTES = most
@@ -183,7 +183,7 @@ def rewrite(source, target, change=lambda text: text, frames=None, version=None)
 @pytest.mark.parametrize(
     ("before", "after", "version", "reason"),
     [
-        ("", "", b'{"version":13}', "written by another version of hbm; this one reads format"),
+        ("", "", b'{"version":13}', "written by another version"),
         ('"center":', '"centre":', None, "is damaged: .* validation error"),
     ],
 )
@@ -192,14 +192,12 @@ def test_a_summary_of_another_format_gives_one_line(
 ):
     path = tmp_path / "other.parquet"
     rewrite(written, path, lambda text: text.replace(before, after, 1), version=version)
-    with pytest.raises(
-        ValueError, match=rf"^other\.parquet:? {reason}.*'hbm run' makes it again; otherwise"
-    ):
+    with pytest.raises(ValueError, match=rf"^other\.parquet:? {reason}.*'hbm run'"):
         read_trial(path, frames=False)
 
 
 def test_a_recording_is_not_called_a_damaged_result_that_may_be_deleted(moving_study):
-    with pytest.raises(ValueError, match=r"sub01_sway\.c3d is a recording.*hr\.read$"):
+    with pytest.raises(ValueError, match=r"sub01_sway\.c3d .*recording.*hr\.read$"):
         read_trial(moving_study / "sub01_sway.c3d")
 
 
@@ -208,7 +206,7 @@ def test_a_truncated_file_is_not_a_result(written, tmp_path, share):
     whole = written.read_bytes()
     broken = tmp_path / "broken.parquet"
     broken.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(ValueError, match=r"broken\.parquet is damaged: .*'hbm run' makes it again"):
+    with pytest.raises(ValueError, match=r"broken\.parquet is damaged: .*'hbm run'"):
         read_trial(broken)
 
 
@@ -222,7 +220,7 @@ def test_every_flipped_bit_is_found(tmp_path):
         content = bytearray(whole)
         content[place] ^= 1 << place % 8
         broken.write_bytes(content)
-        with pytest.raises(ValueError, match=r"^broken\.parquet is damaged: .*'hbm run' makes it"):
+        with pytest.raises(ValueError, match=r"^broken\.parquet is damaged: .*'hbm run'"):
             read_trial(broken, frames=False)
 
 
@@ -231,13 +229,13 @@ def test_a_checksum_that_cannot_be_told_is_missed(written, tmp_path, place):
     content, broken = bytearray(written.read_bytes()), tmp_path / "broken.parquet"
     content[content.rindex(SEAL) + place] ^= 1
     broken.write_bytes(content)
-    with pytest.raises(ValueError, match=r"^broken\.parquet is damaged: it has no checksum"):
+    with pytest.raises(ValueError, match=r"^broken\.parquet .*no checksum"):
         read_trial(broken, frames=False)
 
 
 def test_a_trial_that_lacks_frames_is_damaged(written, tmp_path):
     rewrite(written, tmp_path / "less.parquet", frames=1100)
-    with pytest.raises(ValueError, match=r"is damaged: it has 1100 frames, expected 1200"):
+    with pytest.raises(ValueError, match=r"damaged: .*1100 frames.* 1200"):
         read_trial(tmp_path / "less.parquet", frames=False)
 
 

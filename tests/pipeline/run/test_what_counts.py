@@ -1,5 +1,6 @@
-"""Studies of standing, of short trials, of stated spans and contacts; check and run agree."""
+"""Check and run agree on what counts in standing, short trials, stated spans and contacts."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -67,7 +68,7 @@ def test_a_trial_without_gait_cycles_counts_as_a_whole_however_short(
     assert 0 <= start <= 0.17
     assert seconds - 0.2 < stop < seconds
     (note,) = [note for note in summary.notes if note.code == "no_gait_cycle"]
-    assert "there are no foot strikes" in note.text
+    assert "no foot strikes" in note.values["reason"]
     assert (residual_table(summary, "")["rms"] < 10).all()
 
 
@@ -102,7 +103,7 @@ def test_plates_that_carry_one_step_give_its_residuals_and_say_so(walker, study,
     assert (table["n_frames"] < 100 * (stop - start) + 1).all()
     assert (table["rms"] < 15).all()
     (note,) = [note for note in result.notes if note.code == "steps_for_cycles"]
-    assert "residuals are of 1 step instead" in note.text
+    assert (note.values["count"], note.values["unit"]) == (1, "step")
 
 
 @pytest.mark.parametrize("unit", ["step", "stance"])
@@ -134,10 +135,10 @@ def test_a_condition_states_what_counts(walker, study, tmp_path, condition, span
 @pytest.mark.parametrize(
     ("condition", "fault"),
     [
-        ("cycles = 5", "there are no foot strikes"),
-        ("window = [2.0, 3.0]", "the span 2 to 3 s holds no frame"),
-        ('window = "step"', "there are no foot strikes"),
-        ('window = "stance"\n[settings]\nevents = "plates"', "there are no foot strikes"),
+        ("cycles = 5", "no foot strikes"),
+        ("window = [2.0, 3.0]", "2 to 3 s"),
+        ('window = "step"', "no foot strikes"),
+        ('window = "stance"\n[settings]\nevents = "plates"', "no foot strikes"),
     ],
 )
 def test_what_a_condition_wants_and_a_trial_has_not_is_a_fault(
@@ -156,9 +157,9 @@ def test_where_steps_are_asked_for_what_is_missing_are_steps(walker):
         counted = what_counts(walker, events, flags, Condition(window="step"), (0, 0), None, 0.5)
         texts += [note.text for note in counted.notes]
     needs, excluded, all_excluded = texts
-    assert "a step needs foot strikes of both sides" in needs
-    assert excluded == "1 step excluded: 1 for plates that do not carry the subject"
-    assert "all steps were excluded, 1 for plates that do not carry the subject" in all_excluded
+    assert "both sides" in needs
+    assert excluded.startswith("1 step excluded")
+    assert re.search("all steps .*, 1 for plates", all_excluded)
 
 
 def test_steps_that_stand_in_for_gait_cycles_say_why_these_are_excluded(walker):
@@ -168,7 +169,7 @@ def test_steps_that_stand_in_for_gait_cycles_say_why_these_are_excluded(walker):
     sound = np.zeros(len(walker.markers.time), int)
     counted = what_counts(walker, events, sound, Condition(), (0, 0), None, 0.5)
     (note,) = (note for note in counted.notes if note.code == "steps_for_cycles")
-    assert "all gait cycles were excluded, 3 for events that do not alternate" in note.text
+    assert "3 for events" in note.text
 
 
 @pytest.mark.parametrize("method", ["", '[settings]\nevents = "file"\n'])
@@ -221,7 +222,7 @@ def test_what_is_not_in_the_recording_is_found_by_the_check(
 def test_one_contact_has_one_foot_in_a_check_as_in_a_run(walker, study, tmp_path):
     both = CONTACT.format(1, 1.0, "left") + CONTACT.format(1, 1.001, "right")
     (fault,), outcome = checked_and_run(study(walker, "", both), tmp_path / "out")
-    assert "that is one contact; give one of them" in fault
+    assert "one contact" in fault
     assert fault == f"trial.c3d: {outcome.reason}"
 
 
@@ -235,8 +236,8 @@ def test_what_only_the_markers_events_suggest_is_a_warning(walker, study):
     condition = 'window = "stance"\n[settings]\nevents = "plates"'
     found = check_study(read_study(study(replace(hopping, plates=tuple(plates)), condition)))
     assert not found.faults
-    suggested = "by the markers' gait events, before a pose is solved: there are no foot strikes"
-    assert suggested in [remark.said for remark in found.remarks]
+    said = [str(remark.said) for remark in found.remarks]
+    assert any(re.search("gait events.*no foot strikes", remark) for remark in said)
 
 
 @pytest.mark.parametrize("walks", [True, False])
@@ -251,8 +252,8 @@ def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_pat
     out = tmp_path / "out"
     assert main(["residuals", str(trial), "--mass-kg", "74.6", "--out", str(out)]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("hbm: error: empty.c3d: there are no residuals: there are no foot st")
-    assert "0 of 150 frames are used, less than min_valid_share (0 unsolved" in error
+    assert error.startswith("hbm: error: empty.c3d: ")
+    assert re.search("0 of 150 frames .*min_valid_share", error)
     assert error.count("\n") == 1
     frames = pd.read_parquet(out / "empty.parquet")
     quality = frames["quality"].to_numpy()
@@ -290,14 +291,14 @@ def test_a_plate_is_meant_by_its_number_in_the_file_also_where_another_one_is_le
     recording, person = replace(walker, plates=(left,)), Subject(mass_kg=74.6, sex="male")
     result = process_recording(recording, person, Settings(), contacts=[of_2])
     assert result.ground["measured"]["right_foot"][round(at_s * 100), 2] > 300
-    with pytest.raises(ValueError, match="there is no plate 1; plates are 2 to 2"):
+    with pytest.raises(ValueError, match=r"no plate 1; .*2 to 2"):
         process_recording(recording, person, Settings(), contacts=[of_1])
 
 
 def test_motion_without_a_platform_is_found_by_the_check_alone(walker, study, tmp_path):
     folder = study(walker, 'perturbed = true\nwindow = "motion"\npulse_channel = "Pulse"')
     faults, _ = checked_and_run(folder, tmp_path / "out")
-    assert sum('window = "motion" needs the platform\'s pose' in fault for fault in faults) == 1
+    assert sum('window = "motion"' in fault for fault in faults) == 1
 
 
 @pytest.mark.parametrize(("stop_s", "exit_code"), [(0.6, 2), (1.2, 0)])
@@ -314,5 +315,5 @@ def test_a_recording_stands_in_for_gait_cycles_only_where_half_of_it_counts(
     command = ["residuals", str(trial), "--mass-kg", "74.6", "--out", str(tmp_path / "out")]
     assert main(command) == exit_code
     error = capsys.readouterr().err
-    assert ("frames are used, less than min_valid_share" in error) == bool(exit_code)
+    assert ("min_valid_share" in error) == bool(exit_code)
     assert main([*command, "--span", "all"]) == 0

@@ -1,4 +1,4 @@
-"""The table of statistics of experiment 3: its numbers, its corrections, and its notes."""
+"""The statistics of experiment 3 have the numbers, corrections and notes that were planned."""
 
 import numpy as np
 import pandas as pd

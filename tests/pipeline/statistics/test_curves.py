@@ -1,4 +1,4 @@
-"""Where curves differ: exact p, the stated number of false alarms, bands that hold."""
+"""Where curves differ has an exact p and as many false alarms as stated, within bands that hold."""
 
 from itertools import product
 

@@ -1,4 +1,4 @@
-"""Statistics of any design: renamed conditions, one factor, two levels, groups."""
+"""Statistics hold for any design, with renamed conditions, one factor, two levels or groups."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Errors of measurement in means and differences: what trials share does not average out."""
+"""Errors of measurement that trials share do not average out of means and differences."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""Mixed models: numbers of lme4 and pbkrtest, the paired t-test, true differences, one model."""
+"""Mixed models give the numbers of lme4 and pbkrtest, and find true differences."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -328,7 +328,7 @@ def test_what_hardly_changes_within_recordings_is_compared_too(effect_sd):
 def test_equal_copies_of_recordings_are_refused_with_the_reason():
     table = recordings(np.random.default_rng(1), repeats=2)
     table["value"] = table.groupby(["subject", "condition"])["value"].transform("first")
-    with pytest.raises(ValueError, match="hardly vary within the cells"):
+    with pytest.raises(ValueError, match="hardly vary"):
         compare_cells(values(table), "ramp", "walk")
 
 

@@ -1,4 +1,4 @@
-"""Paired comparisons against R, SPSS' column in the thesis, and pingouin."""
+"""Paired comparisons are those of R, of SPSS in the thesis, and of pingouin."""
 
 import numpy as np
 import pingouin

@@ -1,4 +1,4 @@
-"""A subject's value over several recordings: the RMS of all that counts in them."""
+"""A subject's value over several recordings is the RMS of all that counts in them."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""Repeatability: a published example, what follows from its definitions, and too few values."""
+"""Repeatability is that of a published example, and unknown where values are too few."""
 
 import numpy as np
 import pandas as pd

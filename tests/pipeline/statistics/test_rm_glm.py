@@ -1,4 +1,4 @@
-"""The repeated-measures general linear model against R, SPSS, pingouin and its invariances."""
+"""The repeated-measures general linear model is that of R, SPSS and pingouin."""
 
 import numpy as np
 import pandas as pd
@@ -144,7 +144,7 @@ def test_two_subjects_leave_sphericity_untested():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"between": {"sex": np.array(["male"] * 4)}}, "sex: the same for all"),
+        ({"between": {"sex": np.array(["male"] * 4)}}, "sex: the same"),
         ({"between": {"x": np.arange(4.0), "y": -np.arange(4.0)}}, "linearly dependent"),
         ({"between": {"id": np.array(list("abcd"))}}, "at least 5"),
     ],

@@ -1,4 +1,4 @@
-"""Table III: the thesis' reductions, both baselines, and p-values as they are printed."""
+"""Table III has the thesis' reductions, both baselines, and p-values as they are printed."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""Gait events of the wrong side, early and late ones."""
+"""Gait events of the wrong side, early or late are named, and events that agree are not."""
 
 from dataclasses import replace
 

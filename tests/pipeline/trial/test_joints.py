@@ -1,4 +1,4 @@
-"""Joints over gait cycles: energy is conserved, both sides are there, peaks fit the curves."""
+"""Joints over gait cycles conserve energy, on both sides, and their peaks fit the curves."""
 
 from dataclasses import replace
 

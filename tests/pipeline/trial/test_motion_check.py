@@ -1,4 +1,4 @@
-"""Limbs that markers lose for a while: named with the share of the body mass that they are."""
+"""Limbs that markers lose for a while are named with the share of the body mass that they are."""
 
 import numpy as np
 import pytest

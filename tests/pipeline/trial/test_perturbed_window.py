@@ -1,5 +1,6 @@
-"""What counts in a perturbed trial: whole cycles, the platform's motion, or a stated part."""
+"""In a perturbed trial whole cycles count, the platform's motion, or a stated part."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -99,10 +100,10 @@ def test_a_perturbation_without_motion_is_named_and_its_cycle_has_no_part():
 
 def test_seconds_are_after_each_onset_and_percents_of_each_cycle():
     after, _ = part((0.2, 0.5))
-    assert after.name == "0.2 to 0.5 s"
+    assert re.findall(r"[\d.]+|%|s$", after.name) == ["0.2", "0.5", "s"]
     np.testing.assert_allclose(spans(after)["left"], [[20.81, 21.11]])
     share, _ = part(("10 %", "40%"))
-    assert share.name == "10 to 40 %"
+    assert re.findall(r"[\d.]+|%|s$", share.name) == ["10", "40", "%"]
     np.testing.assert_allclose(spans(share)["right"], [[10.11, 10.44], [30.21, 30.54]])
     np.testing.assert_allclose(share.percent(CYCLES), [[10, 40]] * 3)
 
@@ -131,8 +132,8 @@ def test_a_short_gap_of_the_platforms_pose_moves_neither_onset_nor_end(begin):
 @pytest.mark.parametrize(
     ("window", "changed", "message"),
     [
-        ("motion", {"platform": pose(0 * TIME)}, "0.1 m/s after none of the 3 perturbations"),
-        ((0.0, 1.2), {}, "after each perturbation ends beyond all 3 perturbed gait cycles"),
+        ("motion", {"platform": pose(0 * TIME)}, "0.1 m/s .* 3 perturbations"),
+        ((0.0, 1.2), {}, "beyond all 3 perturbed"),
     ],
 )
 def test_a_part_that_cannot_be_is_refused_in_one_line(window, changed, message):
@@ -142,7 +143,7 @@ def test_a_part_that_cannot_be_is_refused_in_one_line(window, changed, message):
 
 def test_motion_of_a_platform_whose_pose_is_unknown_is_refused():
     condition = Condition(perturbed=True, window="motion")
-    with pytest.raises(ValueError, match=r'"motion" needs the platform.s pose; give its markers'):
+    with pytest.raises(ValueError, match=r'"motion" .*pose; .*markers'):
         perturbed_part(condition, CYCLES, ONSETS, TIME, None)
 
 
@@ -184,7 +185,8 @@ def test_the_rms_of_cycles_is_that_of_the_part(sway):
     table = residual_table(sway["stated"], "sway")
     part = table[table["headline"] & ~table["compensated"]]
     np.testing.assert_allclose(part["rms_of_cycles"], part["rms"], rtol=0.1)
-    assert set(part["window"]) == {"0 to 0.2 s"}
+    (window,) = set(part["window"])
+    assert window.endswith(" 0.2 s")
 
 
 @pytest.mark.parametrize("window", [None, "motion", "stated"])

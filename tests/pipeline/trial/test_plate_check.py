@@ -1,4 +1,4 @@
-"""Plates that are not zero when nobody is on them, and samples that are lost."""
+"""Plates that are not zero when nobody is on them are named, and so are samples that are lost."""
 
 from dataclasses import replace
 
@@ -63,7 +63,8 @@ def test_plates_that_were_recorded_at_another_time_are_named_with_both_times(lat
     notes = [n for n in check(replace(recording, plates=plates)) if n.code == "plates_apart"]
     assert bool(notes) == apart
     for note in notes:
-        assert "plates recorded from 5.00 to" in note.text
+        assert note.values["first_s"] == pytest.approx(later_s)
+        assert note.values["start_s"] == 0
 
 
 @pytest.mark.parametrize("component", [0, 4])

@@ -64,19 +64,17 @@ def test_plates_in_right_units_are_not_accused(mass_kg, lever, known):
 def test_moments_in_another_unit_are_refused_with_the_right_one(mass_kg, lever, units):
     said, right, power = units
     wrong = steps(mass_kg, lever, power, units=f"N,{said}")
-    with pytest.raises(
-        ValueError, match=rf"plate 1, 2: moments 10.* times .*give --plate-units N,{right},"
-    ):
+    with pytest.raises(ValueError, match=rf"1, 2: moments 10.*--plate-units N,{right},"):
         require_units(wrong)
 
 
 @given(mass_kg=st.floats(30, 120), lever=LEVERS, known=st.booleans())
 def test_forces_in_kilonewtons_are_refused_whoever_says_the_mass(mass_kg, lever, known):
     wrong = steps(mass_kg, lever, force_power=3)
-    with pytest.raises(ValueError, match=r"1, 2: forces 1000 .*give --plate-units kN,Nmm,"):
+    with pytest.raises(ValueError, match=r"1, 2: forces 1000 .*--plate-units kN,Nmm,"):
         require_units(wrong, mass_kg if known else None)
     wrong = steps(mass_kg, lever, force_power=-3, units="kN,Nmm")
-    with pytest.raises(ValueError, match=r"1000 times too large.*give --plate-units N,Nmm,"):
+    with pytest.raises(ValueError, match=r"1000 .*too large.*--plate-units N,Nmm,"):
         require_units(wrong, mass_kg if known else None)
 
 
@@ -84,7 +82,7 @@ def test_forces_in_kilonewtons_are_refused_whoever_says_the_mass(mass_kg, lever,
 def test_one_plate_in_another_unit_is_refused_with_gains_that_mend_it(mass_kg, lever, power):
     sound, wrong = steps(mass_kg, lever), steps(mass_kg, lever, power)
     plates = (sound.plates[0], wrong.plates[1])
-    with pytest.raises(ValueError, match=r"plate 2: moments 1000 times .*\"2: gain Mx") as error:
+    with pytest.raises(ValueError, match=r"2: moments 1000 .*\"2: gain Mx") as error:
         require_units(replace(sound, plates=plates))
     gains = [f"2: gain {name} {10.0**power:g}" for name in ("Mx", "My", "Mz")]
     assert all(gain in str(error.value) for gain in gains)
@@ -104,9 +102,7 @@ def test_one_moment_in_another_unit_is_refused_without_a_gain_for_it(mass_kg, of
     wrench = recording.plates[0].wrench_in_plate.copy()
     wrench[:, component] *= factor
     plates = (replace(recording.plates[0], wrench_in_plate=wrench), recording.plates[1])
-    with pytest.raises(
-        ValueError, match=r"plate 1: moments in different units, .*channels"
-    ) as error:
+    with pytest.raises(ValueError, match=r"plate 1: .*different units.*channels") as error:
         require_units(replace(recording, plates=plates))
     assert "mend_plates" not in str(error.value)
 
@@ -122,7 +118,7 @@ def test_centres_of_pressure_in_another_unit_are_refused_with_the_third_unit(mas
 def test_plates_that_weigh_a_tenth_of_a_body_are_refused_with_the_factor(mass_kg, known):
     wrong = steps(mass_kg, np.zeros(3), power=1, force_power=1)
     if known or 1.1 * mass_kg < 90:
-        with pytest.raises(ValueError, match=r"1, 2: forces 10 times too small, .*channels"):
+        with pytest.raises(ValueError, match=r"1, 2: forces 10 .*small, .*channels"):
             require_units(wrong, mass_kg if known else None)
 
 
@@ -168,7 +164,7 @@ def test_a_plate_that_pulls_the_subject_down_is_a_doubt_with_the_mending_that_he
     pulling = with_mended_plates(replace(sound, stated=Stated(mend_plates=(mending,))))
     (doubt,) = reversed_plates(pulling).values()
     assert (doubt.kind, doubt.of) == ("in_doubt", "plate 2")
-    assert f'set mend_plates = ["{mending}"]' in doubt.reason
+    assert f'mend_plates = ["{mending}"]' in doubt.reason
     with pytest.raises(ValueError, match="mass missing") as error, saying_what_was_read(pulling):
         raise ValueError("mass missing")
     assert error.value.__notes__ == [f"on reading, {doubt}"]

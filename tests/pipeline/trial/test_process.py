@@ -1,4 +1,4 @@
-"""One trial of a study from files to residuals: compensation, gait cycles, notes."""
+"""One trial of a study is processed from files to residuals, with notes of what was done."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -44,11 +44,7 @@ def test_a_file_that_is_not_read_yet_is_named_with_what_reads_it(walker):
 
 @pytest.mark.parametrize(
     ("name", "remedy"),
-    [
-        ("walk.c3d", "export it with its plates"),
-        ("walk.trc", "give its file of forces, MOT or .forces"),
-        ("walk.tsv", "put its files of forces, walk_f_1.tsv and so on, beside it"),
-    ],
+    [("walk.c3d", "its plates"), ("walk.trc", "MOT or .forces"), ("walk.tsv", "walk_f_1.tsv ")],
 )
 def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker, name, remedy):
     names = tuple(f"P{k}" for k in range(len(walker.markers.names)))
@@ -59,7 +55,7 @@ def test_what_a_trial_lacks_is_said_at_once_labels_plates_mass(walker, name, rem
         plates=(),
         metadata=Metadata(),
     )
-    said = f"no shipped set; labels: P0, .*; residuals need .*{remedy}.*; the mass is missing too"
+    said = f"no shipped set; labels: P0, .*; residuals need .*{remedy}.*mass is missing"
     with pytest.raises(ValueError, match=said):
         process_recording(bare, PERSON, Settings())
 
@@ -121,7 +117,7 @@ def test_without_a_pulse_the_platforms_motion_selects_the_same_cycles(study, res
 def test_a_perturbed_condition_without_perturbation_is_refused(study):
     rule = Condition(perturbed=True, pulse_channel="Pulse")
     path = study.path("sub01_pitch.c3d")
-    with pytest.raises(ValueError, match=r"sub01_pitch\.c3d: Pulse shows no perturbation"):
+    with pytest.raises(ValueError, match=r"sub01_pitch\.c3d: Pulse .*no perturbation"):
         process_recording(read_c3d(path), PERSON, Settings(), condition=rule)
 
 
@@ -196,7 +192,7 @@ def test_stature_is_as_stated_else_as_recorded_else_from_the_legs(walker):
     assert subject_body(walker, PERSON, Settings(), MASS_KG).height_m == pytest.approx(1.78)
     bare = replace(walker, metadata=Metadata())
     notes = subject_body(bare, PERSON, Settings(), MASS_KG).notes
-    assert any(note.values.get("source") == "by the length of the legs" for note in notes)
+    assert any("legs" in note.values.get("source", "") for note in notes)
 
 
 def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded_of_that_side(walker):
@@ -242,7 +238,7 @@ def test_plates_that_never_change_give_notes_and_no_residuals(walker, load_n, ma
 
 
 def test_an_unknown_trial_is_refused(study):
-    with pytest.raises(ValueError, match="no subject 'sub1', did you mean 'sub01'"):
+    with pytest.raises(ValueError, match=r"'sub1', .*'sub01'"):
         process_trial(study, "sub1", "sway")
 
 
@@ -251,7 +247,7 @@ def test_an_excluded_trial_is_refused_with_its_reason(study):
     trial = person.trials["sway"][0].model_copy(update={"exclude": "fell"})
     subjects = {"sub01": person.model_copy(update={"trials": {"sway": (trial,)}})}
     changed = replace(study, subjects=subjects)
-    with pytest.raises(ValueError, match="sub01 sway is excluded: fell"):
+    with pytest.raises(ValueError, match=r"sub01 sway .*fell"):
         process_trial(changed, "sub01", "sway")
 
 

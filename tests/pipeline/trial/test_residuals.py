@@ -1,4 +1,4 @@
-"""Residuals as reported: signs, both RMS, thresholds, marker errors."""
+"""Residuals have the signs, both RMS, thresholds and marker errors that are reported."""
 
 from dataclasses import replace
 

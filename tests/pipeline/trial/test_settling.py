@@ -82,7 +82,7 @@ def test_a_gap_of_50_ms_of_all_markers_raises_no_peak_of_the_cycles_beside_it(wa
     unmasked = replace(result, quality=result.quality & ~int(Quality.SETTLING))
     assert (peaks(unmasked, spans) - peaks(whole, spans)).max() > 50
     (note,) = [note for note in result.notes if note.code == "cycles_left_out"]
-    assert note.text.endswith("excluded: 1 for frames without a solution or without forces")
+    assert "excluded: 1 for" in note.text
 
 
 def test_a_gap_of_a_plate_raises_no_peak_of_the_cycle(walker, whole):
@@ -109,7 +109,7 @@ def test_a_cycle_with_too_little_left_is_left_out_by_name(last_s, left):
     cycles, left_out = cut_cycles(events, time, quality, 0.5)
     assert len(cycles["left"]) == left
     assert len(left_out["left"]) == 2 - left
-    assert set(left_out["left"]) <= {"an end or a gap too near for the filters to settle"}
+    assert all("to settle" in reason for reason in left_out["left"])
 
 
 def test_filters_that_follow_one_another_settle_as_the_slowest_of_them():

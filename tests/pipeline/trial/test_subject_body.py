@@ -1,4 +1,4 @@
-"""A subject's body as stated in files: functional hips, segments, clinical angles."""
+"""A subject's body is as its files state, with functional hips, segments and clinical angles."""
 
 import shutil
 from dataclasses import replace
@@ -100,7 +100,7 @@ def test_functional_hips_far_from_the_regression_are_refused(walker, tmp_path):
     position = stray.position.copy()
     position[:, thigh] += 0.1 * np.sin(np.arange(len(stray.time)) / 25)[:, None, None]
     loose = replace(walker, markers=Markers(stray.time, stray.names, position))
-    with pytest.raises(ValueError, match="more than pelvises differ: swing both thighs"):
+    with pytest.raises(ValueError, match="swing both thighs"):
         subject_body(walker, Subject(), functional, 74.6, hip_trial=loose)
     sound = replace(walker, markers=stray)
     found = subject_body(walker, Subject(), functional, 74.6, hip_trial=sound)
@@ -132,7 +132,7 @@ def test_exported_forces_are_compensated_where_a_calibration_is_given(
     ]
     assert main([*asked, "--platform-markers", markers]) == 0
     printed = capsys.readouterr().out
-    assert "from the compensated plate forces" in printed
+    assert "compensated plate forces" in printed
     forces = read_sto(tmp_path / "compensated" / "sub01_pitch_forces.sto")
     measured = np.nanstd(processed.measured.residual[:, 0])
     assert np.nanstd(forces.columns["PelvisX_force"]) < 0.2 * measured
@@ -143,5 +143,5 @@ def test_legs_that_nobody_has_are_refused_with_the_option_of_the_unit(walker, fa
     """The stature that the file states does not hide them."""
     markers = replace(walker.markers, position=factor * walker.markers.position)
     wrong = replace(walker, markers=markers)
-    with pytest.raises(ValueError, match=rf"{walker.source.name}: .* unit is wrong; .* --units"):
+    with pytest.raises(ValueError, match=rf"{walker.source.name}: .*unit is wrong.*--units"):
         subject_body(wrong, Subject(height_m=1.75), Settings(), 74.6)

@@ -1,4 +1,4 @@
-"""Body mass: as stated, weighed where the subject stands still, or from the file."""
+"""Body mass is as stated, else weighed where the subject stands still, else from the file."""
 
 import numpy as np
 import pytest
@@ -73,7 +73,7 @@ def test_a_second_on_one_foot_is_no_weighing_where_the_rest_of_the_trial_carries
         both = np.where(time < 2, WEIGHT_N / 4, walking(time)[0])
         return both, both
 
-    with pytest.raises(ValueError, match=r"mass missing: nobody stands still"):
+    with pytest.raises(ValueError, match=r"mass missing: nobody"):
         body_mass(NOBODY, standing(loads_n=loads))
 
 
@@ -97,9 +97,9 @@ def test_a_file_that_states_another_mass_than_the_plates_is_not_believed():
     ("recording", "message"),
     [
         (standing(loads_n=lambda time: (0 * time, 0 * time)), "give the mass"),
-        (standing(loads_n=walking), "the whole file would be 8[01]"),
-        (standing(0.5), "nobody stands still on the plates for a second"),
-        (without_plates(standing()), "no plates to weigh on"),
+        (standing(loads_n=walking), "would be 8[01]"),
+        (standing(0.5), "nobody stands still"),
+        (without_plates(standing()), "no plates"),
     ],
 )
 def test_a_mass_that_nothing_tells_has_to_be_stated(recording, message):

@@ -1,4 +1,4 @@
-"""The page with the light for a phone or a wall, in a browser, while a walk is replayed."""
+"""The page with the light shows on a phone and a wall how a replayed walk goes."""
 
 import json
 import time
@@ -58,11 +58,11 @@ def test_the_board_that_a_page_asks_for_is_that_of_the_session(boards):
     with light_server(lambda: now[0], LOOPBACK) as address:
         first = json.loads(asked(address))
         assert (first["board"]["colour"], first["board"]["rms"]) == ("look", {})
-        assert first["board"]["sentence"] == "Starting: wait for two seconds of frames"
+        assert first["board"]["sentence"].startswith("Starting")
         now[0] = replayed[-1]
         last = json.loads(asked(address))
     assert last["board"]["colour"] == "good"
-    assert last["board"]["sentence"] == f"{monitor.condition.used} of 25 gait cycles used"
+    assert last["board"]["sentence"].startswith(f"{monitor.condition.used} of 25 ")
     assert last["axes"] == [*AXES]
     ten = np.concatenate([each.residual["measured"] for each in monitor.condition.recent])
     rms = np.sqrt(np.mean(ten**2, axis=0))
@@ -124,7 +124,7 @@ def test_a_phone_and_a_wall_show_light_sentence_cycles_and_bars_of_a_replay(boar
             assert {each for each in browser.requests if address not in each} <= {"data:,"}
             assert browser.complaints == []
         ended = wait_for(browser, "stop")
-        assert ended["sentence"] == "No connection: has hbm live ended?"
+        assert ended["sentence"].startswith("No connection")
         assert ended["done"] == "9 / 25"  # counts and bars of the session stay
         assert browser_list(browser, WIDTHS) == [100] * 6
 

@@ -1,4 +1,4 @@
-"""The light of a session on a screen, in a browser."""
+"""A browser shows the light of a session as it is."""
 
 import time
 

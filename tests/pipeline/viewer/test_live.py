@@ -1,4 +1,4 @@
-"""What a live view draws, read back from a recording of it."""
+"""A live view draws what its recording, read back, holds."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Recordings as they are shown: served to this machine alone, and without a fault in the viewer."""
+"""Recordings are shown to this machine alone, and without a fault in the viewer."""
 
 import re
 import signal

@@ -1,3 +1,5 @@
+"""A trial that the laboratory wrote comes back as it was, in our reader and in ezc3d."""
+
 import numpy as np
 import pytest
 

@@ -1,4 +1,4 @@
-"""Gait events found automatically, against when the feet of a simulated walker carry load."""
+"""Gait events found automatically are when the feet of a simulated walker carry load."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Walks over plates in a floor: the physics holds, and they are processed like any recording."""
+"""Walks over plates in a floor obey physics, and are processed like any recording."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Bodies with other masses, centres and joints than those of the person."""
+"""Causes of the body change masses, centres and joints as bodies that differ do."""
 
 from functools import cache
 

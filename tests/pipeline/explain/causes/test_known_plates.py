@@ -1,4 +1,4 @@
-"""What narrows the plates' priors: calibrations, statements, and phases without load."""
+"""Calibrations, statements and phases without load narrow the plates' priors."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Markers that sit elsewhere, and skin that carries them in the course of the gait cycle."""
+"""Causes of markers are those of markers that sit elsewhere, and of skin that carries them."""
 
 from dataclasses import replace
 from functools import cache

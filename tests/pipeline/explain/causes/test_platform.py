@@ -1,4 +1,4 @@
-"""Faults of a platform's pose, against recordings and study files that have them."""
+"""Causes of the platform's pose are those of recordings and study files that have the fault."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A simulated person wears shoes: the residual shows them, and stating them removes it."""
+"""The residual shows shoes that a simulated person wears, and stating them removes it."""
 
 import numpy as np
 import pytest

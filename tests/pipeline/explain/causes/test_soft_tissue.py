@@ -1,4 +1,4 @@
-"""Soft tissue on springs, driven by the bones."""
+"""Soft tissue moves on springs as the equations of motion say, driven by the bones."""
 
 from functools import cache
 

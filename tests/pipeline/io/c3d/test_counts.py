@@ -1,4 +1,4 @@
-"""Counts of a C3D file that contradict each other: its size decides, or it is refused."""
+"""Where counts of a C3D file contradict each other its size decides, or it is refused."""
 
 import numpy as np
 import pytest
@@ -128,9 +128,7 @@ def test_a_file_cut_anywhere_is_refused(raw_c3d, kept, change, whole):
 
 def test_contradictory_counts_of_points_that_no_size_proves_are_refused(raw_c3d):
     path = made(raw_c3d, {"POINT": {"USED": np.array([7])}, "header": {"points": 6}})
-    with pytest.raises(
-        ValueError, match=r"of 6 or 7 points .* its size holds 109 or 114: it is tru"
-    ):
+    with pytest.raises(ValueError, match=r"6 or 7 points .*109 or 114: .*truncated"):
         read_c3d(path, AXES)
 
 
@@ -153,7 +151,7 @@ def test_a_contradictory_first_frame_is_a_note_and_with_events_a_refusal(raw_c3d
     assert [fact.of for fact in recording.facts if fact.kind == "in_doubt"]
     event = {"TIMES": np.array([[0.0], [0.5]]), "LABELS": ["Foot Off"], "CONTEXTS": ["Left"]}
     path = made(raw_c3d, {"TRIAL": trial, "EVENT": event})
-    with pytest.raises(ValueError, match=r"first frame: 1 by the header, 45 by TRIAL:.*, 1 used: "):
+    with pytest.raises(ValueError, match=r"first frame: 1 .*, 45 .*TRIAL:.*, 1 used"):
         read_c3d(path, AXES)
 
 
@@ -184,7 +182,7 @@ def test_a_file_shorter_than_most_of_its_counts_is_refused(raw_c3d, place, more)
     assume(low > FRAMES)
     change = stated_frames(place, FRAMES + more)
     change["POINT"] = {"FRAMES": np.array([low])} | change.get("POINT", {})
-    with pytest.raises(ValueError, match=r"but its size holds 120: it is truncated or damaged"):
+    with pytest.raises(ValueError, match=r"holds 120: .*truncated"):
         read_c3d(made(raw_c3d, change), AXES)
 
 
@@ -197,9 +195,7 @@ def test_a_long_file_cut_short_is_refused_however_many_frames_remain(raw_c3d, lo
     change = stated_frames(counted_by, frames)
     change["POINT"] = {"LABELS": ["A"], "FRAMES": np.array([65535])} | change.get("POINT", {})
     path = raw_c3d(points, header={"last": 65535}, **change)
-    with pytest.raises(
-        ValueError, match=rf"says it has 65535 or 130000 frames .* holds {frames - lost}:"
-    ):
+    with pytest.raises(ValueError, match=rf"65535 or 130000 frames .* {frames - lost}:"):
         read_c3d(path, AXES)
 
 

@@ -1,3 +1,5 @@
+"""A C3D file is read in full, in metres and in axes of the lab."""
+
 import numpy as np
 import pytest
 

@@ -1,4 +1,4 @@
-"""ezc3d reads the same content, or every difference is named; it may crash or be absent."""
+"""A second reader reads the same content, or every difference is named; it may crash."""
 
 import sys
 
@@ -97,11 +97,11 @@ def test_equal_content_has_no_difference(raw_c3d, scale, offset):
     [
         pytest.param(
             "import ctypes; ctypes.string_at(0)",
-            "its process ends with SIGSEGV",
+            "SIGSEGV",
             marks=pytest.mark.skipif(sys.platform == "win32", reason="signals only on POSIX"),
         ),
-        ("import time; time.sleep(60)", "it takes more than 1 s"),
-        ("import sys; open(sys.argv[2], 'w').write('{')", "its process ends without a result"),
+        ("import time; time.sleep(60)", "more than 1 s"),
+        ("import sys; open(sys.argv[2], 'w').write('{')", "without a result"),
     ],
 )
 def test_a_program_that_crashes_hangs_or_leaves_nothing_costs_one_line(
@@ -114,7 +114,8 @@ def test_a_program_that_crashes_hangs_or_leaves_nothing_costs_one_line(
     monkeypatch.setattr(second_reader, "version", lambda _: "0")
     monkeypatch.setattr(second_reader, "SECONDS", 1.0 if "more than 1 s" in reason else 60.0)
     found = compare_readers(everything)
-    assert (found.reader, found.refusal, found.disagreements) == ("ezc3d 0", reason, ())
+    assert (found.reader, found.disagreements) == ("ezc3d 0", ())
+    assert found.refusal.endswith(reason)
 
 
 @needs_ezc3d
@@ -122,11 +123,12 @@ def test_a_program_that_crashes_hangs_or_leaves_nothing_costs_one_line(
 def test_memory_is_limited(shared_data):
     """Without a limit, ezc3d 1.7.2 takes 12.6 GB and half a minute for this file."""
     path = shared_data / "c3d_samples" / "bad_parameter_section.c3d"
-    with pytest.raises(ValueError, match=r"it needs more than 1\.1 GB of memory"):
+    with pytest.raises(ValueError, match=r"1\.1 GB of memory"):
         second_reader._read_by_ezc3d(path)
 
 
 def test_a_library_whose_import_is_blocked_is_not_installed(everything, monkeypatch):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     found = compare_readers(everything)
-    assert (found.reader, found.refusal) == ("ezc3d", "it is not installed")
+    assert found.reader == "ezc3d"
+    assert "not installed" in found.refusal

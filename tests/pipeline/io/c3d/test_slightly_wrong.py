@@ -1,4 +1,4 @@
-"""Files that are a little wrong: what is unambiguous is read with a note, the rest refused."""
+"""What is unambiguous in a slightly wrong file is read with a note, and the rest is refused."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ def test_rates_of_which_no_two_agree_are_refused(raw_c3d, factor, channels):
     assume(all(abs(factor / other - 1) > 0.0042 for other in (1, 2)))
     samples = SAMPLES if channels else np.zeros((FRAMES, 1, 0))
     change = {"POINT": {"RATE": np.array([100 * factor])}, "ANALOG": {"RATE": np.array([2000.0])}}
-    with pytest.raises(ValueError, match="Hz on which most places agree; export the file again"):
+    with pytest.raises(ValueError, match="Hz on which most"):
         read_c3d(made(raw_c3d, samples=samples, **change), AXES)
 
 
@@ -76,12 +76,12 @@ def test_without_offsets_or_scales_real_samples_are_in_their_units(raw_c3d, abse
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"absent": ("ANALOG:SCALE",), "scale": 0.1}, "ANALOG:SCALE has 0 values for 6 analog"),
-        ({"absent": ("ANALOG:SCALE", "ANALOG:UNITS")}, "ANALOG:SCALE has 0 values for 6 analog"),
-        ({"ANALOG": {"SCALE": np.ones(2)}}, "ANALOG:SCALE has 2 values for 6 analog channels"),
+        ({"absent": ("ANALOG:SCALE",), "scale": 0.1}, "ANALOG:SCALE has 0 .* 6 analog"),
+        ({"absent": ("ANALOG:SCALE", "ANALOG:UNITS")}, "ANALOG:SCALE has 0 .* 6 analog"),
+        ({"ANALOG": {"SCALE": np.ones(2)}}, "ANALOG:SCALE has 2 .* 6 analog"),
         (
             {"absent": ("ANALOG:OFFSET",), "scale": 0.1, "ANALOG": {"FORMAT": "UNSIGNED"}},
-            "ANALOG:OFFSET has 0 values for 6 analog channels, so that their size is unknown",
+            "ANALOG:OFFSET has 0 .* 6 analog",
         ),
     ],
 )
@@ -96,7 +96,7 @@ def test_samples_whose_size_is_unknown_are_refused(raw_c3d, change, message):
 @pytest.mark.parametrize("unit", ["", "in"])
 def test_a_unit_that_is_unknown_is_stated_by_the_person(raw_c3d, unit):
     path = made(raw_c3d, POINT={"UNITS": unit})
-    with pytest.raises(ValueError, match=r"give it: --units, or units in study\.toml"):
+    with pytest.raises(ValueError, match=r"--units.*study\.toml"):
         read_c3d(path, AXES)
     recording = read_c3d(path, Stated(AXES, units="mm"))
     np.testing.assert_allclose(recording.markers.position, POSITION[..., :3] / 1000, rtol=1e-5)
@@ -212,5 +212,5 @@ def test_doubled_events_of_a_file_are_read_once_and_said(raw_c3d):
     }
     recording = read_c3d(made(raw_c3d, EVENT=group), AXES)
     assert [(e.label, e.side) for e in recording.events] == [("foot_strike", "left")]
-    assert "1 of 2 gait events" in [fact.of for fact in recording.facts]
+    assert any(fact.of.startswith("1 of 2 ") for fact in recording.facts)
     assert "joined" in codes(recording)

@@ -160,7 +160,8 @@ def test_what_a_warning_advises_is_not_advised_again(tmp_path):
     mendings = re.findall(r'--mend-plates "([^"]+)"', note.advice)
     assert (note.code, mendings) == ("plate_drifts", ["1: drift"])
     row = row_of(result.findings[0], faulty.plates, result.motion.time)
-    assert (row.what, row.evidence) == ("plate 1: zero drifts", "readings without load")
+    assert row.what.startswith("plate 1: zero")
+    assert "without load" in row.evidence
     assert re.fullmatch(r"Fz \+\d+\.\d ± [\d.]+ N", row.size)
     mended = process_recording(following(faulty, 1), PERSON, Settings())
     assert codes(mended).isdisjoint({"plates_not_zeroed", "plate_drifts"})

@@ -1,4 +1,4 @@
-"""Whether the plates carry the subject: feet whose places, and loads whose plates, are known."""
+"""Frames in which the plates do not carry the whole subject do not count, and all others do."""
 
 from types import SimpleNamespace
 

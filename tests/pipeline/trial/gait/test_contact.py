@@ -1,4 +1,4 @@
-"""Which foot stood on a plate: sums are exact, steps may cross, uncertain frames are flagged."""
+"""The foot on a plate is found where steps cross, sums are exact, and doubt is flagged."""
 
 from types import SimpleNamespace
 
@@ -267,9 +267,7 @@ def test_a_person_s_word_overrules_the_centre_of_pressure():
 def test_a_contact_that_is_stated_where_there_is_none_is_refused():
     feet, load, _, plates = on_own_belts()
     swing = np.flatnonzero(load[:, LEFT] == 0)[5] / RATE_HZ
-    with pytest.raises(
-        ValueError, match=r"contacts: nobody is on plate 1 at [\d.]+ s; it is loaded: [\d.]+–"
-    ):
+    with pytest.raises(ValueError, match=r"nobody .*plate 1 at [\d.]+ s; .*: [\d.]+–"):
         share(plates, feet, stated=[PlateContact(plate=1, time_s=swing, foot="left")])
-    with pytest.raises(ValueError, match="contacts: there is no plate 3; plates are 1 to 2"):
+    with pytest.raises(ValueError, match=r"contacts: .*no plate 3; .*1 to 2"):
         share(plates, feet, stated=[PlateContact(plate=3, time_s=1.0, foot="left")])

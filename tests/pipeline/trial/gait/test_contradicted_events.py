@@ -1,4 +1,4 @@
-"""A file's events against the swings of the feet, both ways; and who does not swing."""
+"""A file's events that the swings of the feet contradict are named, and who does not swing."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Which gait cycles count: the first fifty, or those in which the platform perturbed the walk."""
+"""The gait cycles that count are the first fifty, or those that the platform perturbed."""
 
 from pathlib import Path
 

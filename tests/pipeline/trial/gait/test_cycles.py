@@ -1,4 +1,4 @@
-"""Gait events and cycles: of sines with known events, of plates, and of a real trial."""
+"""Gait cycles follow the events of sines, of plates and of a real trial that are known."""
 
 import numpy as np
 import pytest
@@ -148,7 +148,7 @@ def test_a_cycle_with_a_missed_strike_is_left_out_with_a_note():
     events = [e for e in regular_events() if (e.time, e.label) != (4.0, "foot_strike")]
     spans, rejected = gait_cycles(events, "left")
     assert len(spans) == 7
-    assert rejected == ("a duration far from the median",)
+    assert [reason.split()[1] for reason in rejected] == ["duration"]
 
 
 def test_a_cycle_in_which_feet_do_not_alternate_is_left_out_with_a_note():
@@ -156,7 +156,7 @@ def test_a_cycle_in_which_feet_do_not_alternate_is_left_out_with_a_note():
     events = [e for e in events if (e.time, e.label) != (6.6, "foot_off")]
     spans, rejected = gait_cycles(events, "left")
     assert len(spans) == 7
-    assert rejected == ("events that do not alternate",) * 2
+    assert ["alternate" in reason for reason in rejected] == [True, True]
 
 
 def test_normalising_resolves_a_signal_between_its_samples():

@@ -1,4 +1,4 @@
-"""One set of gait events per trial: the method that is wanted, and a note that names it."""
+"""A trial has one set of gait events, by the method that is wanted, and a note names it."""
 
 from dataclasses import replace
 
@@ -97,7 +97,7 @@ def test_who_stands_has_no_events_and_the_note_says_why(sources):
     still = 0 * sources["motion"] + [0, 0, 0, 0.15, 0.15]
     events, note, _ = detect_events(**sources | {"motion": still}, method="auto")
     assert events == ()
-    assert "no foot swings against the pelvis in" in note.text
+    assert "no foot swings" in note.text
 
 
 def test_plates_that_carry_nobody_alone_leave_the_motion_and_the_note_says_so(sources):

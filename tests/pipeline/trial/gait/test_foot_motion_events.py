@@ -1,4 +1,4 @@
-"""Events by the speed of the feet above the ground: the same on any ground that moves."""
+"""Events by the speed of the feet are the same above any ground that moves."""
 
 import numpy as np
 from hypothesis import given, settings

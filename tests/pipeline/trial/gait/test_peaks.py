@@ -1,4 +1,4 @@
-"""Peaks of the feet's distance, as SciPy finds them."""
+"""Peaks of the feet's distance are those that SciPy finds."""
 
 import numpy as np
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Events of plates that carry one foot alone: exact where they can be, none where they cannot."""
+"""Events of plates that carry one foot are exact where they can be, and none where they cannot."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""Speed, cadence, steps and stance of gait cycles, against walks of which they are known."""
+"""Speed, cadence, steps and stance are those of walks of which they are known."""
 
 import numpy as np
 import pytest

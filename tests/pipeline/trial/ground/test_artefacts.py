@@ -48,15 +48,13 @@ def test_a_gap_of_an_accelerometer_is_refused_with_its_time(pitching, laboratory
     values = pitching.analog.values.copy()
     values[5000:5010, 2] = np.nan
     broken = replace(pitching, analog=replace(pitching.analog, values=values))
-    with pytest.raises(ValueError, match=r"walk_0\.c3d: the acceleration has a gap at 5\.000 s"):
+    with pytest.raises(ValueError, match=r"walk_0\.c3d: .*gap at 5\.000 s"):
         plate_artefacts(bind(broken, laboratory))
 
 
 def test_compensated_plates_are_not_compensated_again(pitching, laboratory):
     again = replace(pitching, compensation=DONE)
-    with pytest.raises(
-        ValueError, match=r"plates are compensated already, by hbm-residuals 0\.2\."
-    ):
+    with pytest.raises(ValueError, match=r"compensated already.*0\.2\."):
         ground_of(again, laboratory, again.markers.time, 0.0)
     only_moving = Laboratory(laboratory.treadmill.model_copy(update={"calibration": None}))
     ground = ground_of(again, only_moving, again.markers.time, 0.0)
@@ -66,6 +64,6 @@ def test_compensated_plates_are_not_compensated_again(pitching, laboratory):
 def test_plates_in_the_lab_are_not_moved_with_the_platform_again(pitching, laboratory):
     in_lab = replace(pitching, compensation=replace(DONE, frame="lab"))
     moving = Laboratory(laboratory.treadmill)
-    with pytest.raises(ValueError, match=r"to the lab \(--frame lab\); leave the platform's"):
+    with pytest.raises(ValueError, match=r"--frame lab"):
         ground_of(in_lab, moving, in_lab.markers.time, 0.0)
     assert ground_of(in_lab, Laboratory(Treadmill()), in_lab.markers.time, 0.0).pose is None

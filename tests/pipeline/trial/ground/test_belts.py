@@ -1,4 +1,4 @@
-"""Belt compensation in a trial: of empty belts, and not of what a person adds."""
+"""Belt compensation takes away what empty belts add, and nothing of what a person adds."""
 
 from dataclasses import replace
 from functools import partial

@@ -1,4 +1,4 @@
-"""A calibration of the plates, from a recording of the empty treadmill or from its file."""
+"""A calibration is the same from the empty treadmill's recording and from its file."""
 
 import json
 import re
@@ -42,7 +42,7 @@ def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(cal
     sensor = next(iter(lab.CHANNELS))
     x, y, z = lab.CHANNELS[sensor]
     exchanged = Treadmill(accelerometers=lab.CHANNELS | {sensor: (y, x, z)})
-    with pytest.raises(ValueError, match=rf"{sensor} was {x}, {y}, {z} in the calibration, which"):
+    with pytest.raises(ValueError, match=rf"{sensor} was {x}, {y}, {z} "):
         bind(trial, laboratory.Laboratory(exchanged, known))
 
 
@@ -55,7 +55,7 @@ def test_a_stated_delay_that_is_not_that_of_the_calibration_is_refused(tmp_path,
     read_calibration(stored, TREADMILL.model_copy(update={"accelerometer_delay_s": 0.004}))
     read_calibration(stored, TREADMILL.model_copy(update={"accelerometer_delay_s": 0.00405}))
     other = TREADMILL.model_copy(update={"accelerometer_delay_s": 0.0042})
-    message = r"lab\.json: .* fitted with a delay of 4\.00 ms .* is 4\.20 ms; leave it out"
+    message = r"lab\.json: .* 4\.00 ms .*4\.20 ms"
     with pytest.raises(ValueError, match=message):
         read_calibration(stored, other)
 
@@ -86,7 +86,7 @@ def test_a_calibration_that_cannot_be_read_is_refused_with_its_file_name(tmp_pat
 @pytest.mark.parametrize("motion", [lab.shaken(12.0), lab.still(12.0)])
 def test_a_recording_with_somebody_on_the_treadmill_is_no_calibration(walker, tmp_path, motion):
     path = lab.save(lab.on_platform(walker, motion), tmp_path / "walk.c3d")
-    message = r"walk\.c3d: .*(somebody on the boards|hardly moved)"
+    message = r"walk\.c3d: .*(on the boards|hardly moved)"
     with pytest.raises(ValueError, match=message):
         read_calibration(path, TREADMILL)
 
@@ -96,7 +96,7 @@ def test_a_platform_that_only_shakes_under_a_person_is_no_calibration(walker, tm
     trembling = lab.shaken(12.0)
     small = replace(trembling, sway=0.1 * trembling.sway, pitch=0.1 * trembling.pitch)
     path = lab.save(lab.on_platform(lab.without_people(12.0), small), tmp_path / "small.c3d")
-    with pytest.raises(ValueError, match=r"moved too little .* expected 0.2 or more"):
+    with pytest.raises(ValueError, match=r"moved too little .*0\.2"):
         read_calibration(path, TREADMILL)
 
 

@@ -160,8 +160,8 @@ def test_loads_are_of_the_plates_own_clocks():
 @pytest.mark.parametrize(
     ("fitted_with", "used", "message"),
     [
-        ("lab.json", None, "to plates corrected by lab.json; name that file"),
-        ("lab.json", "new.json", "corrected by lab.json, not by this new.json; fit it again with"),
+        ("lab.json", None, "corrected by lab.json; name"),
+        ("lab.json", "new.json", "by lab.json, .*new.json; "),
     ],
 )
 def test_a_calibration_of_otherwise_corrected_plates_is_refused(empty, fitted_with, used, message):
@@ -184,7 +184,7 @@ def test_plates_that_the_calibration_does_not_have_stay_as_they_are_with_a_warni
 
 def test_plates_numbered_the_other_way_round_are_refused(walker):
     other_way = tuple(replace(plate, number=3 - plate.number) for plate in reversed(walker.plates))
-    with pytest.raises(ValueError, match=r"plate 1 lies 0\.50 m from where lab\.json has it"):
+    with pytest.raises(ValueError, match=r"plate 1 .*0\.50 m .*lab\.json"):
         with_corrected_plates(replace(walker, plates=other_way), correction_of(walker))
 
 
@@ -224,7 +224,7 @@ def test_a_plate_whose_delay_was_not_measured_has_the_stated_one_or_none(walker)
 
 def test_two_different_delays_of_a_plate_are_refused(walker):
     correction = correction_of(walker, delays=(0.004, 0.002))
-    with pytest.raises(ValueError, match=r"given as 4 ms, but lab.json has 2.0 ms for plate 2"):
+    with pytest.raises(ValueError, match=r"4 ms, .*lab\.json .*2\.0 ms .*plate 2"):
         plate_delays_s(walker.plates, correction, 0.004)
 
 

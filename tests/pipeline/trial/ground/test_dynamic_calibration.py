@@ -1,4 +1,4 @@
-"""A treadmill whose belt assemblies yield on their load cells: its calibration and its trials.
+"""A treadmill whose belts yield on their load cells is calibrated and compensated dynamically.
 
 The rigid laboratory of `tests.pipeline.lab`, whose plates see the assemblies' forces through one
 undamped mode of 25 Hz. A person's forces are not on these plates, so that all of it is artefact.
@@ -112,6 +112,6 @@ def test_a_stated_model_that_is_not_the_files_is_refused(calibrated, tmp_path):
         path = tmp_path / f"{stated}.json"
         path.write_text(to_json(fitted.calibration), encoding="utf-8")
         treadmill = Treadmill(**SENSORS, inertia_model=stated)
-        with pytest.raises(ValueError, match=f"fit it again with --model {stated}"):
+        with pytest.raises(ValueError, match=f"--model {stated}"):
             read_calibration(path, treadmill)
         assert read_calibration(path, Treadmill(**SENSORS)).in_use

@@ -1,5 +1,6 @@
-"""People beside a plate that stays empty: which plates are fitted to such recordings."""
+"""Of recordings of people beside a plate, those in which it is empty are fitted to it."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,9 +37,8 @@ def test_plates_are_fitted_to_the_recordings_in_which_they_are_empty(empty):
     samples = {name: model.samples for name, model in found.plates.items()}
     once = alone.plates["plate 1"].samples
     assert samples == {"plate 1": pytest.approx(3 * once), "plate 2": pytest.approx(2 * once)}
-    assert found.provenance["beside"] == (
-        "right.c3d: plate 1 empty; boards.c3d: plate 1, plate 2 empty"
-    )
+    plates = r"right\.c3d: plate 1 .*; boards\.c3d: plate 1, plate 2 "
+    assert re.match(plates, found.provenance["beside"])
     for name, model in found.plates.items():
         expected = alone.plates[name]
         np.testing.assert_allclose(model.sigma, expected.sigma, rtol=0.2)
@@ -59,12 +59,9 @@ def stepped_on(number, name):
 @pytest.mark.parametrize(
     ("recording", "message"),
     [
-        (lambda: stepped_on(1, "a.c3d"), r"a.c3d: somebody was on plate 1 .* \(\d+ N over 0.2 s"),
-        (
-            lambda: beside(1, name="a.c3d", share=0.4),
-            r"somebody was on plate 1 for a part of the",
-        ),
-        (lambda: beside(1, 2, name="a.c3d"), r"a.c3d: somebody was on every plate"),
+        (lambda: stepped_on(1, "a.c3d"), r"a.c3d: .*plate 1 .* \(\d+ N over 0.2 s"),
+        (lambda: beside(1, name="a.c3d", share=0.4), r"plate 1 for a part"),
+        (lambda: beside(1, 2, name="a.c3d"), r"a.c3d: .*every plate"),
     ],
 )
 def test_a_plate_that_is_empty_for_a_while_or_none_at_all_is_refused(empty, recording, message):
@@ -74,7 +71,7 @@ def test_a_plate_that_is_empty_for_a_while_or_none_at_all_is_refused(empty, reco
 
 def test_a_recording_cannot_confirm_itself(empty):
     copy = replace(empty, source=Path("copy.c3d"))
-    with pytest.raises(ValueError, match=r"copy\.c3d: is the same recording as"):
+    with pytest.raises(ValueError, match=r"copy\.c3d: .*same recording"):
         fit_calibration(empty, TREADMILL, beside=[copy])
 
 
@@ -99,7 +96,6 @@ def test_trials_whose_belts_are_faster_than_those_of_the_calibration_say_so(empt
     assert belt_notes(with_belts(empty, 2.05), known) == []
     (faster,) = belt_notes(with_belts(empty, 2500.0, "mm/s"), known)
     assert faster.level == "warning"
-    assert "belt speed 2.5 m/s" in faster.text
-    assert "at most 2 m/s" in faster.text
+    assert faster.values == pytest.approx({"speed_mps": 2.5, "calibrated_mps": 2.0})
     (unknown,) = belt_notes(empty, known)
-    assert "belts faster than 2 m/s" in unknown.text
+    assert "2 m/s" in unknown.text

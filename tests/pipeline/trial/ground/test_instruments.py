@@ -1,4 +1,4 @@
-"""Ends of a signal that does not cover the plates are held; speeds of belts are found."""
+"""Ends of a signal that does not cover the plates are held, and speeds of belts are found."""
 
 from dataclasses import replace
 

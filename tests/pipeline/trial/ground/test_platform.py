@@ -1,4 +1,4 @@
-"""Plates that move with the platform: wrenches and corners of the moving plate, in the lab."""
+"""Plates that move with the platform give wrenches and corners of the moving plate in the lab."""
 
 import numpy as np
 import pytest

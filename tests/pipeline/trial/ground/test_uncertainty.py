@@ -1,4 +1,4 @@
-"""The uncertainty of compensated plates, in the lab and at the pelvis, and in results."""
+"""The uncertainty of compensated plates arrives in the lab, at the pelvis and in results."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Actuators: the platform follows its commands as critically damped systems can."""
+"""The platform follows its commands as critically damped systems can."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What plates have to carry of the treadmill, compared with independent derivations."""
+"""What plates have to carry of the treadmill is what independent derivations give."""
 
 import numpy as np
 import pytest

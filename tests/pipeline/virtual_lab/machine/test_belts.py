@@ -1,4 +1,4 @@
-"""Both belts: what their plates have to carry, and what shakes the structure."""
+"""Belts follow their command, load their plates in pitch alone, and slow under who brakes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Instruments: when they sample, what they report of true values, and how large errors are."""
+"""Instruments sample when and report what they state, with errors of stated size."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The platform's kinematics, compared with numerical derivatives of its pose."""
+"""The platform's velocities and accelerations are numerical derivatives of its pose."""
 
 import numpy as np
 

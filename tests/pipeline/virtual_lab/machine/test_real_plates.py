@@ -1,4 +1,4 @@
-"""How much people shake the plates, compared with a real treadmill."""
+"""Simulated people shake the plates as much more than a real treadmill's as its page states."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The structure's matrices: masses, frequencies, shapes."""
+"""The structure has the masses, frequencies and shapes that it states."""
 
 import numpy as np
 import pytest

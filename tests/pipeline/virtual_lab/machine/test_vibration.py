@@ -1,4 +1,4 @@
-"""The structure's response: limits that are known, and a direct integration in time."""
+"""The structure responds as known limits and a direct integration in time have it."""
 
 import numpy as np
 import pytest

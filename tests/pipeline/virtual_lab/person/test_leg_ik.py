@@ -1,4 +1,4 @@
-"""The legs' inverse kinematics: feet where they should be."""
+"""The legs' inverse kinematics puts the feet where they should be."""
 
 import numpy as np
 import pytest

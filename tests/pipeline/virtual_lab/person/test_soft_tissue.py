@@ -1,4 +1,4 @@
-"""Soft tissue artefact: its size, and what it follows."""
+"""Soft tissue artefact has its published size and follows the joints."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Simulated subjects: bodies, proportions and gait."""
+"""Simulated subjects have the bodies, proportions and gait of people."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The simulated gait, compared with published norms and the equations of motion."""
+"""The simulated gait is within published norms and obeys the equations of motion."""
 
 import numpy as np
 import pytest

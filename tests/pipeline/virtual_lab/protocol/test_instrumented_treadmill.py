@@ -1,4 +1,4 @@
-"""The instrumented treadmill: reproducible errors, and what it records."""
+"""The instrumented treadmill records what acts on it, with reproducible errors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""People beside an empty plate: who carries them."""
+"""A person beside an empty plate is carried by one plate or by the frame."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The setting of a virtual laboratory in TOML: everything can be stated, and has an effect."""
+"""Everything of a virtual laboratory can be stated in TOML, and has an effect."""
 
 import pickle
 
@@ -49,7 +49,7 @@ def test_a_setting_is_the_same_after_being_written_and_read():
 def test_the_motion_of_a_platform_without_a_pose_counts_nowhere():
     level = Protocol(pose="none", conditions=("baseline", "pitch"))
     assert read_setting(setting_toml(Setting(protocol=level))).protocol == level
-    with pytest.raises(ValueError, match=r'pose = "none" leaves the motion .* unknown'):
+    with pytest.raises(ValueError, match=r'pose = "none" .*unknown'):
         Protocol(pose="none")
     assert Protocol(pose="none", sway_window="cycle").sway_window == "cycle"
 

@@ -1,4 +1,4 @@
-"""The protocol of the walking study: conditions, durations and perturbations as in the thesis."""
+"""Conditions, durations and perturbations of the walking study are those of the thesis."""
 
 import numpy as np
 import pytest

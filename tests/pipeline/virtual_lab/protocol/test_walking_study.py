@@ -1,4 +1,4 @@
-"""The files of a simulated study: readable by others, reproducible, consistent with the truth."""
+"""A simulated study is reproducible, read by others, and consistent with its truth."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Joints that the Human Body Model does not have, in walking."""
+"""Joints that the Human Body Model does not have move in walking as published."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Segment inertias: two published tables, scaled to people."""
+"""Segment inertias are those of two published tables, scaled to people."""
 
 import numpy as np
 import pytest

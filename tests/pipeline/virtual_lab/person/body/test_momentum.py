@@ -1,4 +1,4 @@
-"""The laboratory's own mechanics, against Newton's laws and against the production's."""
+"""The laboratory's own mechanics obeys Newton's laws and agrees with the production's."""
 
 import numpy as np
 import pytest

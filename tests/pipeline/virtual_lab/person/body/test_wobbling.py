@@ -1,4 +1,4 @@
-"""Wobbling masses: damped oscillators whose reaction is on the ground."""
+"""Wobbling masses are damped oscillators whose reaction is on the ground."""
 
 import numpy as np
 import pytest

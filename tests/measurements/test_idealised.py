@@ -1,4 +1,4 @@
-"""Residuals with perfect instruments, and artefacts, compared with rigid-body mechanics."""
+"""With perfect instruments residuals vanish, and artefacts are those of rigid-body mechanics."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""The prototype's algebra: splines, derivatives, and what it does where it should do nothing."""
+"""The prototype's splines are right, and it does nothing where it should do nothing."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A short campaign of intervals, and a longer one."""
+"""Intervals of compensated plates hold as often as they state."""
 
 import pandas as pd
 import pytest

@@ -1,4 +1,4 @@
-"""The campaign of seeded faults: what a fault truly makes."""
+"""What a seeded fault truly makes is what is missing without it."""
 
 import numpy as np
 import pytest

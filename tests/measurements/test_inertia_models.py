@@ -1,4 +1,4 @@
-"""The campaign on static and dynamic models: its demands, and one laboratory."""
+"""The demands on static and dynamic models can fail, and a third sensor helps."""
 
 import numpy as np
 import pandas as pd
@@ -26,10 +26,11 @@ def found(soft=1.0, dynamic=0.1, chosen="dynamic"):
 
 def test_demands_are_on_the_model_that_is_taken_and_beyond_a_rigid_machine():
     assert unmet(found()) == []
-    assert "up to 1.20 times" in unmet(found(dynamic=1.2))[0]
+    assert "1.20 times" in unmet(found(dynamic=1.2))[0]
     assert unmet(found(dynamic=1.2, chosen="static")) == []
     (*_, missed) = unmet(found(soft=2.0, chosen="static"))
-    assert missed.startswith("soft machine, boarding: {'Fx': 5.2, ")
+    assert missed.startswith("soft machine, boarding")
+    assert "'Fx': 5.2, " in missed
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The campaign of plates, small: faults are found, and its truth is what hands compute."""
+"""A planted fault of a plate is found, and its truth is what hands compute."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The study's arithmetic on machines of which the answer is known."""
+"""The study of the published compensation is right on machines of which the answer is known."""
 
 import numpy as np
 import pandas as pd

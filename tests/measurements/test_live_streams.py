@@ -1,4 +1,4 @@
-"""A minute of the campaign of faults of live streams; ``tests.campaign.live`` plays more."""
+"""Every frame of a minute of spoilt streams is accounted for."""
 
 import pytest
 

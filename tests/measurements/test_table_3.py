@@ -1,4 +1,4 @@
-"""The thesis' Table III beside simulated ones: what is compared is what was processed."""
+"""What stands beside the thesis' Table III is what was processed."""
 
 import numpy as np
 import pandas as pd
