@@ -12,9 +12,8 @@ from pipeline.config.schema import NOUNS, TrialName
 from pipeline.io.write import read_csv
 from pipeline.report.blocks import Check, Interval, Table, Text
 from pipeline.trial.quality import frames_within
+from pipeline.trial.residuals import LIMITS as RESIDUALS
 from pipeline.trial.residuals import (
-    MAX_FORCE_SHARE,
-    MAX_MOMENT_SHARE,
     marker_rows,
     threshold_rows,
 )
@@ -39,8 +38,8 @@ NOT_KNOWN: Final[Check] = ("none", "–", "")
 SCALE_PERCENT: Final = 100.0
 """Of a mean square, up to which shares are drawn: intervals of what is unknown reach far beyond."""
 LIMITS: Final = {
-    "force_percent": f"{100 * MAX_FORCE_SHARE:g}",
-    "moment_percent": f"{100 * MAX_MOMENT_SHARE:g}",
+    "force_percent": f"{100 * RESIDUALS.largest_force:g}",
+    "moment_percent": f"{100 * RESIDUALS.largest_moment:g}",
     "marker_rms_mm": f"{MAX_MARKER_RMS_MM:g}",
     "marker_peak_mm": f"{MAX_MARKER_PEAK_MM:g}",
     "gap_percent": f"{MAX_GAP_PERCENT:g}",

@@ -110,10 +110,6 @@ DEPENDS_ON: Final[Mapping[str, str]] = {
 """Stage -> the stages, inputs (some with a field), and settings that it is computed from."""
 
 
-COMPARED: Final = ("condition", "contacts", "marker_set", "segments", "subject")
-"""Inputs that are compared by what they state; others are the same if they were read once."""
-
-
 class Solved(NamedTuple):
     """What inverse kinematics found: the markers that it used, the motion, and what it left out."""
 
@@ -577,9 +573,11 @@ def _all_of(stage: str, given: frozenset[str]) -> set[str]:
 
 def _differing(one: Inputs, other: Inputs) -> Iterator[str]:
     """Name the inputs that differ, and those fields of recordings and laboratory that do."""
+    # these are compared by what they state; others are the same if they were read once
+    stated = "condition", "contacts", "marker_set", "segments", "subject"
     for name in (field.name for field in fields(one)):
         before, now = getattr(one, name), getattr(other, name)
-        if before is now or (name in COMPARED and before == now):
+        if before is now or (name in stated and before == now):
             continue
         yield name
         parts = {leaf for names in DEPENDS_ON.values() for leaf in names.split()}

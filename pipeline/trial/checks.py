@@ -10,6 +10,7 @@ from hbm.coordinates import LIMBS, TREE
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.plausibility.labels import (
     changed_distances,
     labels_exchanged,
@@ -22,17 +23,14 @@ from hbm.signals.samples import stretches
 from hbm.spatial import Mask
 from pipeline.io.recording import Recording
 
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "checks")
+
 LENGTHS: Final = {
-    "pelvis width": ((("LASIS", "RASIS"),), 0.010),
-    "shank length": ((("LLEK", "LLM"), ("RLEK", "RLM")), 0.015),
-    "foot length": ((("LHEE", "LMT2"), ("RHEE", "RMT2")), 0.010),
+    "pelvis width": (("LASIS", "RASIS"),),
+    "shank length": (("LLEK", "LLM"), ("RLEK", "RLM")),
+    "foot length": (("LHEE", "LMT2"), ("RHEE", "RMT2")),
 }
-"""Name -> landmarks at its ends on each side, and by how much skin that moves changes it [m]: more
-than in any of our recordings of a person (4, 9 and 8 mm)."""
-OTHER_MASS: Final = 0.08
-"""Difference of body masses by the smallest; that of wrong zeros and gains of plates is smaller."""
-MIN_OTHER: Final = 2
-"""Lengths that differ, and the mass: one length may be that of a marker that was moved."""
+"""Name -> landmarks at its ends on each side."""
 
 
 class MarkerChecks(NamedTuple):
@@ -113,14 +111,17 @@ def other_person(
     """
     marked = body.marker_set.present(body.markers).landmark
     found = []
-    for name, (sides, limit_m) in LENGTHS.items():
+    for name, sides in LENGTHS.items():
         labels = [(marked.get(a, ""), marked.get(b, "")) for a, b in sides]
         lengths = np.transpose([median_distances(f.markers, labels) for f in (pose, trial)])
         there, here = min(lengths, key=lambda pair: _lengths_apart(*pair))
-        if _lengths_apart(there, here) > limit_m and len({a > b for a, b in lengths}) == 1:
+        if (
+            _lengths_apart(there, here) > LIMITS.skin_motion[name]
+            and len({a > b for a, b in lengths}) == 1
+        ):
             found.append(f"{name} {1000 * there:.0f} mm there, {1000 * here:.0f} mm here")
-    heavier = max(known_kg.values()) / min(known_kg.values()) - 1 > OTHER_MASS
-    if not found or len(found) + heavier < MIN_OTHER:
+    heavier = max(known_kg.values()) / min(known_kg.values()) - 1 > LIMITS.other_mass
+    if not found or len(found) + heavier < LIMITS.fewest_differences:
         return None
     return Note.of("static_of_another", file=pose.source.name, lengths=found, known_kg=known_kg)
 
@@ -130,17 +131,10 @@ def _lengths_apart(there: float, here: float) -> float:
     return abs(there - here) if np.isfinite(there - here) else 0.0
 
 
-MAX_UNSEEN_PELVIS_S: Final = 0.1
-"""For so long, trunk and thighs show where a pelvis without markers is."""
-MAX_UNSEEN_LIMB_S: Final = 0.2
 SEGMENTS: Final = np.array([coordinate.segment for coordinate in TREE])
 """That each coordinate moves, (46,)."""
 OF_LEGS: Final = np.isin(SEGMENTS, [*LIMBS["left leg"], *LIMBS["right leg"]])
 """Coordinates of the legs, (46,)."""
-MAX_MISSING_SHARE: Final = 0.5
-"""Of the frames: a joint that more of them do not show has no markers, and no gaps."""
-MIN_HEAVY_SHARE: Final = 0.1
-"""Of body mass: a leg is more, an arm or the head less."""
 
 
 def known_frames(body: Body, motion: Motion) -> Mask:
@@ -160,7 +154,7 @@ def known_frames(body: Body, motion: Motion) -> Mask:
         or more: what trunk and thighs say of it is off by up to 10° then.
     """
     solved = motion.converged & np.isfinite(motion.a).all(axis=1)
-    return np.asarray(solved & ~_pelvis_unseen(body, motion, MAX_UNSEEN_PELVIS_S))
+    return np.asarray(solved & ~_pelvis_unseen(body, motion, LIMITS.longest_unseen_pelvis))
 
 
 def shown_frames(body: Body, motion: Motion) -> Mask:
@@ -182,10 +176,10 @@ def shown_frames(body: Body, motion: Motion) -> Mask:
         a gap of all markers.
     """
     unseen, gaps = _unseen(body, motion), [_pelvis_unseen(body, motion)]
-    gaps += [lost for _, share, lost, _ in _lost_limbs(body, motion) if share >= MIN_HEAVY_SHARE]
+    gaps += [lost for _, share, lost, _ in _lost_limbs(body, motion) if share >= LIMITS.heavy_limb]
     for part in np.unique(SEGMENTS[OF_LEGS]):
         missing: Mask = np.asarray(unseen[:, part == SEGMENTS].any(axis=1))
-        if missing.mean() < MAX_MISSING_SHARE:
+        if missing.mean() < LIMITS.largest_missing:
             gaps.append(missing)
     return np.asarray(~np.any(gaps, axis=0))
 
@@ -256,11 +250,11 @@ def check_motion(
         longest_s = max(motion.time[b - 1] - motion.time[a] for a, b in stretches(lost))
         frames = interpolated[limb] = int(np.count_nonzero(lost))
         unseen[np.ix_(lost, of_limb)] = False
-        if share >= MIN_HEAVY_SHARE and longest_s >= MAX_UNSEEN_LIMB_S:
+        if share >= LIMITS.heavy_limb and longest_s >= LIMITS.longest_unseen_limb:
             notes.append(Note.of("limb_unknown", limb=limb, frames=frames, share=share))
     counts = zip(motion.names, unseen.sum(axis=0).tolist(), strict=True)
     interpolated |= {name: count for name, count in counts if count}
-    pelvis_unseen = motion.converged & _pelvis_unseen(body, motion, MAX_UNSEEN_PELVIS_S)
+    pelvis_unseen = motion.converged & _pelvis_unseen(body, motion, LIMITS.longest_unseen_pelvis)
     if pelvis_unseen.any():
         notes.append(Note.of("pelvis_unseen", frames=np.count_nonzero(pelvis_unseen)))
     used = [markers.names.index(name) for name in motion.markers]
@@ -275,10 +269,6 @@ def check_motion(
     return tuple(notes), misfits
 
 
-MIN_SHARED_TIME: Final = 0.9
-"""Of the markers' time that the plates must cover: recordings end some frames apart."""
-
-
 def plates_apart(recording: Recording) -> tuple[Note, ...]:
     """Say where plates and markers were recorded, if not at the same time.
 
@@ -287,7 +277,7 @@ def plates_apart(recording: Recording) -> tuple[Note, ...]:
     start_s, stop_s = recording.markers.time[[0, -1]]
     first_s = max(plate.time[0] for plate in recording.plates)
     last_s = min(plate.time[-1] for plate in recording.plates)
-    if min(last_s, stop_s) - max(first_s, start_s) >= MIN_SHARED_TIME * (stop_s - start_s):
+    if min(last_s, stop_s) - max(first_s, start_s) >= LIMITS.least_shared * (stop_s - start_s):
         return ()
     times = {"first_s": first_s, "last_s": last_s, "start_s": start_s, "stop_s": stop_s}
     return (Note.of("plates_apart", **times),)

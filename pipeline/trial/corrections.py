@@ -6,28 +6,20 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.findings.drift import following
-from pipeline.trial.findings.evidence import LOADED, Evidence
-from pipeline.trial.findings.finding import MAX_WORSE, Correction, Finding
-from pipeline.trial.findings.judge import LIMIT, Fitted, View, fit
+from pipeline.trial.findings.evidence import LIMITS as EVIDENCE
+from pipeline.trial.findings.evidence import Evidence
+from pipeline.trial.findings.finding import LIMITS as FINDING
+from pipeline.trial.findings.finding import Correction, Finding
+from pipeline.trial.findings.judge import LIMITS as JUDGE
+from pipeline.trial.findings.judge import Fitted, View, fit
 from pipeline.trial.findings.zeros import wrong_zeros
 
-MIN_MOVE_M: Final = 0.005
-"""Shorter parts of a move are not typed."""
-NOISE: Final = 0.1
-NOISE_HELD_OUT: Final = 0.35
-"""Standard deviations of healthy residuals by which an RMS may grow beyond `MAX_WORSE`: in all
-frames, and in those to which the size was not fitted."""
-MIN_FALL: Final = 0.03
-"""Of the whitened residual: a correction that changes less is not worth typing."""
-MIN_COUNTED: Final = 10
-"""Frames under load that count, to be halved; else a fault leaves them out, and all are halved."""
-MOST_FAULTS: Final = 3
-SURELY: Final = 2 * LIMIT
-"""Evidence of a fault that is named though its correction does not help in other frames."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "corrections")
 
 
 def find_faults(chain: Chain) -> tuple[Finding, ...]:
@@ -50,7 +42,7 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
         # other faults are judged without it, however little it adds to the residual
         done, chain = (*done, *mendings), mended
     findings += _of_zeros(chain)
-    most = len(findings) + MOST_FAULTS
+    most = len(findings) + LIMITS.most_faults
     while len(findings) < most and chain.judged:
         first, *rivals = chain.judged
         plates = chain.evidence.plates
@@ -65,7 +57,8 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
         if corrected is None:
             return (*findings, finding)
         correction, mended = corrected
-        if not correction.helps and first.evidence < SURELY:
+        # a fault that is as sure as this is named though its correction does not help
+        if not correction.helps and first.evidence < 2 * JUDGE.least_evidence:
             break
         # what is typed for one fault is typed with what corrects those before it
         done = (*done, *correction.mendings)
@@ -140,7 +133,7 @@ def mendings_of(fitted: Fitted, plates: Sequence[Plate]) -> tuple[str, ...]:
 
 def _typed_moves(fitted: Fitted) -> Mask:
     """Say which parts of a move are long and sure enough to be typed, (2,)."""
-    return np.asarray(np.abs(fitted.size) > np.maximum(MIN_MOVE_M, fitted.interval))
+    return np.asarray(np.abs(fitted.size) > np.maximum(LIMITS.shortest_move, fitted.interval))
 
 
 def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
@@ -178,7 +171,7 @@ def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False
     Those of a fault that is certain help wherever they make no axis larger.
     """
     mended, fitted_to = chain.mended(mendings), np.zeros(len(chain.time), bool)
-    fall = 0.0 if certain else MIN_FALL
+    fall = 0.0 if certain else LIMITS.least_fall
     return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall)
 
 
@@ -189,7 +182,9 @@ def _tried_as_measured(chain: Chain, mended: Chain, mendings: Sequence[str]) -> 
     cancels something else in it.
     """
     no_frame = np.zeros(len(chain.time), bool)
-    return _tried(chain, [mended, mended], no_frame, tuple(mendings), None, MIN_FALL, np.inf)
+    return _tried(
+        chain, [mended, mended], no_frame, tuple(mendings), None, LIMITS.least_fall, np.inf
+    )
 
 
 def _later(chain: Chain, delay_s: float) -> Chain:
@@ -200,9 +195,11 @@ def _later(chain: Chain, delay_s: float) -> Chain:
 def _first_half(evidence: Evidence, plates: Sequence[int]) -> Mask:
     """Give the first half of the frames in which some plates are loaded, and before, (T,)."""
     load = np.abs(np.nan_to_num(evidence.wrenches[[*plates], :, 2])).max(axis=0)
-    loaded = load > LOADED * evidence.weight_n
+    loaded = load > EVIDENCE.loaded * evidence.weight_n
     counted = loaded & evidence.carried
-    frames = np.flatnonzero(counted if np.count_nonzero(counted) >= MIN_COUNTED else loaded)
+    frames = np.flatnonzero(
+        counted if np.count_nonzero(counted) >= LIMITS.fewest_counted else loaded
+    )
     middle = frames[len(frames) // 2] if len(frames) else len(load) // 2
     return np.asarray(np.arange(len(load)) < middle)
 
@@ -213,8 +210,8 @@ def _tried(
     fitted_to: Mask,
     mendings: tuple[str, ...],
     plate_delay_s: float | None,
-    least_fall: float = MIN_FALL,
-    most: float = MAX_WORSE,
+    least_fall: float = LIMITS.least_fall,
+    most: float = FINDING.largest_growth,
 ) -> Correction:
     """Compare residuals before and after; the second chain has sizes by the other frames alone."""
     # frames that count once it is corrected: some faults leave frames out
@@ -226,8 +223,8 @@ def _tried(
     held_out = _rms(chain.residual[others]), _rms(corrected[1].residual[others])
     deviation = np.sqrt(np.diag(chain.evidence.covariance))
     there, corrected_there = (np.linalg.norm(rms / deviation) for rms in held_out)
-    worse = after > most * before + NOISE * deviation
-    worse |= held_out[1] > most * held_out[0] + NOISE_HELD_OUT * deviation
+    worse = after > most * before + LIMITS.noise * deviation
+    worse |= held_out[1] > most * held_out[0] + LIMITS.noise_held_out * deviation
     return Correction(
         mendings,
         plate_delay_s,

@@ -13,11 +13,14 @@ import numpy as np
 import scipy
 
 from hbm.coordinates import INDEX, SIDES
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.quality import NO_SUPPORT, Quality, frames_within, free_of
 from pipeline.trial.residuals import TRIAL_COLUMNS, trial_columns
 from pipeline.trial.result import TrialResult
+
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "joints")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +70,6 @@ JOINT_MOTIONS: Final = (
 )
 CURVES: Final = {"angle": "deg", "moment": "N·m/kg", "power": "W/kg"}
 """What is known of each joint motion, and its unit."""
-JOULES: Final = "J/kg"
-BESIDE_S: Final = np.array([-0.2, 0.2])
-"""Time before and after gait cycles from which their curves are interpolated."""
-NEAR_EXTREME: Final = 0.2
-"""Of the range of the mean curve: where that is so near to its extreme, an unknown instant of a
-cycle may hide the extreme of this cycle."""
-MAX_UNKNOWN_WORK: Final = 0.05
-"""Of the mean work, in the unknown instants of a cycle, where the mean power is taken."""
 
 
 def joint_spans(result: TrialResult) -> dict[str, Array]:
@@ -129,7 +124,8 @@ def joint_curves(result: TrialResult) -> dict[str, dict[str, Array]]:
     loaded = posed & free_of(result.quality, NO_SUPPORT)
     for side, spans in joint_spans(result).items():
         columns, signs = map(np.array, zip(*(m.column(side) for m in JOINT_MOTIONS), strict=True))
-        near = np.flatnonzero(frames_within(motion.time, spans + BESIDE_S))
+        # splines need some frames on both sides of a gait cycle: 0.2 s are enough at any rate
+        near = np.flatnonzero(frames_within(motion.time, spans + np.array([-0.2, 0.2])))
         place = np.ix_(near, columns)
         table = [np.where(posed[near, None], np.degrees(motion.q[place]) * signs, np.nan)]
         for dynamics in result.variants.values():
@@ -151,8 +147,8 @@ QUANTITIES: Final = {
     "smallest moment": ("moment", "N·m/kg"),
     "largest power": ("power", "W/kg"),
     "smallest power": ("power", "W/kg"),
-    "positive work": ("power", JOULES),
-    "negative work": ("power", JOULES),
+    "positive work": ("power", "J/kg"),
+    "negative work": ("power", "J/kg"),
 }
 """What is reported of a joint motion in a gait cycle -> the curve that it is of, and its unit."""
 CURVE_COLUMNS: Final = tuple(f"{m.name}_{curve}" for m in JOINT_MOTIONS for curve in CURVES)
@@ -185,8 +181,8 @@ def joint_rows(
         compensated, side, joint, direction, quantity (`QUANTITIES`), unit; value and sd, mean and
         standard deviation over cycles, and the mean percent of the cycle at which a peak is (NaN of
         ranges and work); n_cycles, those in which the quantity is known: of an extreme those
-        without unknown instants near that of the mean curve (`NEAR_EXTREME`), of work those in
-        which unknown instants have little of it (`MAX_UNKNOWN_WORK`).
+        without unknown instants near that of the mean curve, of work those in
+        which unknown instants have little of it.
 
     Examples
     --------
@@ -246,7 +242,9 @@ def _mean_power(power: Array) -> Array:
     # integrals over the cycle: of the whole, of what is unknown in it, of the mean curve
     filled = np.where(unknown, usual, power), np.where(unknown, usual, 0.0)
     mean, missing = scipy.integrate.trapezoid(filled, dx=1 / (power.shape[2] - 1))
-    most = MAX_UNKNOWN_WORK * np.abs(scipy.integrate.trapezoid(usual, dx=1 / (power.shape[2] - 1)))
+    most = LIMITS.largest_unknown_work * np.abs(
+        scipy.integrate.trapezoid(usual, dx=1 / (power.shape[2] - 1))
+    )
     return np.asarray(np.where(np.abs(missing) <= most, mean, np.nan))
 
 
@@ -254,7 +252,7 @@ def _largest(curves: Array) -> tuple[Array, Array]:
     """Give the largest value of cycles, (J, C), NaN where it may be hidden, and its percent."""
     unknown, usual = np.isnan(curves), _mean_curve(curves)
     spread = np.ptp(usual, axis=2, keepdims=True)
-    near = ~(usual < usual.max(axis=2, keepdims=True) - NEAR_EXTREME * spread)
+    near = ~(usual < usual.max(axis=2, keepdims=True) - LIMITS.near_extreme * spread)
     values = np.where(unknown, -np.inf, curves)
     hidden = (near & unknown).any(axis=2)
     largest = np.where(hidden, np.nan, values.max(axis=2))

@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from hbm.model import Body
+from hbm.numbers import read_numbers
 from hbm.plausibility.motion import mass_share, unseen_covariance, unseen_segments
 from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.quality import frames_within
 from pipeline.trial.result import TrialResult
+
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "residuals")
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,14 +28,6 @@ HEALTHY: Final = "healthy adults on a treadmill at rest (van de Loosdrecht 2018,
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
 DIRECTIONS: Final = ("forward", "right", "up", "about forward", "about right", "about up")
-REPORTED_SIGN: Final = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
-"""From lab axes, with Y to the left, to the reported ones, with y to the right."""
-MAX_FORCE_SHARE: Final = 0.05
-"""Peak residual force over peak net external force (Hicks et al. 2015)."""
-MAX_MOMENT_SHARE: Final = 0.01
-"""Peak residual moment over that force times the height of the centre of mass (ibid.)."""
-FOOT_SEGMENTS: Final = ("left_foot", "left_toes", "right_foot", "right_toes")
-"""Begin at the ankle and at the ball of the foot."""
 TRIAL_COLUMNS: Final = ("subject", "condition", "recording", "session")
 """Which trial: the recording is empty where there is one of the condition."""
 CYCLE_COLUMNS: Final = (
@@ -40,11 +35,6 @@ CYCLE_COLUMNS: Final = (
     *("compensated", "window", "headline", "side", "cycle", "start_s", "stop_s"),
     *("axis", "unit", "rms", "peak", "n_frames", "valid_share"),
 )
-FIRST: Final = ("compensated", "axis", "rms", "mean")
-LAST: Final = ("sd", "peak", "window")
-"""Columns at the ends of a table of residuals."""
-EVERY_MARKER: Final = "all"
-"""Name of the row over all markers."""
 
 Residual = namedtuple(
     "Residual",
@@ -91,7 +81,7 @@ def reported(residual: Array) -> Array:
         x forward, y to the right, z up, each moment right-handed about its own axis, (..., 6):
         Fy and My change sign.
     """
-    return np.asarray(residual * REPORTED_SIGN)
+    return np.asarray(residual * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0]))
 
 
 def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
@@ -267,7 +257,9 @@ def residual_table(result: TrialResult, condition: str = "") -> "pd.DataFrame":
 
     rows = residual_rows(result, condition or result.condition)
     table = pd.DataFrame(rows, columns=Residual._fields)
-    return table[[*FIRST, *table.columns.drop([*FIRST, *LAST]), *LAST]]
+    # what is read most at both ends, which pandas prints of a wide table
+    first, last = ("compensated", "axis", "rms", "mean"), ("sd", "peak", "window")
+    return table[[*first, *table.columns.drop([*first, *last]), *last]]
 
 
 def residual_rows(result: TrialResult, condition: str = "") -> list[Residual]:
@@ -365,7 +357,9 @@ def height_of_mass(body: Body, q: Array) -> float:
 
     Of coordinates (T, 46), wherever the laboratory has its origin.
     """
-    lowest = joint_positions(body, q, FOOT_SEGMENTS)[..., 2].min(axis=1)
+    # segments of the feet begin at the ankle and at the ball
+    feet = "left_foot", "left_toes", "right_foot", "right_toes"
+    lowest = joint_positions(body, q, feet)[..., 2].min(axis=1)
     return float(np.mean(center_of_mass(body, q)[:, 2] - lowest))
 
 
@@ -407,8 +401,8 @@ def threshold_rows(result: TrialResult) -> list[Threshold]:
         external = float(np.linalg.norm(ground, axis=1).max())
         residual = dynamics.residual[inside]
         for quantity, unit, part, limit in (
-            ("force", "N", residual[:, :3], MAX_FORCE_SHARE * external),
-            ("moment", "N·m", residual[:, 3:], MAX_MOMENT_SHARE * height * external),
+            ("force", "N", residual[:, :3], LIMITS.largest_force * external),
+            ("moment", "N·m", residual[:, 3:], LIMITS.largest_moment * height * external),
         ):
             size = np.linalg.norm(part, axis=1)
             peak, above = float(size.max()), 100 * float(np.mean(size >= limit))
@@ -433,7 +427,7 @@ def marker_rows(result: TrialResult) -> list[MarkerError]:
         "all", is over all of them. RMS and peak of a marker that was never seen are NaN.
     """
     error_mm = 1000 * result.motion.marker_error
-    columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {EVERY_MARKER: error_mm}
+    columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {"all": error_mm}
     rows = []
     for name, own in columns.items():
         seen = own[np.isfinite(own)]

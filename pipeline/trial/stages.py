@@ -19,6 +19,7 @@ from hbm.body import Body
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.markers import Markers
 from hbm.motion import Motion
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import acceleration_lag_s, longest_gap_s, low_pass, over_short_gaps
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import Array, Indices, Mask
@@ -36,8 +37,8 @@ from pipeline.trial.gait.contact import (
 from pipeline.trial.ground.wrenches import Ground
 from pipeline.trial.quality import NO_SUPPORT, Quality, flagged, free_of, settled_frames
 
-MAX_UNCERTAIN_N: Final = 10.0
-"""Vertical, filtered, of an uncertain foot: half a metre before an ankle, 0.07 N·m/kg in 70 kg."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "stages")
+
 MAX_DELAY_S: Final = 0.010
 """No published limit: one frame of a 100 Hz camera."""
 
@@ -175,7 +176,7 @@ def _foot_uncertain(ground: Ground, loads: Loads, settings: Settings, time: Arra
     vertical = np.nan_to_num(np.stack(ground.variants[ground.best], axis=1)[..., 2])
     uncertain_n = np.where(ambiguous, np.abs(vertical), 0.0).sum(axis=1)
     filtered = low_pass(uncertain_n, time, settings.cutoff_hz, settings.filter)
-    return np.asarray(filtered > MAX_UNCERTAIN_N)
+    return np.asarray(filtered > LIMITS.largest_uncertain)
 
 
 def _carried(

@@ -14,18 +14,17 @@ from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import SIDES
 from hbm.markers import MarkerSet, marker_sets, recognise_marker_set
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.plausibility.labels import sides_exchanged
 from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Plate, Recording
 
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "subject")
+
 TENTH_S: Final = 0.1
 """Noise of plates and markers averages out in it, and a subject who stands hardly moves."""
-MAX_STILL_EXTENT_M: Final = 0.02
-"""Extent of the path of the median marker in a second: postural sway is smaller, a step larger."""
-ROUNDING: Final = 1e-3
-"""Of a tenth: times may be stored in single precision."""
 
 
 def common_tenths(*times: Array) -> tuple[float, int]:
@@ -46,7 +45,8 @@ def common_tenths(*times: Array) -> tuple[float, int]:
     if min(map(len, times)) < 2:
         return begin_s, 0
     end_s = min(float(time[-1]) + _step_s(time) for time in times)
-    return begin_s, max(0, int((end_s - begin_s) / TENTH_S + ROUNDING))
+    # a thousandth of a tenth more: times may be stored in single precision
+    return begin_s, max(0, int((end_s - begin_s) / TENTH_S + 1e-3))
 
 
 def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
@@ -115,20 +115,6 @@ def _sums_between(edges: Indices, values: Array | Mask) -> Array:
     return sums
 
 
-WEIGHING_TENTHS: Final = 10
-"""One second: quiet standing before a trial rarely lasts longer."""
-MAX_WEIGHT_VARIATION: Final = 0.02
-"""Standard deviation by mean of tenths of that second; quiet standing sways by less."""
-MIN_MASS_KG: Final = 10.0
-"""Below it nobody is on the plates."""
-LONG_TENTHS: Final = 20
-"""Two seconds: however a person moves in them, the mean vertical force is about the weight."""
-MIN_WHOLE_SHARE: Final = 0.9
-"""Of that mean, or of the mass in a file: plates that carry less do not carry the whole subject."""
-MIN_LOAD_SHARE: Final = 0.7
-"""Of the largest mean over a tenth of a second: with less, a foot is on the floor."""
-MAX_MASS_DIFFERENCE: Final = 0.03
-"""Of the smallest: more than clothes, shoes, a meal and a plate's gain error together."""
 ON_PLATES: Final = "on the plates over steps"
 STATED: Final = "stated"
 
@@ -212,7 +198,7 @@ def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None)
         ((r.metadata.mass_kg, r.source.name) for r in recordings if r.metadata.mass_kg), (None, "")
     )
     weighings = [w for r in recordings if (w := _weigh(r, file_kg)) is not None]
-    whole = [w for w in weighings if file_kg is None or w[0] >= MIN_WHOLE_SHARE * file_kg]
+    whole = [w for w in weighings if file_kg is None or w[0] >= LIMITS.whole_fraction * file_kg]
     found: dict[str, tuple[float, Note]] = {}
     if subject.mass_kg is not None:
         found[STATED] = subject.mass_kg, Note.of("mass_stated", mass_kg=subject.mass_kg)
@@ -258,7 +244,7 @@ def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) ->
     if carried_kg is not None:
         every[ON_PLATES] = carried_kg
     difference = max(every.values()) / min(every.values()) - 1
-    if difference <= MAX_MASS_DIFFERENCE:
+    if difference <= LIMITS.largest_mass_difference:
         return ()
     return (Note.of("mass_differs", difference=difference, known_kg=every),)
 
@@ -269,25 +255,33 @@ def _weigh(recording: Recording, expected_kg: float | None) -> tuple[float, Note
         return None
     markers, plates = recording.markers, recording.plates
     begin_s, count = common_tenths(markers.time, *(plate.time for plate in plates))
-    if count < WEIGHING_TENTHS:
+    if count < LIMITS.weighing_tenths:
         return None
     mass = _carried_kg(plates, begin_s, count)
-    long = sliding_window_view(mass, min(LONG_TENTHS, count)).mean(axis=1)
-    least = max(MIN_MASS_KG, MIN_WHOLE_SHARE * np.max(long[np.isfinite(long)], initial=0.0))
-    seconds = sliding_window_view(mass, WEIGHING_TENTHS)
+    long = sliding_window_view(mass, min(LIMITS.long_tenths, count)).mean(axis=1)
+    least = max(
+        LIMITS.least_mass, LIMITS.whole_fraction * np.max(long[np.isfinite(long)], initial=0.0)
+    )
+    seconds = sliding_window_view(mass, LIMITS.weighing_tenths)
     mean, variation = seconds.mean(axis=1), seconds.std(axis=1)
-    even = np.flatnonzero((mean >= least) & (variation <= MAX_WEIGHT_VARIATION * mean))
-    wanted = int(even.max(initial=-WEIGHING_TENTHS)) + WEIGHING_TENTHS
+    even = np.flatnonzero((mean >= least) & (variation <= LIMITS.weight_variation * mean))
+    wanted = int(even.max(initial=-LIMITS.weighing_tenths)) + LIMITS.weighing_tenths
     place = tenths(markers.position, markers.time, begin_s, wanted)
-    steady = [k for k in even if median_extent(place[k : k + WEIGHING_TENTHS]) < MAX_STILL_EXTENT_M]
+    steady = [
+        k
+        for k in even
+        if median_extent(place[k : k + LIMITS.weighing_tenths]) < LIMITS.still_extent
+    ]
     if expected_kg is not None:
-        as_expected = [k for k in steady if abs(mean[k] / expected_kg - 1) <= 1 - MIN_WHOLE_SHARE]
+        as_expected = [
+            k for k in steady if abs(mean[k] / expected_kg - 1) <= 1 - LIMITS.whole_fraction
+        ]
         steady = as_expected or steady
     if not steady:
         return None
     best = min(steady, key=lambda k: variation[k] / mean[k])
     start_s, mass_kg = begin_s + TENTH_S * best, float(mean[best])
-    times = {"start_s": start_s, "stop_s": start_s + TENTH_S * WEIGHING_TENTHS}
+    times = {"start_s": start_s, "stop_s": start_s + TENTH_S * LIMITS.weighing_tenths}
     return mass_kg, Note.of("mass_weighed", mass_kg=mass_kg, **times, file=recording.source.name)
 
 
@@ -301,9 +295,9 @@ def roughly_weighed(recording: Recording, unknown: MassUnknownError) -> float:
     markers, plates = recording.markers, recording.plates
     every = common_tenths(markers.time, *(plate.time for plate in plates))
     mass = np.nan_to_num(_carried_kg(plates, *every))
-    if mass.max(initial=0.0) < MIN_MASS_KG:
+    if mass.max(initial=0.0) < LIMITS.least_mass:
         raise unknown
-    return float(mass[mass > MIN_LOAD_SHARE * mass.max()].mean())
+    return float(mass[mass > LIMITS.load_fraction * mass.max()].mean())
 
 
 def _carried_kg(plates: Sequence[Plate], begin_s: float, count: int) -> Array:
@@ -327,14 +321,8 @@ def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
     hint = f"; the mean vertical force of the whole file would be {mean_kg:.1f} kg"
     return (
         f"{name}: mass missing: {why}; give the mass (--mass-kg, mass_kg of the subject)"
-        f"{hint if mean_kg > MIN_MASS_KG else ''}"
+        f"{hint if mean_kg > LIMITS.least_mass else ''}"
     )
-
-
-EXPECTED_HIP_DISTANCE_M: Final = 0.03
-"""Harrington's regression misses imaged hip centres by 1 to 2 cm in adults: 3 cm is doubtful."""
-MAX_HIP_DISTANCE_M: Final = 0.05
-"""Beyond this no pelvis explains the difference; the thighs did not swing enough."""
 
 
 def subject_body(
@@ -430,13 +418,13 @@ def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:
         hips = [each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, by_regression)]
         distance_m[side] = float(np.linalg.norm(hips[0] - hips[1]))
     largest_m = max(distance_m.values())
-    if largest_m > MAX_HIP_DISTANCE_M:
+    if largest_m > LIMITS.largest_hip_distance:
         off = ", ".join(f"{side} {1000 * each:.0f} mm" for side, each in distance_m.items())
         raise ValueError(
             f"{file}: the functional hips are {off} from Harrington's regression, more than"
             " pelvises differ: swing both thighs forward, back and sideways by 30° and more"
         )
-    code = "functional_hips" if largest_m <= EXPECTED_HIP_DISTANCE_M else "functional_hips_far"
+    code = "functional_hips" if largest_m <= LIMITS.expected_hip_distance else "functional_hips_far"
     return Note.of(code, file=file, distance_m=distance_m)
 
 

@@ -12,8 +12,8 @@ from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import NOUNS, Condition, Interval, Unit, WantedWindow
 from pipeline.io.recording import Event, Recording
+from pipeline.trial.gait.cycles import LIMITS as CYCLES
 from pipeline.trial.gait.cycles import (
-    MIN_PLATFORM_SPEED_MPS,
     NO_SWING,
     cut_cycles,
     motion_stops,
@@ -299,7 +299,7 @@ def perturbed_part(
         if len(still) == len(onsets) > 0:
             raise ValueError(
                 'window = "motion", but the platform moves faster than '
-                f"{MIN_PLATFORM_SPEED_MPS:g} m/s after none of the {len(onsets)} perturbations; "
+                f"{CYCLES.platform_speed:g} m/s after none of the {len(onsets)} perturbations; "
                 "check its markers or channels, or set another window"
             )
         notes += [Note.of("perturbation_without_motion", onset_s=onset) for onset in still]

@@ -13,12 +13,13 @@ import scipy
 
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.spatial import Array, Mask
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import parse_mending
-from pipeline.trial.findings.evidence import MAX_STANCE_MPS
-from pipeline.trial.findings.zeros import REST_SPREAD_N
+from pipeline.trial.findings.evidence import LIMITS as EVIDENCE
+from pipeline.trial.findings.zeros import LIMITS as ZEROS
 from pipeline.trial.gait.carried import plate_edges
 from pipeline.trial.gait.events import SIDES
 from pipeline.trial.ground.laboratory import Laboratory, bind
@@ -26,40 +27,10 @@ from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.subject import common_tenths, tenths
 
-MIN_SWING_MPS: Final = 0.5
-"""Between all markers of one foot and all of the other one, while one of them swings."""
-LONGEST_S: Final = 0.5
-"""Of a phase: a longer one is several, over each of which a zero hardly drifts."""
-MIN_TENTHS: Final = 2
-"""Of a phase, that read alike."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "drift")
+
 UNKNOWN: Final = -1
 """Whether a foot swings: feet are not seen."""
-MIN_FRAMES: Final = 3
-"""Of a phase, for a change of speed."""
-EDGES_S: Final = 0.10, 0.05
-"""At the start and at the end of a phase, in which a foot leaves or lands."""
-MIN_PHASES: Final = 5
-"""For a line, and what is left to tell its error."""
-MOST_KNOTS: Final = 5
-"""Of the spline: a zero changes slowly within a trial."""
-NEIGHBOURS: Final = 5
-"""Phases whose median one that is loaded nevertheless does not move."""
-MOST_STEPS: Final = 2.0
-"""From phase to phase of a zero that drifts fast, between one and the median of its neighbours."""
-SPREAD: Final = REST_SPREAD_N * np.array([1.0, 1.0, 1.0, *[1 / 3] * 3])
-"""Of what an unloaded plate reads, a third of a metre from its centre."""
-LEAST_INDEPENDENT: Final = 3.0
-"""Readings, however alike neighbours are."""
-LAST_PHASES: Final = 9
-"""Whose median a zero is that is followed in real time: of ten seconds of walking."""
-MIN_DRIFT: Final = np.array([3.0, 3.0, 3.0, 0.75, 0.75, 0.75])
-"""A smaller change of a zero within a trial needs no correction [N, N·m]. Of 18 plates of healthy
-recordings none, and of 270 of five simulated studies one seems to change by as much beyond chance
-(`tests/pipeline/trial/findings/test_drift.py`, also ``-m campaign``)."""
-INTERVAL, SURELY = 0.95, 0.999
-"""Confidence of an interval, and that a zero changes at all: six components of each plate may."""
-MOST_ALIKE: Final = 0.9
-"""Correlation of neighbours: of more, few readings tell nothing."""
 MIN_VARIANCE: Final = 1e-9
 """Of a plate whose unloaded samples are exactly zero [N², (N·m)²]."""
 
@@ -98,7 +69,7 @@ class EmptyPlates:
         self.inward, self.begins = plate_edges(np.array([plate.corners for plate in plates]))
         # frames of the phase that lasts, and whether a foot swings in it
         self.time, self.position, self.swings = list[float](), list[Array](), UNKNOWN
-        self.most = max(MIN_FRAMES, round(LONGEST_S * rate_hz))
+        self.most = max(LIMITS.fewest_frames, round(LIMITS.longest_phase * rate_hz))
 
     def phases(self, markers: Markers) -> Iterator[Phase]:
         """Give the phases of a trial in order."""
@@ -118,7 +89,7 @@ class EmptyPlates:
         """Take a frame in which a foot swings or not; gives the phase that ended before it."""
         ended = None
         if swings != self.swings or len(self.time) == self.most:
-            if self.swings != UNKNOWN and len(self.time) >= MIN_FRAMES:
+            if self.swings != UNKNOWN and len(self.time) >= LIMITS.fewest_frames:
                 empty = self._empty(np.array(self.time), np.array(self.position))
                 ended = (self.time[0], self.time[-1], empty) if empty.any() else None
             self.time, self.position, self.swings = [], [], swings
@@ -133,7 +104,7 @@ class EmptyPlates:
         # while both stand, part of each is at rest against the other, wherever the ground moves
         apart = np.linalg.norm(velocity[0][:, :, None] - velocity[1][:, None], axis=-1)
         slowest = np.fmin.reduce(apart, axis=(1, 2), initial=np.inf)
-        known = np.where(np.all(seen, axis=0), slowest > MIN_SWING_MPS, UNKNOWN)
+        known = np.where(np.all(seen, axis=0), slowest > LIMITS.swing_speed, UNKNOWN)
         return [UNKNOWN, *known.tolist()]
 
     def _empty(self, time: Array, position: Array) -> Mask:
@@ -142,7 +113,7 @@ class EmptyPlates:
         for foot, columns in enumerate(self.columns):
             # one that stands goes with the ground, whose speed hardly changes
             changes = np.std(self._velocity(time, position, foot), axis=0).sum(axis=-1)
-            if not self.swings or not np.fmin.reduce(changes) > MAX_STANCE_MPS:
+            if not self.swings or not np.fmin.reduce(changes) > EVIDENCE.standing_spread:
                 middles.append(np.nanmean(position[:, columns], axis=1))
         if not middles:
             return np.zeros(len(self.begins), bool)
@@ -162,14 +133,14 @@ def reading(time: Array, wrench: Array, up: Array, start_s: float, stop_s: float
     Of its samples, (N,) [s] and (N, 6), whose third axis is the direction ``up``. None where the
     phase is too short, or the vertical force changes as it does under a load.
     """
-    part = slice(*np.searchsorted(time, (start_s + EDGES_S[0], stop_s - EDGES_S[1])))
+    part = slice(*np.searchsorted(time, (start_s + LIMITS.edges[0], stop_s - LIMITS.edges[1])))
     time, wrench = time[part], wrench[part]
     begin_s, count = common_tenths(time) if len(time) > 1 else (start_s, 0)
-    if count < MIN_TENTHS:
+    if count < LIMITS.fewest_tenths:
         return None
     vertical = tenths(wrench[:, :3] @ up, time, begin_s, count)
     mean = wrench.mean(axis=0)
-    return mean if np.ptp(vertical) <= REST_SPREAD_N and np.isfinite(mean).all() else None
+    return mean if np.ptp(vertical) <= ZEROS.spread and np.isfinite(mean).all() else None
 
 
 class Course(NamedTuple):
@@ -196,7 +167,7 @@ class Course(NamedTuple):
     def through(cls, time: Array, values: Array) -> "Course":
         """Fit it to readings, (N,), with as many knots as they call for."""
         count = len(time)
-        most = min(MOST_KNOTS, count - 3) if count >= MIN_PHASES else 1
+        most = min(LIMITS.most_knots, count - 3) if count >= LIMITS.fewest_phases else 1
         fits = list[tuple[Array, Array, Array, Array]]()
         for number in range(1, most + 1):
             knots = np.linspace(time[0], time[-1], number)
@@ -205,7 +176,7 @@ class Course(NamedTuple):
             fits.append((knots, basis, coefficients, values - basis @ coefficients))
         # neighbours that leave a line alike, by vibration in step with gait, are fewer readings
         alike = _alike(fits[min(1, most - 1)][-1])
-        independent = max(count / alike, LEAST_INDEPENDENT)
+        independent = max(count / alike, LIMITS.fewest_independent)
         scores = [
             independent * np.log(np.mean(left**2) + MIN_VARIANCE) + len(knots) * np.log(independent)
             for knots, _, _, left in fits
@@ -219,7 +190,7 @@ class Course(NamedTuple):
         error = np.sqrt(variance * between @ np.linalg.pinv(basis.T @ basis) @ between)
         # the largest of all differences, after Scheffé
         directions = max(len(knots) - 1, 1)
-        quantiles = scipy.special.fdtri(directions, free, (INTERVAL, SURELY))
+        quantiles = scipy.special.fdtri(directions, free, (0.95, LIMITS.confidence))
         interval, surely = (error * np.sqrt(directions * quantiles)).tolist()
         change = float(fitted[last] - fitted[first])
         return cls(knots, coefficients, change, interval, sure=abs(change) > surely)
@@ -230,7 +201,7 @@ def _alike(left: Array) -> float:
     correlation = np.sum(left[1:] * left[:-1]) / (np.sum(left**2) + MIN_VARIANCE)
     # that of what a line leaves of few readings is too small
     unbiased = correlation + (2 + 4 * correlation) / len(left)
-    bounded = float(np.clip(unbiased, 0.0, MOST_ALIKE))
+    bounded = float(np.clip(unbiased, 0.0, LIMITS.most_alike))
     return (1 + bounded) / (1 - bounded)
 
 
@@ -273,12 +244,16 @@ class Zero:
             return None
         ends, values = (np.array(each) for each in zip(*read, strict=True))
         # a plate that somebody else loads for a moment reads the same before and after
-        reach = NEIGHBOURS // 2
+        reach = LIMITS.neighbours // 2
         around = np.pad(values, ((reach, reach), (0, 0)), mode="reflect")
-        usual = np.median(np.lib.stride_tricks.sliding_window_view(around, NEIGHBOURS, 0), axis=-1)
+        usual = np.median(
+            np.lib.stride_tricks.sliding_window_view(around, LIMITS.neighbours, 0), axis=-1
+        )
         apart = np.abs(values - usual)
         step = np.median(np.abs(np.diff(values, axis=0)), axis=0) if len(values) > 1 else 0.0
-        kept = (apart <= SPREAD + MOST_STEPS * step).all(axis=1)
+        # a force of the usual spread, a third of a metre from the centre
+        spread = ZEROS.spread * np.repeat([1.0, 1 / 3], 3)
+        kept = (apart <= spread + LIMITS.most_steps * step).all(axis=1)
         courses = (Course.through(ends[kept], each[kept]) for each in values.T)
         return cls(ends, values, tuple(courses))
 
@@ -301,7 +276,8 @@ class Zero:
     @property
     def drifts(self) -> Mask:
         """Which components change by more than their error, and by what matters, (6,)."""
-        return np.array([each.sure for each in self.courses]) & (np.abs(self.change) > MIN_DRIFT)
+        sure = np.array([course.sure for course in self.courses])
+        return np.asarray(sure & (np.abs(self.change) > LIMITS.least_change))
 
     def at(self, times: Array) -> Array:
         """Give it over time, (T,) to (T, 6); constant where it does not drift."""
@@ -319,7 +295,7 @@ class Zero:
 
 def latest(values: Array) -> Array:
     """Give a zero in real time, (6,), by what was read in the phases so far, (N, 6)."""
-    return np.asarray(np.median(values[-LAST_PHASES:], axis=0))
+    return np.asarray(np.median(values[-LIMITS.followed_phases :], axis=0))
 
 
 def following(recording: Recording) -> set[int]:

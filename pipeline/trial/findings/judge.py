@@ -6,7 +6,7 @@ is uncertain in every comparison. A fault is named if correcting it lowers the s
 healthy recordings ever show; faults that lower it almost alike are named together.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -15,6 +15,7 @@ import numpy as np
 
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.coordinates import UP
+from hbm.numbers import read_numbers
 from hbm.spatial import (
     WRENCH_COMPONENTS,
     Array,
@@ -28,70 +29,7 @@ from pipeline.io.mended_plates import reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
 from pipeline.trial.findings.finding import JudgedKind
 
-LIMIT: Final = 7.0
-"""Fall of the score that names a fault (twice a logarithm of odds): of 61 healthy recordings none
-exceeds it with all markers, and one with markers on the legs alone
-(`tests.campaign.planted_faults`)."""
-TIED: Final = 6.0
-"""Faults that are so near to the best one cannot be told from it."""
-INDEPENDENT_S: Final = 0.15
-"""Errors of the motion's forces are about independent after it."""
-MOST_INDEPENDENT: Final = 14.0
-"""Samples that count at most: bodies differ from tables in all frames alike."""
-MOST_FRAMES: Final = 150
-"""Frames at which the motion is compared: neighbours tell the same."""
-MOST_OF_STANCE: Final = 12
-MOST_STANCES: Final = 10
-"""Frames of a stance, and stances of a foot on a plate, that are compared."""
-FOOT_SD: Final = np.array([0.032, 0.024])
-"""Of the pressure from where it usually is, along and across a foot on a plate [m]."""
-DOWN_SD: Final = 0.035
-"""Of a downward pull on a foot, by body weight: there is none."""
-MOST_DEVIATIONS: Final = 30.0
-"""Of a foot from its pressure; a plate that reads nothing has its pressure anywhere."""
-MASS_SD: Final[Mapping[bool, float]] = {True: 0.03, False: 0.10}
-WRONG_MASS_SD: Final = 0.20
-"""Of body mass, by itself: where it is stated, where the plates weighed it, and where it is that of
-another person."""
-MIN_LOADED_S: Final = 0.15
-"""For which a plate has to carry to be judged."""
-SD: Final[Mapping[JudgedKind, tuple[float, ...]]] = {
-    "gain": (0.5,),
-    "moved": (0.06, 0.06),
-    "askew": (0.35,),
-    "late": (0.03,),
-    "all_late": (0.03,),
-}
-"""Kind of fault -> usual size where it is there: share, [m], [rad], [s]."""
-COST: Final[Mapping[JudgedKind, float]] = {
-    "gain": 4.0,
-    "reversed": 6.0,
-    "turned": 6.0,
-    "exchanged": 6.0,
-    "mass": 2.0,
-    "moved": 3.0,
-    "askew": 5.0,
-    "late": 7.0,
-    "all_late": 5.0,
-}
-"""How rare each kind is, on the scale of the score."""
-BODY_LAG_S: Final = 0.007
-"""By which the motion that skin markers show is early: plates on one clock with the cameras seem
-later in healthy walks, 5 to 11 ms in 12 of real and virtual people."""
-LEAST: Final[Mapping[JudgedKind, float]] = {
-    "gain": 0.05,
-    "moved": 0.015,
-    "askew": np.radians(5.0),
-    "late": 0.008,
-    "all_late": 0.008,
-}
-"""Smallest size that is named: share, [m], [rad], [s]."""
-MAX_MOVE_M: Final = 0.3
-"""Beyond it, a plate has the signal of another one."""
-FREEDOM: Final = 12.0
-"""Degrees of freedom of what healthy bodies leave, in one trial more than in another."""
-STEPS: Final = 3
-"""Of Gauss and Newton; nearly all faults are linear."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "judge")
 
 
 class Hypothesis(NamedTuple):
@@ -114,7 +52,7 @@ class Hypothesis(NamedTuple):
     @property
     def sd(self) -> Array:
         """Usual size of its numbers."""
-        return np.array(SD.get(self.kind, ()))
+        return np.array(LIMITS.usual_size.get(self.kind, ()))
 
 
 class Stances(NamedTuple):
@@ -208,9 +146,11 @@ class View:
         use = evidence.carried & evidence.walking & frames
         known: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & frames
         stances = [*_spread_over([s for s in find_stances(evidence) if known[s.rows].all()])]
-        carried = _thinned(np.flatnonzero(use), MOST_FRAMES)
+        carried = _thinned(np.flatnonzero(use), 150)
         every = np.unique(np.concatenate([carried, *(s.rows for s in stances)]).astype(int))
-        independent = min(use.sum() * evidence.step_s / INDEPENDENT_S, MOST_INDEPENDENT)
+        independent = min(
+            use.sum() * evidence.step_s / LIMITS.independent_after, LIMITS.most_independent
+        )
         whiten = np.linalg.cholesky(np.linalg.inv(evidence.covariance))
         of_plates = [
             Stances.joined([stance for stance in stances if stance.plate == k], every)
@@ -239,7 +179,7 @@ class View:
             to_channels=tuple(shift_wrench(np.eye(6), place.transducer) for place in places),
             from_channels=tuple(shift_wrench(np.eye(6), -place.transducer) for place in places),
             whiten=whiten,
-            mass_sd=MASS_SD[mass_is_stated],
+            mass_sd=LIMITS.stated_mass_spread if mass_is_stated else LIMITS.weighed_mass_spread,
             independent=6 * independent,
         )
         return replace(view, wrenches=tuple(view.at(k, np.zeros(1))[0] for k in range(len(places))))
@@ -247,7 +187,7 @@ class View:
     def at(self, plate: int, later_s: Array) -> Array:
         """Give what a plate that is later by N times measures at the frames, (N, U, 6)."""
         time, wrench = self.evidence.time, self.signals[plate]
-        times = (time[self.frames] + (BODY_LAG_S + later_s[:, None])).clip(time[0], time[-1])
+        times = (time[self.frames] + (LIMITS.body_lag + later_s[:, None])).clip(time[0], time[-1])
         # on straight lines, at once for all channels
         after = time.searchsorted(times).clip(1)
         share = (times - time[after - 1]) / (time[after] - time[after - 1])
@@ -280,14 +220,17 @@ class View:
         sums = [
             stances.sums(load * np.vecdot(apart, axis)) for axis in (stances.along, stances.left)
         ]
-        away = np.stack(sums, axis=1) / (stances.sums(load)[:, None] * FOOT_SD[:, None])
-        down = stances.sums(np.minimum(in_lab[..., 2] / self.evidence.weight_n, 0.0)) / DOWN_SD
+        away = np.stack(sums, axis=1) / (stances.sums(load)[:, None] * LIMITS.foot_spread[:, None])
+        down = (
+            stances.sums(np.minimum(in_lab[..., 2] / self.evidence.weight_n, 0.0))
+            / LIMITS.pull_spread
+        )
         count = np.diff(stances.starts, append=len(stances.rows))
         away = np.concatenate([away, (down / count)[:, None]], axis=1)
         of_foot = (away[..., stances.feet == k] for k in np.unique(stances.feet))
         medians = [np.median(each, axis=-1) for each in of_foot]
         deviations = np.nan_to_num(np.concatenate(medians, axis=1))
-        return np.asarray(np.clip(deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS))
+        return np.asarray(np.clip(deviations, -LIMITS.most_deviations, LIMITS.most_deviations))
 
 
 class Fitted(NamedTuple):
@@ -309,8 +252,9 @@ class Fitted(NamedTuple):
     @property
     def matters(self) -> bool:
         """Whether it is as large as what is named."""
-        most = MAX_MOVE_M if self.hypothesis.kind == "moved" else np.inf
-        return LEAST.get(self.hypothesis.kind, 0.0) <= float(np.linalg.norm(self.size)) <= most
+        most = LIMITS.longest_move if self.hypothesis.kind == "moved" else np.inf
+        least = LIMITS.least_size.get(self.hypothesis.kind, 0.0)
+        return bool(least <= float(np.linalg.norm(self.size)) <= most)
 
 
 def _thinned(rows: Indices, most: int) -> Indices:
@@ -322,8 +266,8 @@ def _spread_over(stances: Sequence[Stance]) -> Iterator[Stance]:
     """Give some stances of each foot on each plate, with some of their frames."""
     for key in sorted({(s.plate, s.foot) for s in stances}):
         same = [stance for stance in stances if (stance.plate, stance.foot) == key]
-        for k in _thinned(np.arange(len(same)), MOST_STANCES):
-            at = _thinned(np.arange(len(same[k].rows)), MOST_OF_STANCE)
+        for k in _thinned(np.arange(len(same)), 10):
+            at = _thinned(np.arange(len(same[k].rows)), 12)
             yield same[k].some(at)
 
 
@@ -336,7 +280,7 @@ def judge_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, .
     likely = _likely(view)
     if likely and likely[0].hypothesis.kind == "mass":
         # it is said where masses are compared; plates are judged whatever it is
-        likely = _likely(replace(view, mass_sd=WRONG_MASS_SD))
+        likely = _likely(replace(view, mass_sd=LIMITS.wrong_mass_spread))
     return likely
 
 
@@ -353,7 +297,7 @@ def instead_of_mass(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted
         for each in fitted
         if each.matters
         and each.evidence
-        > (one_mass - TIED if each.hypothesis.weighs else max(one_mass + TIED, 0.0))
+        > (one_mass - LIMITS.tied if each.hypothesis.weighs else max(one_mass + LIMITS.tied, 0.0))
     )
 
 
@@ -365,15 +309,19 @@ def _likely(view: View) -> tuple[Fitted, ...]:
     fitted = [each for each in plain.fit([*hypotheses(view)]) if each.matters]
     fitted.sort(key=lambda each: -each.evidence)
     best = fitted[0].evidence if fitted else 0.0
-    return tuple(each for each in fitted if best > LIMIT and each.evidence > best - TIED)
+    return tuple(
+        each
+        for each in fitted
+        if best > LIMITS.least_evidence and each.evidence > best - LIMITS.tied
+    )
 
 
 def hypotheses(view: View) -> Iterator[Hypothesis]:
     """Give what may be wrong with plates that carry."""
     numbers = range(len(view.evidence.plates))
-    if view.mass_sd < WRONG_MASS_SD:
+    if view.mass_sd < LIMITS.wrong_mass_spread:
         yield Hypothesis("mass", ())
-    loaded = (k for k in numbers if view.evidence.loaded_s(k) > MIN_LOADED_S)
+    loaded = (k for k in numbers if view.evidence.loaded_s(k) > LIMITS.shortest_load)
     judged = sorted({*loaded, *(k for k in numbers if len(view.stances[k].feet))})
     for k in judged:
         yield from (Hypothesis("gain", (k,), name) for name in WRENCH_COMPONENTS)
@@ -385,10 +333,6 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
             yield Hypothesis("late", (k,))
     yield from (Hypothesis("exchanged", pair) for pair in combinations(judged, 2))
     yield Hypothesis("all_late", tuple(numbers))
-
-
-ONE_CHANNEL: Final = dict(zip(WRENCH_COMPONENTS, np.eye(6)[:, None] * np.eye(6), strict=True))
-"""Channel -> what takes it alone, (6, 6)."""
 
 
 def corrected(view: View, hypothesis: Hypothesis, sizes: Array) -> dict[tuple[int, int], Array]:
@@ -419,7 +363,8 @@ def correcting(view: View, hypothesis: Hypothesis, sizes: Array) -> Array:
             upright = view.evidence.plates[k].rotation.T @ UP
             return rotate_wrench(np.eye(6), rotation_about(upright, sizes))
         case "gain":
-            channels = np.eye(6) + sizes[..., None] * ONE_CHANNEL[what]
+            alone = np.diag(np.eye(6)[WRENCH_COMPONENTS.index(what)])
+            channels = np.eye(6) + sizes[..., None] * alone
         case "reversed":
             channels = reversing(what)[None]
         case _:
@@ -469,17 +414,19 @@ class _Comparison:
         for each in hypotheses:
             alike.setdefault(len(each.sd), []).append(each)
         for group in alike.values():
-            mass_sd = [self.view.mass_sd if each.plates else WRONG_MASS_SD for each in group]
+            mass_sd = [
+                self.view.mass_sd if each.plates else LIMITS.wrong_mass_spread for each in group
+            ]
             size, covariance, score, spread = self._least(group, mass_sd)
             fall = self._unlikely(self.score) - self._unlikely(score)
-            gained = fall - (spread - self.spread) - [COST[each.kind] for each in group]
+            gained = fall - (spread - self.spread) - [LIMITS.rarity[each.kind] for each in group]
             fitted |= zip(group, map(Fitted, group, size, covariance, gained.tolist()), strict=True)
         return [fitted[each] for each in hypotheses]
 
     def _unlikely(self, score: Array | float) -> Array:
         """Give how unlikely a sum of squares is that has a scale of its own, after Student."""
         values = self.view.independent + len(self.plain) - self.feet[0].start
-        return np.asarray((values + FREEDOM) * np.log1p(score / FREEDOM))
+        return np.asarray((values + LIMITS.freedom) * np.log1p(score / LIMITS.freedom))
 
     def _left(self, alike: Sequence[Hypothesis], sizes: Array) -> Array:
         """Give residual and feet, (H, N, R), without each of H faults of N sizes, (H, N, S)."""
@@ -509,7 +456,7 @@ class _Comparison:
         # a fault as it is, and larger along each of its sizes
         larger = np.eye(small.shape[1] + 1)[:, 1:] * small[:, None]
         heavier = np.broadcast_to(self.heavier, (len(sd), 1, len(self.heavier)))
-        for _ in range(STEPS if small.size else 1):
+        for _ in range(3 if small.size else 1):
             at_once = self._left(alike, x[:, None, 1:] + larger)
             plain, changed = at_once[:, 0], at_once[:, 1:] - at_once[:, :1]
             rows = np.concatenate([heavier, changed / small[..., None]], axis=1)

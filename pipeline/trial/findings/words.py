@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +12,6 @@ from hbm.spelling import written
 from pipeline.io.recording import Plate
 from pipeline.io.stated import correction
 from pipeline.trial.findings.finding import Correction, Finding
-
-AXES: Final = ("forward", "sideways", "vertical")
-CHANNELS_OF: Final = "force", "moment"
-FORCES: Final = WRENCH_COMPONENTS[:3]
 
 
 class Row(NamedTuple):
@@ -173,7 +169,7 @@ def _said(
 
 
 def _with_unit(channel: tuple[str, float], spec: str = ".0f") -> str:
-    return f"{channel[1]:{spec}} {'N' if channel[0] in FORCES else 'N·m'}"
+    return f"{channel[1]:{spec}} {'N' if channel[0].startswith('F') else 'N·m'}"
 
 
 def _share(finding: Finding) -> tuple[float, float, float]:
@@ -188,7 +184,8 @@ def _direction(finding: Finding, plates: Sequence[Plate]) -> str:
     """Name a channel by the axis of the lab that is nearest to it."""
     k = WRENCH_COMPONENTS.index(finding.component)
     column = _plate_of(finding, plates).rotation[:, k % 3]
-    return f"{AXES[int(np.argmax(np.abs(column)))]} {CHANNELS_OF[k // 3]}"
+    axis = ("forward", "sideways", "vertical")[int(np.argmax(np.abs(column)))]
+    return f"{axis} {'force' if k < 3 else 'moment'}"
 
 
 def _off_m(finding: Finding, plates: Sequence[Plate]) -> dict[str, float]:

@@ -5,31 +5,22 @@ those of the plates, and one that is loaded has to be under it wherever the plat
 the motion needs, m(g + a) of the centre of mass.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from compensation import center_of_pressure
 from hbm.body import BALL_ABOVE_SOLE, Body
+from hbm.numbers import read_numbers
 from hbm.poses import joint_positions
-from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, transform_wrench
 from pipeline.config.schema import Settings
 from pipeline.trial.gait.events import SIDES
 
-MAX_SPEED: Final = 0.8
-"""Of an ankle or a tip above the ground that its foot stands on, by the speed of the pelvis above
-it: the ankle still moves when the heel lands."""
-MIN_SPEED_MPS: Final = 0.3
-"""Up to it, a foot stands also where the pelvis does not move: a stumble is faster."""
-MAX_RESTING_MPS: Final = 0.1
-"""Vertical, of the ball of a foot that carries the subject and shows the speed of the ground."""
-MARGIN_M: Final = 0.03
-"""By which the outline of a foot may stick out of a plate: half a foot is 5 cm to the side."""
-MAX_LEVEL_M: Final = 0.08
-"""Between the sole and the surface that it stands on; the next step is twice as high."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "carried")
+
 HEEL, TIP, HALF_WIDTH = -0.23, 0.77, 0.19
 """Of a foot by its length: places of heel and tip from the ankle, half its width at the ball."""
 OUTLINE: Final = np.array(
@@ -38,27 +29,11 @@ OUTLINE: Final = np.array(
 """Heel, tip, both sides of the ball and middle, from ankle, ball, tip, along and across."""
 HEIGHTS: Final = np.array([0.3, BALL_ABOVE_SOLE, 0.0])
 """Of ankle, ball and tip above the sole, by the length of the foot."""
-MIN_NEED: Final = 0.3
-"""Of body weight: in flight there is nothing to carry."""
-MAX_LACKING: Final = 0.85
-"""Of what the motion needs, measured: from there on, a foot may rest on its plate without load."""
-MIN_MEASURED: Final = 0.25
-"""Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
-LASTING_S: Final = 0.1
-"""For which that may last, as errors of timing do, and for which a tip that leaves may touch."""
 ACROSS, LEVEL = HALF_WIDTH * np.array([-1.0, 1.0]), np.array([1.0, 1.0, 0.0])
 LEFT_AND_RIGHT: Final = np.arange(2)
 """Numbers of the feet."""
 ROUNDING_S: Final = 1e-6
 """Of times."""
-SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
-    "zero_phase": (0.8, 0.6),
-    "realtime": (0.0, 1.0),
-}
-"""Periods of the cut-off before and after, over which the low-pass brings a force that is not there
-into frames where it is: on a treadmill, a missing step leaves 2 N beyond them."""
-
-
 PLACES: Final = ("pelvis", *(f"{side}_{part}" for part in ("foot", "toes") for side in SIDES))
 """Segments at whose proximal joints pelvis, ankles and balls are."""
 
@@ -125,17 +100,17 @@ class Support:
 
     Notes
     -----
-    A foot is on the ground where its ankle or its tip is slower than `MAX_SPEED` against it. The
-    ground's velocity is that of the ball at rest of the foot that carried most, last. The plates do
-    not carry the subject
+    Numbers are in thresholds.toml, section carried. A foot is on the ground where its ankle or its
+    tip is slower against it than ``standing_speed``. The ground's velocity is that of the ball at
+    rest of the foot that carried most, last. The plates do not carry the subject
 
     1. where heel, tip or a side of the ball of a foot on the ground is outside all plates by more
-       than `MARGIN_M`;
-    2. where for `LASTING_S` they measure less than `MAX_LACKING` of the need, while the plate under
-       the middle of a foot on the ground is not loaded;
-    3. where for `LASTING_S` they measure less than `MIN_MEASURED` of the need;
+       than ``overhang``;
+    2. where for the time ``lasting`` they measure less than ``lacking`` of the need, while the
+       plate under the middle of a foot on the ground is not loaded;
+    3. where for that time they measure less than ``least_measured`` of the need;
 
-    and as far as the filter spreads it. A foot above the highest plate by more than `MAX_LEVEL_M`
+    and as far as the filter spreads it. A foot above the highest plate by more than ``level``
     hangs in the air; where plates are steps, part of a foot may hang over the edge. The first rule
     says nothing where a loaded plate has no corners, or its centre of pressure is outside them.
     """
@@ -147,15 +122,15 @@ class Support:
         inward, begins = plate_edges(corner)
         self.begins, self.inward = begins.ravel(), inward.reshape(-1, 2).T
         self.level = corner[..., 2].mean(axis=1)
-        self.steps = bool(np.ptp(self.level) > MAX_LEVEL_M)
-        self.highest = np.max(self.level) + MAX_LEVEL_M
+        self.steps = bool(np.ptp(self.level) > LIMITS.level)
+        self.highest = np.max(self.level) + LIMITS.level
         self.length = np.array([body.lengths[f"{side}_foot"] for side in SIDES])[:, None]
         self.heights = HEIGHTS * self.length
         self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, settings.contact_threshold_n
         self.rest_n = np.zeros(len(corner)) if rest_n is None else rest_n
         self.method = settings.filter
-        self.reach_s = np.array(SPREAD_PERIODS[self.method]) / settings.cutoff_hz
-        self.reach_s[1] += LASTING_S
+        self.reach_s = np.array(LIMITS.spread_periods[self.method]) / settings.cutoff_hz
+        self.reach_s[1] += LIMITS.lasting
         self.time, self.points = np.full(1, -np.inf), np.full((1, 7, 3), np.nan)
         self.ground: Array = np.full((1, 2, 3), np.nan)
         self.supported_s, self.missing_s = np.full((1, 3), np.inf), np.full(1, -np.inf)
@@ -216,18 +191,18 @@ class Support:
         time, load = feet.time, wrenches[..., 2] - self.rest_n
         of_foot = (load[:, None] * (on[:, None] == LEFT_AND_RIGHT[:, None])).sum(axis=2)
         ground = self._ground(feet, of_foot)
-        lacking = (need > MIN_NEED * self.weight_n) & (measured < MAX_LACKING * need)
+        lacking = (need > LIMITS.least_need * self.weight_n) & (measured < LIMITS.lacking * need)
         if self.method == "realtime" and not lacking.any() and _within(feet).all():
             self.supported_s = np.full((1, 3), time[-1])  # in a live frame the rest takes long
             return np.asarray(time - self.missing_s > self.reach_s[1] + ROUNDING_S)
         grounded = _grounded(feet, ground)
         outside, idle = self._places(feet, wrenches, of_foot, pose)
         beside = (grounded & outside).any(axis=1)
-        standing = np.column_stack([grounded & idle, measured < MIN_MEASURED * need])
+        standing = np.column_stack([grounded & idle, measured < LIMITS.least_measured * need])
         doubtful = standing & lacking[:, None]
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
-        lasting = doubtful & (time[:, None] - ok_s > LASTING_S + ROUNDING_S)
+        lasting = doubtful & (time[:, None] - ok_s > LIMITS.lasting + ROUNDING_S)
         missing: Mask = np.asarray(beside | lasting.any(axis=1))
         if self.method == "realtime":
             last_s = np.maximum.accumulate(np.where(missing, time, self.missing_s))
@@ -242,7 +217,7 @@ class Support:
         """Give the velocity of the ground under each foot, (T, 2, 3) [m/s]; NaN where unseen."""
         ball = feet.velocity[:, 3:5]
         shows = (of_foot > self.threshold_n) & (of_foot >= of_foot[:, ::-1])
-        shows &= np.abs(ball[..., 2]) < MAX_RESTING_MPS
+        shows &= np.abs(ball[..., 2]) < LIMITS.resting_speed
         last = np.maximum.accumulate(np.where(shows, np.arange(1, len(of_foot) + 1)[:, None], 0))
         seen = np.concatenate([self.ground, ball * LEVEL])
         ground = seen[last, LEFT_AND_RIGHT]
@@ -261,19 +236,19 @@ class Support:
             back = np.swapaxes(pose[0], -1, -2)
             origin = -(back @ pose[1][..., None])[..., 0]
             wrenches = transform_wrench(wrenches, back[:, None], origin[:, None])
-        near = ~(np.abs(feet.sole[..., None] - self.level) >= MAX_LEVEL_M)
+        near = ~(np.abs(feet.sole[..., None] - self.level) >= LIMITS.level)
         over = (feet.depth[:, :, -1] > 0) & near
         over_loaded, loads = (over & loaded[:, None]).any(axis=2), of_foot > self.threshold_n
         idle = near.any(axis=2) & ~np.where(over.any(axis=2), over_loaded, loads)
         outside = ~_within(feet)
         if self.steps:
-            outside &= ~(np.any(feet.depth > -MARGIN_M, axis=2) & near).any(axis=2)
+            outside &= ~(np.any(feet.depth > -LIMITS.overhang, axis=2) & near).any(axis=2)
         else:
             outside &= feet.sole < self.highest
         surface = np.repeat(feet.sole.min(axis=1), wrenches.shape[1])
         pressure = center_of_pressure(wrenches.reshape(-1, 6), self.threshold_n, surface)[:, :2]
         depth = np.diagonal(self._depth(pressure.reshape(*loaded.shape, 2)), axis1=1, axis2=2)
-        unknown = (loaded & ~(depth > -MARGIN_M)).any(axis=1) | np.isnan(self.level).any()
+        unknown = (loaded & ~(depth > -LIMITS.overhang)).any(axis=1) | np.isnan(self.level).any()
         return outside & ~unknown[:, None], idle
 
     def _depth(self, points: Array) -> Array:
@@ -284,7 +259,7 @@ class Support:
 
 def _within(feet: Feet) -> Mask:
     """Whether the outline of each foot is within those of the plates, (T, 2)."""
-    inside = (feet.depth[:, :, :-1] > -MARGIN_M).any(axis=3)
+    inside = (feet.depth[:, :, :-1] > -LIMITS.overhang).any(axis=3)
     return np.asarray(np.all(inside, axis=2))
 
 
@@ -293,7 +268,7 @@ def _grounded(feet: Feet, ground: Array) -> Mask:
     velocity = feet.velocity
     ground = np.nan_to_num(np.where(np.isnan(ground), ground[:, ::-1], ground))
     walking = velocity[:, :1, :2] - ground[..., :2]
-    most = np.maximum(MAX_SPEED * np.sqrt((walking**2).sum(axis=2)), MIN_SPEED_MPS)
+    most = np.maximum(LIMITS.standing_speed * np.sqrt((walking**2).sum(axis=2)), LIMITS.least_speed)
     ankle_and_tip = velocity[:, [1, 2, 5, 6]].reshape(-1, 2, 2, 3) - ground[:, None]
     return np.asarray(((ankle_and_tip**2).sum(axis=3) < most[:, None] ** 2).any(axis=1))
 

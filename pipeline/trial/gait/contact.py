@@ -7,24 +7,14 @@ import numpy as np
 
 from compensation import center_of_pressure
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.events import SIDES
 
-MIN_DISTANCE_DIFFERENCE_M: Final = 0.1
-"""How much nearer a foot must be: one that swings may pass a shoe's length from the pressure."""
-MAX_PRESSURE_DISTANCE_M: Final = 0.2
-"""Farther from the middle of a foot, ankle to toes, there is no pressure under it."""
-MAX_HEIGHT_DIFFERENCE_M: Final = 0.03
-"""Two feet that both stand are level; one that swings past is not."""
-MAX_STANDING: Final = 0.2
-"""Speed of a foot by the other's, of the fastest: above it one of both swings."""
-MIN_SWINGING_MPS: Final = 0.3
-"""Below, neither foot swings, however slow the fastest is."""
-FOOT_RADIUS_M: Final = 0.13
-"""Half of an adult's foot: a load on one foot alone has its pressure nearer to the middle."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "contact")
 
 
 class Pressure(NamedTuple):
@@ -79,24 +69,16 @@ def pressure_beside(
     loaded: Mask = np.isfinite(distance).all(axis=1)
     distance = np.where(loaded[:, None], distance, 0.0)
     left, right = distance.T
-    undecided = np.abs(left - right) < MIN_DISTANCE_DIFFERENCE_M
+    undecided = np.abs(left - right) < LIMITS.least_difference
     if standing is None:
-        standing = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < MAX_HEIGHT_DIFFERENCE_M
-    under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
+        standing = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < LIMITS.level_feet
+    under_none = np.minimum(left, right) > LIMITS.largest_distance
     uncertain = loaded & (under_none | (undecided & standing))
     return Pressure(loaded, distance, (right < left).astype(int), loaded & ~undecided, uncertain)
 
 
 Foot = Literal["left_foot", "right_foot"]
 FEET: Final[tuple[Foot, Foot]] = ("left_foot", "right_foot")
-MIN_STANCE_S: Final = 0.1
-"""No foot stands for less: a shorter stretch of pressure near it is noise of a light load."""
-MAX_DOUBTFUL_SHARE: Final = 0.5
-"""Of a contact: where more of it is uncertain, all of it is."""
-FAR_M: Final = 0.5
-"""No centre of pressure is so far from the feet: corners, units or moments are wrong."""
-MAX_CONTACTS_NAMED: Final = 8
-"""In a note; the frames of all are marked."""
 
 
 class Contact(NamedTuple):
@@ -158,7 +140,7 @@ def both_stand(places: Array, time: Array) -> Mask:
     apart = velocity[:, [0, 2], None] - velocity[:, None, [1, 3]]
     slowest = np.sqrt(np.square(apart).sum(axis=-1)).min(axis=(1, 2))
     fastest = np.nanquantile(slowest, 0.95) if np.isfinite(slowest).any() else np.nan
-    return np.asarray(slowest < max(MAX_STANDING * fastest, MIN_SWINGING_MPS))
+    return np.asarray(slowest < max(LIMITS.standing_fraction * fastest, LIMITS.swinging_speed))
 
 
 def share_between_feet(
@@ -208,14 +190,14 @@ def share_between_feet(
 
     Notes
     -----
-    A loaded frame belongs to the foot whose middle is nearer to the centre of pressure by
-    ``MIN_DISTANCE_DIFFERENCE_M`` at least. Within a contact, stretches of one foot that are shorter
-    than ``MIN_STANCE_S`` do not count beside longer ones. Of the frames between two stretches,
-    unloaded or undecided, each half belongs to the nearer one's foot. Where both feet bear more
-    than the threshold on one plate, as its pressure lies between them, it is uncertain from when
-    the second one stands until one of them swings. In real time no stretch is
-    too short, all frames between two belong to the first one's foot, and frames alone are doubtful,
-    not whole contacts. Residuals do not depend on this choice, joint moments do.
+    A loaded frame belongs to the foot whose middle is nearer to the centre of pressure by 0.1 m at
+    least. Within a contact, stretches of one foot that are shorter than 0.1 s do not count beside
+    longer ones. Of the frames between two stretches, unloaded or undecided, each half belongs to
+    the nearer one's foot. Where both feet bear more than the threshold on one plate, as its
+    pressure lies between them, it is uncertain from when the second one stands until one of them
+    swings. In real time no stretch is too short, all frames between two belong to the first one's
+    foot, and frames alone are doubtful, not whole contacts. Residuals do not depend on this choice,
+    joint moments do.
     """
     numbers = numbers or range(1, len(wrenches) + 1)
     require_contacts(stated, numbers, time)
@@ -243,9 +225,9 @@ def share_between_feet(
 
 def _bears_both(pressure: Pressure, feet: Array, load: Array, threshold_n: float) -> Mask:
     """Find the frames in which a plate bears more than the threshold of either foot, (T,)."""
-    between = np.linalg.norm(feet[:, 1, :2] - feet[:, 0, :2], axis=1) - 2 * FOOT_RADIUS_M
+    between = np.linalg.norm(feet[:, 1, :2] - feet[:, 0, :2], axis=1) - 2 * LIMITS.foot_radius
     # the foot farther away bears at least as much as moves the pressure beyond the nearer one
-    beyond = np.clip(pressure.distance.min(axis=1) - FOOT_RADIUS_M, 0, None)
+    beyond = np.clip(pressure.distance.min(axis=1) - LIMITS.foot_radius, 0, None)
     return np.asarray(pressure.loaded & (load * beyond > threshold_n * np.maximum(between, 0)))
 
 
@@ -306,7 +288,7 @@ def far_from_feet(shared: SharedPlates) -> tuple[Note, ...]:
     notes = []
     for plate in sorted({contact.plate for contact in shared.contacts}):
         distance_m = float(np.median([c.distance_m for c in shared.contacts if c.plate == plate]))
-        if distance_m > FAR_M:
+        if distance_m > LIMITS.far:
             notes.append(Note.of("pressure_far_from_feet", plate=plate, distance_m=distance_m))
     return tuple(notes)
 
@@ -326,11 +308,11 @@ def _drop_brief(pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array
         decided = start + np.flatnonzero(pressure.decided[start:stop])
         runs = np.split(decided, np.flatnonzero(np.diff(pressure.nearer[decided])) + 1)
         lasting = [np.ptp(time[run]) if len(run) else 0.0 for run in runs]
-        if max(lasting) < MIN_STANCE_S:
+        if max(lasting) < LIMITS.shortest_stance:
             continue
         for run, duration in zip(runs, lasting, strict=True):
             cut_off = run[0] == 0 or run[-1] == len(time) - 1
-            if duration < MIN_STANCE_S and not cut_off:
+            if duration < LIMITS.shortest_stance and not cut_off:
                 pressure.decided[run] = False
 
 
@@ -348,7 +330,7 @@ def _overrule(
                 f"loaded: {_listed(time, loaded) or 'never'}"
             )
         start, stop = inside[0]
-        if np.mean(pressure.uncertain[start:stop]) <= MAX_DOUBTFUL_SHARE:
+        if np.mean(pressure.uncertain[start:stop]) <= LIMITS.doubtful_fraction:
             # the part of the contact around this frame in which the foot does not change
             foot = _foot_of_frames(pressure)
             same = stretches(foot == foot[frame]).tolist()
@@ -378,11 +360,11 @@ def _contacts(
     """List the contacts of a plate with their feet."""
     found, nearest = [], pressure.distance.min(axis=1)
     for start, stop in loaded:
-        if time[stop - 1] - time[start] < MIN_STANCE_S:
+        if time[stop - 1] - time[start] < LIMITS.shortest_stance:
             continue
         first = start + np.flatnonzero(np.diff(on[start:stop], prepend=-1))
         feet, changes = tuple(FEET[k] for k in on[first]), tuple(first[1:].tolist())
-        doubtful = bool(np.mean(pressure.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE)
+        doubtful = bool(np.mean(pressure.uncertain[start:stop]) > LIMITS.doubtful_fraction)
         nearest_m = median_of(nearest[start:stop])
         found.append(Contact(number, start, stop, feet, doubtful, nearest_m, changes))
     return found
@@ -390,6 +372,7 @@ def _contacts(
 
 def _listed(time: Array, stretches: Sequence[Sequence[int]]) -> str:
     """Name the times of stretches, the first ones of many."""
-    named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:MAX_CONTACTS_NAMED]]
-    more = ["…"] if len(stretches) > MAX_CONTACTS_NAMED else []
+    # eight fill a line of a note; the frames of all are marked
+    named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:8]]
+    more = ["…"] if len(stretches) > 8 else []
     return ", ".join([*named, *more])

@@ -1,6 +1,7 @@
 """Gait cycles: which there are, which a condition asks for, and signals over 0–100 %."""
 
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import Final, Literal
 
 import numpy as np
@@ -8,26 +9,19 @@ from numpy.typing import ArrayLike
 
 from compensation.platform import PlatformPose
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Condition, Unit
 from pipeline.io.recording import Event, Recording
-from pipeline.trial.gait.events import MIN_SWING_M, OTHER_SIDE, SIDES, event_times
+from pipeline.trial.gait.events import LIMITS as EVENTS
+from pipeline.trial.gait.events import OTHER_SIDE, SIDES, event_times
 from pipeline.trial.ground.accelerometers import read_channel
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 
-MIN_ONSET_INTERVAL_S: Final = 1.0
-"""What follows sooner belongs to the same perturbation; perturbations are strides apart."""
-MIN_PLATFORM_SPEED_MPS: Final = 0.1
-"""A third of the perturbation's 0.3 m/s; the slow return, and 10° of pitch in 30 s, stay below."""
-CORNERS_M: Final = tuple((x, y, 0.0) for x in (-0.8, 0.8) for y in (-0.5, 0.5))
-"""About those of a treadmill's surface, in the platform's frame: where a rotation shows."""
-MOTION_CUTOFF_HZ: Final = 6.0
-"""Low-pass on their paths before their speed is taken."""
-MIN_PULSE_TO_NOISE: Final = 10.0
-"""Largest by median excursion: a channel that never pulses has only noise."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "cycles")
 
 
 def perturbation_onsets(
@@ -94,7 +88,7 @@ def pulse_onsets(recording: Recording, channel: str) -> Array:
     excursion = np.abs(signal - float(np.nanmedian(signal)))
     peak = float(np.nanmax(excursion, initial=0.0))
     noise = float(np.nanmedian(excursion))
-    if peak <= MIN_PULSE_TO_NOISE * noise or peak == 0:
+    if peak <= LIMITS.pulse_to_noise * noise or peak == 0:
         return np.empty(0)
     return _onsets(time, excursion > peak / 2)
 
@@ -148,7 +142,7 @@ def motion_stops(onsets: Array, time: Array, platform: PlatformPose) -> Array:
     moving = stretches(_moves_fast(time, platform))
     begins, ends = time[moving[:, 0]], np.append(time, time[-1])[moving[:, 1]]
     onset = onsets[:, None]
-    after = np.where((ends > onset) & (begins < onset + MIN_ONSET_INTERVAL_S), ends, np.nan)
+    after = np.where((ends > onset) & (begins < onset + LIMITS.shortest_interval), ends, np.nan)
     return np.asarray(np.fmin.reduce(after, axis=1, initial=np.nan))
 
 
@@ -158,25 +152,22 @@ def _moves_fast(time: Array, platform: PlatformPose) -> Mask:
     known = np.isfinite(platform.position[:, 0])
     if not known.any():
         return fast
-    for corner in CORNERS_M:
-        place = platform.to_lab(corner)
-        bridged = np.column_stack([np.interp(time, time[known], x) for x in place[known].T])
-        path = low_pass(bridged, rate_hz, MOTION_CUTOFF_HZ, "zero_phase")
+    # about the corners of a treadmill's surface, in the platform's frame: where a rotation shows
+    for x, y in product((-0.8, 0.8), (-0.5, 0.5)):
+        place = platform.to_lab((x, y, 0.0))
+        bridged = np.column_stack([np.interp(time, time[known], axis) for axis in place[known].T])
+        path = low_pass(bridged, rate_hz, LIMITS.motion_cutoff, "zero_phase")
         speed = np.linalg.norm(np.gradient(path, time, axis=0), axis=1)
-        fast |= speed > MIN_PLATFORM_SPEED_MPS
+        fast |= speed > LIMITS.platform_speed
     return fast
 
 
 def _onsets(time: Array, high: Mask) -> Array:
     """Give when a signal becomes high, the first of times that follow one another closely."""
     begins = time[1:][high[1:] & ~high[:-1]]
-    return begins[np.diff(begins, prepend=-np.inf) > MIN_ONSET_INTERVAL_S]
+    return np.asarray(begins[np.diff(begins, prepend=-np.inf) > LIMITS.shortest_interval])
 
 
-MIN_DURATION: Final = 0.6
-MAX_DURATION: Final = 1.5
-"""Of a gait cycle, in medians of the trial: a missed or surplus foot strike makes 2 or 0.5."""
-FAR_DURATION: Final = "a duration far from the median"
 NOT_ALTERNATING: Final = "events that do not alternate"
 NO_SWING: Final = "feet that do not leave the ground"
 
@@ -250,9 +241,13 @@ def _of_usual_duration(spans: Array, alternate: Mask) -> tuple[Array, tuple[str,
     """Keep the spans, (C, 2), whose events alternate and whose duration is near the median."""
     duration = np.diff(spans, axis=1)[:, 0]
     typical = np.median(duration) if len(duration) else np.nan
-    usual = (duration >= MIN_DURATION * typical) & (duration <= MAX_DURATION * typical)
+    usual = (duration >= LIMITS.shortest_duration * typical) & (
+        duration <= LIMITS.longest_duration * typical
+    )
     far, wrong = np.count_nonzero(~usual), np.count_nonzero(usual & ~alternate)
-    return spans[usual & alternate], (FAR_DURATION,) * far + (NOT_ALTERNATING,) * wrong
+    return spans[usual & alternate], ("a duration far from the median",) * far + (
+        NOT_ALTERNATING,
+    ) * wrong
 
 
 def cut_cycles(
@@ -317,7 +312,7 @@ def is_standing(feet: Array) -> bool:
     True
     """
     extent = np.ptp(feet, axis=0) if len(feet) else np.full((2, 3), np.nan)
-    return bool((np.linalg.norm(extent, axis=1) < MIN_SWING_M).all())
+    return bool((np.linalg.norm(extent, axis=1) < EVENTS.least_swing).all())
 
 
 def shortage(quality: Indices, min_valid_share: float) -> str:

@@ -9,32 +9,20 @@ import numpy as np
 
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
 
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "events")
+
 SIDES: Final = ("left", "right")
 LABELS: Final = ("foot_strike", "foot_off")
 
 BY_PLATES: Final[tuple[EventMethod, ...]] = ("plates", "auto")
 """Methods whose events need no comparison with the plates: it would be one with themselves."""
-EVENT_CUTOFF_HZ: Final = 6.0
-"""Gait is below it, marker noise above; as for the motion."""
-MIN_STRIDE_S: Final = 0.4
-"""Two strikes of one foot closer than this are one (running at 4 m/s takes about 0.7 s)."""
-MIN_EXCURSION_M: Final = 0.1
-"""Foot against sacrum along the walk: less than the slowest stride, more than standing sway."""
-
-NO_EVENT: Final = 'the file has none, and others are not looked for with events = "file"'
-
-SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"))
-HEEL: Final = "HEE"
-TOE: Final = ("MT2", "TOE", "MT5", "MTS")
-FACING: Final = "ASIS", "PSIS"
-"""Landmarks that show the sacrum, the heel and the front of a foot, the first that has a marker;
-and, left and right, where the pelvis faces."""
 
 
 class FoundEvents(NamedTuple):
@@ -88,7 +76,11 @@ def gait_events(
         None where neither the file nor the markers give any.
     """
     if method == "file":
-        return FoundEvents.of(of_file, "events_of_file") if of_file else FoundEvents.none(NO_EVENT)
+        if of_file:
+            return FoundEvents.of(of_file, "events_of_file")
+        return FoundEvents.none(
+            'the file has none, and others are not looked for with events = "file"'
+        )
     try:
         return FoundEvents.of(zeni_events(markers, marker_set), "events_from_markers")
     except ValueError as error:
@@ -130,17 +122,17 @@ def choose_method(
     method = wanted or ("file" if np.isfinite(_stride_s(of_file, SIDES)) else "auto")
     if method != "file" or not of_file:
         return method, ()
-    by_plates = {"the plates": of_plates} if carried >= MIN_CARRIED_SHARE else {}
+    by_plates = {"the plates": of_plates} if carried >= LIMITS.carried_fraction else {}
     doubts = check_events(of_file, by_plates | {"the feet": swings.events})
     if not len(swings.seen):
         return method, doubts
     counts = counterparts(of_file, swings)
     _, _, compared, alone, detected, missing = counts.values()
-    many = alone > MAX_ALONE_SHARE * compared or missing > MAX_ALONE_SHARE * detected
+    many = alone > LIMITS.alone_fraction * compared or missing > LIMITS.alone_fraction * detected
     # without every other strike, two strides would count as one
     of_side = ([_stride_s(e, [side]) for e in (of_file, swings.events)] for side in SIDES)
-    many |= any(by_file > MAX_STRIDE_RATIO * by_feet for by_file, by_feet in of_side)
-    if not many or alone + missing < MIN_EVENTS:
+    many |= any(by_file > LIMITS.stride_ratio * by_feet for by_file, by_feet in of_side)
+    if not many or alone + missing < LIMITS.fewest_events:
         return method, (Note.of("events_compared", **counts), *doubts)
     used = 'the file\'s are used, as events = "file" asks' if wanted else "detected ones are used"
     return wanted or "auto", (Note.of("events_contradicted", **counts, used=used),)
@@ -184,7 +176,8 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
     def of(*segments: str) -> Array:
         return middle(label for label, segment in shown.segment.items() if segment in segments)
 
-    names = [name for name in FACING if {"L" + name, "R" + name} <= shown.landmark.keys()]
+    # of both sides, they show where the pelvis faces
+    names = [name for name in ("ASIS", "PSIS") if {"L" + name, "R" + name} <= shown.landmark.keys()]
     with np.errstate(invalid="ignore"):  # 0 / 0 where no marker is visible
         feet = np.stack([of(f"{side}_foot", f"{side}_toes") for side in SIDES], axis=1)
         apart = feet - of("pelvis")[:, None]
@@ -194,7 +187,7 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
         level = (apart[..., 0] + 1j * apart[..., 1]) * (1j * way.conj() / np.abs(way))[:, None]
     feet = np.stack([level.real, level.imag, apart[..., 2]], axis=2)
     try:
-        ahead, _, up = np.moveaxis(low_pass(feet, time, EVENT_CUTOFF_HZ, "zero_phase"), 2, 0)
+        ahead, _, up = np.moveaxis(low_pass(feet, time, LIMITS.cutoff, "zero_phase"), 2, 0)
     except ValueError:
         return Swings(time, feet, (), np.empty((0, 2)))
     # above its lowest place, a foot is higher while it goes ahead: by how far, not where it ends
@@ -204,7 +197,7 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
         Event(float(at), label, side)
         for side, place in zip(SIDES, ahead.T, strict=True)
         for label, sign in zip(LABELS, (1, -1), strict=True)
-        for at in time[turns(time, sign * place, MIN_SWING_M)]
+        for at in time[turns(time, sign * place, LIMITS.least_swing)]
     ]
     seen = time[stretches(np.isfinite(ahead).all(axis=1)) - (0, 1)]
     return Swings(time, feet, in_order(events), seen)
@@ -224,8 +217,8 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
     -----
     Events that are all early or late by up to half a stride, or all of the other side, have
     counterparts where `check_events` names this fault. A file marks what it likes: kinds of events
-    that it has not, and pauses of `PAUSE_STRIDES` without any, lack nothing; but where many of its
-    events are outside the recording, it is compared with the whole recording.
+    that it has not, and pauses of more than a stride without any, lack nothing; but where many of
+    its events are outside the recording, it is compared with the whole recording.
     """
     recorded, by_feet = (swings.time[0], swings.time[-1]), swings.events
     stride_s = float(np.nan_to_num(_stride_s(by_feet, SIDES), nan=1.0))
@@ -237,20 +230,26 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
         by_feet = _of_other_side(by_feet)
     offset_s = float(np.mean([kind.mean_ms / 1000 for kind in kinds] or [0.0]))
     inside = [replace(event, time=event.time - offset_s) for event in inside]
-    tolerance_s = MAX_DIFFERENCE_S * max(1.0, stride_s)
+    tolerance_s = LIMITS.largest_difference * max(1.0, stride_s)
     compared = _within(inside, swings.seen + np.array([0.5, -0.5]) * stride_s)
     alone = sum(kind.only_in_first for kind in compare_events(compared, by_feet, tolerance_s))
     # spans that the file marks, from pause to pause; events elsewhere may be those missing here
     times = np.array([event.time for event in inside])
-    pauses = 1 + np.flatnonzero(np.diff(times) > PAUSE_STRIDES * stride_s)
+    pauses = 1 + np.flatnonzero(np.diff(times) > LIMITS.pause * stride_s)
     marked = [(part[0], part[-1]) for part in np.split(times, pauses) if len(part)]
-    if outside and outside + alone > MAX_ALONE_SHARE * (outside + len(compared)):
+    if outside and outside + alone > LIMITS.alone_fraction * (outside + len(compared)):
         marked = [recorded]
     of_kinds = {(event.label, event.side) for event in of_file}
     detected = [e for e in _within(by_feet, marked) if (e.label, e.side) in of_kinds]
     missing = sum(kind.only_in_second for kind in compare_events(inside, detected, tolerance_s))
-    counts = len(of_file), outside, len(compared), alone, len(detected), missing
-    return dict(zip(COUNTS, counts, strict=True))
+    return {
+        "events": len(of_file),
+        "outside": outside,
+        "compared": len(compared),
+        "alone": alone,
+        "detected": len(detected),
+        "missing": missing,
+    }
 
 
 def _stride_s(events: Sequence[Event], sides: Iterable[str]) -> float:
@@ -291,20 +290,21 @@ def zeni_events(markers: Markers, marker_set: MarkerSet) -> tuple[Event, ...]:
     -----
     Zeni, Richards and Higginson 2008, Gait Posture 27:710. A foot strikes where heel − sacrum is
     largest along the walking direction and leaves where toe − sacrum is smallest. Trajectories pass
-    the zero-phase Butterworth filter at ``EVENT_CUTOFF_HZ`` first. Of two turning points closer
-    than ``MIN_STRIDE_S`` the more extreme counts. A turning point counts only where the foot is
-    seen to travel ``MIN_EXCURSION_M`` before and after it, so that one at the very ends may be left
-    out.
+    the zero-phase Butterworth filter at 6 Hz first. Of two turning points closer than 0.4 s
+    the more extreme counts. A turning point counts only where the foot is seen to travel 0.1 m
+    before and after it, so that one at the very ends may be left out.
 
     Deviations from the original
     ----------------------------
     - The instant is the zero of the filtered velocity, not the nearest frame.
     - Without a toe marker (Human Body Model 2), the second metatarsal head stands in for it.
     """
-    sacrum = _forward(markers, marker_set, SACRUM)
+    sacrum = _forward(markers, marker_set, [("SACR",), ("LPSIS", "RPSIS")])
+    # heel and front of a foot, of which the first landmark that has a marker counts
+    kinds = ("foot_strike", ("HEE",), 1), ("foot_off", ("MT2", "TOE", "MT5", "MTS"), -1)
     events = []
     for side, letter in (("left", "L"), ("right", "R")):
-        for label, names, sign in (("foot_strike", (HEEL,), 1), ("foot_off", TOE, -1)):
+        for label, names, sign in kinds:
             foot = _forward(markers, marker_set, [(letter + name,) for name in names])
             times = _turning_points(markers.time, sign * (foot - sacrum))
             events += [Event(float(t), label, side) for t in times]
@@ -319,14 +319,14 @@ def event_times(events: Iterable[Event], label: str, side: str) -> Array:
 
 def _turning_points(time: Array, distance: Array) -> Array:
     """Find when a distance (T,) is largest; in a gap nothing is found."""
-    filtered = butterworth(distance, time, EVENT_CUTOFF_HZ, "zero_phase")
+    filtered = butterworth(distance, time, LIMITS.cutoff, "zero_phase")
     frame = turns(time, filtered.value)
     return np.asarray(time[frame] - filtered.velocity[frame] / filtered.acceleration[frame])
 
 
-def turns(time: Array, distance: Array, least_m: float = MIN_EXCURSION_M) -> Indices:
+def turns(time: Array, distance: Array, least_m: float = LIMITS.least_excursion) -> Indices:
     """Find the frames in which a filtered distance (T,) is largest; none in a gap."""
-    apart = max(1, round(MIN_STRIDE_S / median_of(np.diff(time))))
+    apart = max(1, round(LIMITS.shortest_stride / median_of(np.diff(time))))
     frames = [np.zeros(0, int)]
     for start, stop in stretches(np.isfinite(distance)):
         frames.append(start + find_peaks(distance[start:stop], apart, least_m))
@@ -375,10 +375,6 @@ def _forward(markers: Markers, marker_set: MarkerSet, choices: Sequence[Sequence
     )
 
 
-MAX_DIFFERENCE_S: Final = 0.2
-"""Of two events that may be the same; events of one kind and side are a second apart."""
-
-
 class EventAgreement(NamedTuple):
     """Mean and standard deviation of first minus second [ms]; NaN where too few match."""
 
@@ -398,12 +394,12 @@ class EventAgreement(NamedTuple):
     @property
     def comparable(self) -> bool:
         """Whether enough events are the same, about equally far from each other."""
-        enough = max(MIN_EVENTS, min(self.only_in_first, self.only_in_second))
-        return self.matched >= enough and self.sd_ms < MAX_SD_MS
+        enough = max(LIMITS.fewest_events, min(self.only_in_first, self.only_in_second))
+        return bool(self.matched >= enough and self.sd_ms < LIMITS.largest_spread)
 
 
 def compare_events(
-    first: Iterable[Event], second: Iterable[Event], tolerance_s: float = MAX_DIFFERENCE_S
+    first: Iterable[Event], second: Iterable[Event], tolerance_s: float = LIMITS.largest_difference
 ) -> tuple[EventAgreement, ...]:
     """Match the events of two methods and give their differences per kind and side.
 
@@ -456,29 +452,6 @@ def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array,
     return own[same], other[same]
 
 
-MIN_SWING_M: Final = 0.05
-"""Of a foot against the pelvis: shorter than the shortest steps, more than standing sways."""
-MAX_STRIDE_RATIO: Final = 1.5
-"""Of the median stride by a file's events to that by the feet: one without every other strike has
-2."""
-MAX_ALONE_SHARE: Final = 0.25
-"""Of events without counterpart, for two sources to be of one walk."""
-PAUSE_STRIDES: Final = 1.2
-"""Without any event: there a file marks nothing on purpose."""
-COUNTS: Final = "events", "outside", "compared", "alone", "detected", "missing"
-"""What `counterparts` counts."""
-MIN_EVENTS: Final = 3
-"""Of a kind, for their mean to mean something, and half of those of the source that has fewer; and
-of any kind without counterpart, for these not to be chance."""
-MAX_APART_S: Final = 0.5
-"""Of two events that may be the same: half of a stride."""
-MAX_AGREEMENT_MS: Final = 100.0
-MAX_OFFSET_MS: Final = 150.0
-"""In walking, markers turn up to 100 ms before or after the load crosses its threshold."""
-MAX_SD_MS: Final = 100.0
-"""Standard deviation of offsets beyond which events are not the same ones."""
-MIN_CARRIED_SHARE: Final = 0.8
-"""Of the frames: on a treadmill all, and fewer where a plate is dead or feet land beside them."""
 OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
@@ -506,7 +479,9 @@ def check_events(
         kinds, exchanged = _compare_sides(events, reference)
         if exchanged:
             return (Note.of("events_of_other_side", source=source),)
-        if offset_ms := {k.kind: k.mean_ms for k in kinds if abs(k.mean_ms) > MAX_OFFSET_MS}:
+        if offset_ms := {
+            k.kind: k.mean_ms for k in kinds if abs(k.mean_ms) > LIMITS.largest_offset
+        }:
             return (Note.of("events_offset", source=source, offset_ms=offset_ms),)
         if kinds:
             break
@@ -526,9 +501,13 @@ def _compare_sides(
     And tell whether they do.
     """
     same, crossed = (
-        [kind for kind in compare_events(events, each, MAX_APART_S) if kind.comparable]
+        [
+            kind
+            for kind in compare_events(events, each, LIMITS.compared_difference)
+            if kind.comparable
+        ]
         for each in (reference, _of_other_side(reference))
     )
-    coincide = any(abs(kind.mean_ms) < MAX_AGREEMENT_MS for kind in crossed)
-    exchanged = coincide and all(abs(kind.mean_ms) > MAX_OFFSET_MS for kind in same)
+    coincide = any(abs(kind.mean_ms) < LIMITS.agreement for kind in crossed)
+    exchanged = coincide and all(abs(kind.mean_ms) > LIMITS.largest_offset for kind in same)
     return (crossed if exchanged else same), exchanged

@@ -5,9 +5,12 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import OTHER_SIDE, SIDES, event_times
+
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "spatiotemporal")
 
 QUANTITIES: Final = {
     "speed": "m/s",
@@ -17,9 +20,6 @@ QUANTITIES: Final = {
     "stance": "% of cycle",
 }
 """What is measured of a gait cycle, and its unit."""
-FLAT: Final = np.array([0.25, 0.55])
-"""Part of a stance in which the ball of the foot rests on the ground, before the heel rises: its
-velocity changes by less than 2 % in virtual and in real walks."""
 
 
 @np.errstate(invalid="ignore")
@@ -89,7 +89,7 @@ def _way_of_ground(time: Array, balls: Array, events: Sequence[Event]) -> Array:
         strikes = event_times(events, "foot_strike", side)
         stances = np.column_stack([strikes, np.append(strikes, np.inf)[1:]])
         foot_off = _first_within(event_times(events, "foot_off", side), stances)
-        flat = strikes[:, None] + (foot_off - strikes)[:, None] * FLAT
+        flat = strikes[:, None] + (foot_off - strikes)[:, None] * LIMITS.flat
         begin, end = (_interpolate(time, balls[:, foot], at) for at in flat.T)
         middles.append(flat.mean(axis=1))
         velocities.append((end - begin) / np.diff(flat, axis=1))

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from compensation import Sensor, Setup, dynamic_channels
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import Convolution, Signal, resample
 from hbm.signals.samples import mean_rate_hz
@@ -20,13 +21,10 @@ from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2, angle_in_rad, length_in_m, speed_in_mps
 
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "accelerometers")
+
 FILTER: Final[Method] = "zero_phase"
 """A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
-MAX_HELD_S: Final = 0.5
-"""At either end, over which the nearest known value is used: no delay is longer."""
-BELT: Final = re.compile(r"belt|treadmill", re.IGNORECASE)
-NOT_BELT: Final = re.compile(r"sway|pitch|platform", re.IGNORECASE)
-"""In names of channels with another speed of a treadmill."""
 
 
 def read_channel(
@@ -77,7 +75,9 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     channels = [name for name in stated if name in analog.names] or [
         name
         for name in _channels_in(recording, speed_in_mps)
-        if BELT.search(name) and not NOT_BELT.search(name)
+        if re.search("belt|treadmill", name, re.IGNORECASE)
+        # these are other speeds of a treadmill
+        and not re.search("sway|pitch|platform", name, re.IGNORECASE)
     ]
     speeds = np.abs([belt_speed(recording, name) for name in channels])
     speeds[~np.isfinite(speeds)] = np.nan
@@ -123,16 +123,12 @@ def hold_ends(time: Array, values: Array, what: str) -> Array:
             f"{what} has a gap at {time[gap]:.3f} s; samples of plates cannot have one"
         )
     held_s = float(max(time[first] - time[0], time[-1] - time[last]))
-    if held_s > MAX_HELD_S:
+    if held_s > LIMITS.longest_held:
         raise ValueError(
             f"{what} is unknown for {held_s:.2f} s at one end of the plates' recording, expected "
-            f"at most {MAX_HELD_S:g} s"
+            f"at most {LIMITS.longest_held:g} s"
         )
     return values[np.clip(np.arange(len(values)), first, last)]
-
-
-CHANNEL: Final = re.compile(r"(?P<sensor>.*?)[ ._-]?(?P<axis>[xyz])", re.IGNORECASE)
-ACCELEROMETER: Final = re.compile(r"acc", re.IGNORECASE)
 
 
 def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]:
@@ -146,8 +142,9 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
     in_unit = _channels_in(recording, acceleration_in_mps2)
     axes_of = defaultdict[str, dict[str, str]](dict)
     for name in names:
-        match = CHANNEL.fullmatch(name)
-        if match and (ACCELEROMETER.search(name) or name in in_unit):
+        # such as "Acc1.X": the sensor, then its axis
+        match = re.fullmatch("(?P<sensor>.*?)[ ._-]?(?P<axis>[xyz])", name, re.IGNORECASE)
+        if match and ("acc" in name.lower() or name in in_unit):
             axes_of[match["sensor"]][match["axis"].lower()] = name
     three = {name: axes for name, axes in axes_of.items() if len(axes) == 3}
     sensors = {name: (axes["x"], axes["y"], axes["z"]) for name, axes in three.items()}

@@ -21,8 +21,6 @@ from pipeline.trial.ground.accelerometers import FILTER, belt_speed
 
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""
-KEPT_STEPS: Final = 50
-"""Of the models' output between two frames of a live session: half a second."""
 
 
 def belt_axes(plate: Plate) -> Array:
@@ -139,7 +137,8 @@ class RealtimeBelts:
         for k, (model, instants) in enumerate(zip(self.models, at, strict=True)):
             step_times = self.first_s + (steps - model.advance) / MODEL_RATE_HZ
             moments.append(BETWEEN_STEPS.evaluate(step_times, every[:, [k]], instants)[:, 0])
-        del self.newest[:-KEPT_STEPS]
+        # half a second is more than the next frame of a live session needs
+        del self.newest[:-50]
         return moments
 
     def _step(self, acceleration: Array) -> list[float]:
@@ -173,10 +172,6 @@ def belt_accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tu
     return result
 
 
-FILTER_EDGE_S: Final = 0.5
-"""Left out at both ends of the calibration, where the low-pass has no neighbours."""
-
-
 def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
     """Fit what accelerating belts add to their empty plates: one model per plate, at 100 Hz.
 
@@ -192,7 +187,8 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
         pitch_moment = plate.wrench_in_plate[:, 3:] @ belt_side(plate)
         filtered = low_pass(pitch_moment, plate.rate_hz, belt.cutoff_hz, FILTER)
         moment = interpolate(plate.time, filtered, time)
-        inside = (time > time[0] + FILTER_EDGE_S) & (time < time[-1] - FILTER_EDGE_S)
+        # without half a second at both ends, where the low-pass has no neighbours
+        inside = (time > time[0] + 0.5) & (time < time[-1] - 0.5)
         inside &= np.isfinite(moment)
         try:
             model = fit_belt(acceleration[inside], moment[inside] - moment[inside].mean())

@@ -10,6 +10,7 @@ import numpy as np
 
 from compensation import BeltModel, Calibration, InertiaModel, PlateCalibration, Sensor, Setup
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array
@@ -26,9 +27,7 @@ from pipeline.trial.ground.accelerometers import (
     setup_of,
 )
 
-MAX_SHIFT_M: Final = 0.1
-"""Between a plate's centre in a file and in its calibration: cameras set up anew move it by
-millimetres, the plate beside it is half a metre away."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "laboratory")
 
 
 PLATES_NAME: Final = "plate_calibration"
@@ -65,7 +64,7 @@ def with_corrected_plates(recording: Recording, correction: PlateCorrection | No
             missing.append(str(plate.number))
             continue
         apart_m = float(np.linalg.norm(plate.center - one.center))
-        if np.isfinite(plate.corners).all() and apart_m > MAX_SHIFT_M:
+        if np.isfinite(plate.corners).all() and apart_m > LIMITS.largest_shift:
             raise ValueError(
                 f"{file}: plate {plate.number} lies {apart_m:.2f} m from where {correction.name} "
                 "has it; are its plates numbered as in the recordings of the weights, and is the "

@@ -10,6 +10,7 @@ import compensation
 from compensation import Delay, PlatformPose
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.resampling import resample
 from hbm.signals.samples import stretches, without_short_gaps
 from hbm.spatial import Array, Mask, fit_rotation, rotate_wrench, shift_wrench, transform_wrench
@@ -19,25 +20,13 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import angle_in_rad, length_in_m
 from pipeline.trial.ground.accelerometers import find_commands, hold_ends, read_channel
 
-NEUTRAL_FRAMES: Final = 100
-"""Frames at the start in which the platform is in neutral: one second at 100 Hz."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "platform")
+
 LEVEL: Final = (
     "taken as level and in neutral, because none is recorded; if it moved, name its markers "
     "(--platform-markers, or treadmill.platform in a study)"
 )
 """What is taken for a pose that is not known."""
-MIN_MARKERS: Final = 3
-MIN_KNOWN: Final = 0.9
-"""Part of the frames of an empty treadmill in which its markers move as one body."""
-MIN_MOVED: Final = 0.005
-"""[m], and of a direction: less is noise of markers."""
-MIN_SWAY_M: Final = 0.01
-MIN_PITCH_DEG: Final = 1.0
-"""Of a platform that moves while nothing is compensated; markers at rest wander by a tenth."""
-MAX_LOST_S: Final = 0.05
-"""From one frame to the next that was received, between which the pose is interpolated."""
-MAX_MARKER_ERROR_M: Final = 0.01
-"""Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
 
 
 def platform_pose(
@@ -69,7 +58,8 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
     of `platform_pose` for what is stated.
     """
     names = recording.markers.names
-    by_markers = Platform(markers=names if len(names) >= MIN_MARKERS else ())
+    # three points determine a pose
+    by_markers = Platform(markers=names if len(names) >= 3 else ())
     for platform in [stated] if stated else [by_markers, find_commands(recording)]:
         try:
             pose, _ = platform_pose(recording, platform, recording.markers.time)
@@ -78,9 +68,9 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
                 raise
             continue
         known = pose is not None and np.isfinite(pose.position).all(axis=1)
-        if pose is not None and np.mean(known) > MIN_KNOWN:
+        if pose is not None and np.mean(known) > LIMITS.least_known:
             moved = np.ptp(np.hstack([pose.rotation[known, 2], pose.position[known]]), axis=0)
-            if moved.max() > MIN_MOVED:
+            if moved.max() > LIMITS.least_motion:
                 return pose
     return None
 
@@ -107,7 +97,7 @@ def uncompensated_motion(recording: Recording, body_markers: Sequence[str]) -> t
     known = np.isfinite(pose.position).all(axis=1)
     turned_deg = float(np.degrees(turned_rad(pose)[known]).max())
     moved_m = float(np.ptp(pose.position[known], axis=0).max())
-    if moved_m < MIN_SWAY_M and turned_deg < MIN_PITCH_DEG:
+    if moved_m < LIMITS.least_sway and turned_deg < LIMITS.least_pitch:
         return ()
     return (Note.of("platform_moves", moved_m=moved_m, turned_deg=turned_deg),)
 
@@ -160,7 +150,7 @@ def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
 
 def after_neutral(recording: Recording) -> Mask:
     """Find the frames after those that show the platform in neutral, (T,)."""
-    return np.asarray(np.cumsum(_received(recording)) > NEUTRAL_FRAMES)
+    return np.asarray(np.cumsum(_received(recording)) > LIMITS.neutral_frames)
 
 
 def _received(recording: Recording) -> Mask:
@@ -180,16 +170,18 @@ def _pose_from_markers(
         )
     received, time = _received(recording), recording.markers.time
     position = recording.markers.position[:, [names.index(name) for name in markers]]
-    first = position[received][:NEUTRAL_FRAMES]
+    first = position[received][: LIMITS.neutral_frames]
     seen = np.isfinite(first.sum(axis=2))
     hidden = [name for k, name in enumerate(markers) if not seen[:, k].any()]
     if hidden:
         raise ValueError(
-            f"platform markers {', '.join(hidden)} are not seen in the first {NEUTRAL_FRAMES} "
-            "frames, which show the platform in neutral; name others"
+            f"platform markers {', '.join(hidden)} are not seen in the first "
+            f"{LIMITS.neutral_frames} frames, which show the platform in neutral; name others"
         )
-    fit = compensation.fit_pose(position, compensation.neutral_markers(first), MAX_MARKER_ERROR_M)
-    lost = ~received & without_short_gaps(received, time, MAX_LOST_S)
+    fit = compensation.fit_pose(
+        position, compensation.neutral_markers(first), LIMITS.largest_marker_error
+    )
+    lost = ~received & without_short_gaps(received, time, LIMITS.longest_loss)
     if lost.any():
         there = PlatformPose(fit.pose.rotation[received], fit.pose.position[received])
         between = compensation.interpolate_pose(there, time[received], time[lost])
@@ -197,7 +189,7 @@ def _pose_from_markers(
         rotation[lost], place[lost] = between.rotation, between.position
         fit = fit._replace(pose=PlatformPose(rotation, place))
     note = Note.of("platform_pose", source=f"by the markers {', '.join(markers)}")
-    return fit.pose, (note, *compensation.check_pose(fit, markers, MAX_MARKER_ERROR_M))
+    return fit.pose, (note, *compensation.check_pose(fit, markers, LIMITS.largest_marker_error))
 
 
 def _commanded_pose(
@@ -225,13 +217,6 @@ def _commanded_pose(
     return PlatformPose(rotation, position), (Note.of("platform_pose", source=source),)
 
 
-MAX_ERROR_S: Final = 0.002
-"""Standard error above which a delay is not worth stating."""
-MIN_BEYOND_S: Final = 0.001
-"""Beyond its interval, from which a delay that is not stated matters: most filters of instruments
-are later by more."""
-
-
 def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay | None:
     """Estimate how much later the plates are than the markers on their platform.
 
@@ -249,7 +234,7 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
         late = compensation.estimate_delay(felt[part], force, rate_hz)
     except ValueError:
         return None
-    if not late.standard_error < MAX_ERROR_S:
+    if not late.standard_error < LIMITS.largest_delay_error:
         return None
     return Delay(-late.seconds, late.standard_error)
 
@@ -265,7 +250,7 @@ def plates_note(
     if (late := plate_marker_delay(pose, felt, rate_hz)) is None:
         return ()
     interval_s = QUANTILE_95 * late.standard_error
-    beyond = abs(late.seconds) > interval_s + MIN_BEYOND_S
+    beyond = abs(late.seconds) > interval_s + LIMITS.least_delay
     code = "platform_plates_delay_differs" if beyond else "platform_plates_delay"
     delay_s = stated_s + late.seconds
     return (Note.of(code, delay_s=delay_s, interval_s=interval_s, stated_s=stated_s),)

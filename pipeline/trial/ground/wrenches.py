@@ -15,6 +15,7 @@ import numpy as np
 from compensation import Calibration, InertiaModel, PlatformPose, check_trial
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask, transform_wrench
@@ -25,9 +26,7 @@ from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.laboratory import BELTS_UNKNOWN, BESIDE, BoundLaboratory
 from pipeline.trial.ground.platform import LEVEL, after_neutral, in_lab, plates_note, platform_pose
 
-MAX_FASTER: Final = 1.05
-"""Factor by which belts may run faster than in the calibration: their vibration then has 1.2 times
-the variance that is expected."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "wrenches")
 
 
 def plate_artefacts(lab: BoundLaboratory) -> tuple[list[Array], tuple[Note, ...]]:
@@ -201,7 +200,7 @@ def ground_wrenches(
         gains are constant, and the differences of a dynamic model are taken at the accelerometers'
         rate, so that it makes no difference that this is done at the markers' rate on equally
         resampled signals. In real time no wrench is known while the platform's markers still show
-        their neutral places, which takes `NEUTRAL_FRAMES`.
+        their neutral places, which takes 100 frames.
 
     Raises
     ------
@@ -317,7 +316,7 @@ def uncertainty_limits(speed: float | None, calibration: Calibration) -> tuple[N
     if calibration.correlation is None and len(calibration.plates) > 1:
         left_out.append("how the plates' errors go together (they were sampled at other times)")
     notes = [Note.of("uncertainty_limited", left_out=left_out)] if left_out else []
-    if speed is not None and speed > max(MAX_FASTER * slowest, RUNNING_MPS):
+    if speed is not None and speed > max(LIMITS.faster_belts * slowest, RUNNING_MPS):
         values = {"speed_mps": speed, "calibrated_mps": slowest}
         notes.append(Note.of("uncertainty_belts_faster", **values))
     return tuple(notes)
