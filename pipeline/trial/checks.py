@@ -79,10 +79,10 @@ def check_markers(body: Body, trial: Recording, pose: Recording) -> MarkerChecks
     MarkerChecks
         Sides, labels, distances, and positions that were held.
     """
-    files = {id(each): each for each in (trial, pose)}.values()
+    files = {id(file): file for file in (trial, pose)}.values()
     sides = (sides_exchanged(body.marker_set, f.markers, f.source.name) for f in files)
     return MarkerChecks(
-        tuple(each.note for each in sides if each is not None),
+        tuple(exchanged.note for exchanged in sides if exchanged is not None),
         labels_exchanged(trial.markers, body.markers),
         changed_distances(body, trial.markers),
         repeated_positions(body, trial.markers),
@@ -110,20 +110,22 @@ def other_person(
         moves. Of a length on both sides the smaller difference counts.
     """
     marked = body.marker_set.present(body.markers).landmark
-    found = []
+    differing = []
     for name, sides in LENGTHS.items():
         labels = [(marked.get(a, ""), marked.get(b, "")) for a, b in sides]
         lengths = np.transpose([median_distances(f.markers, labels) for f in (pose, trial)])
-        there, here = min(lengths, key=lambda pair: _lengths_apart(*pair))
+        # the side that differs less: a marker may have been moved on one side
+        in_pose, in_trial = min(lengths, key=lambda pair: _lengths_apart(*pair))
         if (
-            _lengths_apart(there, here) > LIMITS.skin_motion[name]
+            _lengths_apart(in_pose, in_trial) > LIMITS.skin_motion[name]
             and len({a > b for a, b in lengths}) == 1
         ):
-            found.append(f"{name} {1000 * there:.0f} mm there, {1000 * here:.0f} mm here")
+            differing.append(f"{name} {1000 * in_pose:.0f} mm there, {1000 * in_trial:.0f} mm here")
+    # masses of pose and trial may be of two people
     heavier = max(known_kg.values()) / min(known_kg.values()) - 1 > LIMITS.other_mass
-    if not found or len(found) + heavier < LIMITS.fewest_differences:
+    if not differing or len(differing) + heavier < LIMITS.fewest_differences:
         return None
-    return Note.of("static_of_another", file=pose.source.name, lengths=found, known_kg=known_kg)
+    return Note.of("static_of_another", file=pose.source.name, lengths=differing, known_kg=known_kg)
 
 
 def _lengths_apart(there: float, here: float) -> float:
@@ -178,6 +180,7 @@ def shown_frames(body: Body, motion: Motion) -> Mask:
     unseen, gaps = _unseen(body, motion), [_pelvis_unseen(body, motion)]
     gaps += [lost for _, share, lost, _ in _lost_limbs(body, motion) if share >= LIMITS.heavy_limb]
     for part in np.unique(SEGMENTS[OF_LEGS]):
+        # a joint of a leg that markers show in other frames
         missing: Mask = np.asarray(unseen[:, part == SEGMENTS].any(axis=1))
         if missing.mean() < LIMITS.largest_missing:
             gaps.append(missing)
@@ -204,6 +207,7 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
     free, unseen = _free(body, motion), _unseen(body, motion)
     for limb, parts in {"trunk": ("thorax",), **LIMBS}.items():
         of_limb, with_mass = np.isin(SEGMENTS, parts), [s for s in parts if s in body.segments]
+        # segments without mass, such as toes in some bodies, change no residual
         heavy = free & np.isin(SEGMENTS, with_mass)
         lost: Mask = np.asarray(unseen[:, heavy].all(axis=1) & heavy.any())
         if lost.any():
@@ -213,6 +217,7 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
 def _pelvis_unseen(body: Body, motion: Motion, least_s: float = 0.0) -> Mask:
     """Find the frames, (T,), in which the pelvis shows no marker, at least for some time."""
     segment_of = body.segment_of
+    # the pelvis carries six coordinates: without its markers all segments move with them
     of_pelvis = [segment_of[name] == "pelvis" for name in motion.markers]
     unseen: Mask = np.asarray(np.isnan(motion.marker_error[:, of_pelvis]).all(axis=1))
     for start, stop in stretches(unseen):
@@ -253,11 +258,13 @@ def check_motion(
         if share >= LIMITS.heavy_limb and longest_s >= LIMITS.longest_unseen_limb:
             notes.append(Note.of("limb_unknown", limb=limb, frames=frames, share=share))
     counts = zip(motion.names, unseen.sum(axis=0).tolist(), strict=True)
+    # coordinates of limbs that are lost as a whole are counted once, by the limb
     interpolated |= {name: count for name, count in counts if count}
     pelvis_unseen = motion.converged & _pelvis_unseen(body, motion, LIMITS.longest_unseen_pelvis)
     if pelvis_unseen.any():
         notes.append(Note.of("pelvis_unseen", frames=np.count_nonzero(pelvis_unseen)))
     used = [markers.names.index(name) for name in motion.markers]
+    # gaps of markers in frames that were solved from the others
     samples = np.count_nonzero(np.isnan(markers.position[:, used, 0])[motion.converged])
     unsolved = np.count_nonzero(~motion.converged)
     frames = len(motion.time)

@@ -28,6 +28,7 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     Each is corrected on the chain before the next one is looked for; what cannot be told from
     others, or cannot be corrected, ends the search.
     """
+    # what raw samples show is certain, whatever motion and feet say
     findings = [*_of_samples(chain)]
     tried = (finding.correction for finding in findings)
     done = tuple(mending for one in tried if one and one.helps for mending in one.mendings)
@@ -42,14 +43,17 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
         # other faults are judged without it, however little it adds to the residual
         done, chain = (*done, *mendings), mended
     findings += _of_zeros(chain)
+    # then the likeliest fault, corrected before the next one is looked for
     most = len(findings) + LIMITS.most_faults
     while len(findings) < most and chain.judged:
         first, *rivals = chain.judged
         plates = chain.evidence.plates
         finding = finding_of(first, plates)
+        # the same fault again: its correction did not remove it
         same = (finding.kind, finding.plates, finding.component)
         if same in [(f.kind, f.plates, f.component) for f in findings]:
             break
+        # a fault that cannot be told from others is not corrected, and hides what is behind it
         if rivals:
             others = tuple(finding_of(each, plates) for each in rivals)
             return (*findings, replace(finding, rivals=others))
@@ -94,9 +98,10 @@ def _of_zeros(chain: Chain) -> Iterator[Finding]:
     A zero that drifts, or is followed, is no constant.
     """
     plates, followed = chain.trial.plates, following(chain.trial)
+    # what changes over the trial is corrected as a drift
     drifts = [zero is not None and zero.drifts.any() for zero in chain.zeros]
     changes = [d or plate.number in followed for d, plate in zip(drifts, plates, strict=True)]
-    constant = [None if c else each for c, each in zip(changes, chain.unloaded, strict=True)]
+    constant = [None if c else zero for c, zero in zip(changes, chain.unloaded, strict=True)]
     wrong = wrong_zeros(plates, constant)
     if wrong is not None:
         finding, mendings = wrong
@@ -143,6 +148,7 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     """
     evidence, hypothesis = chain.evidence, fitted.hypothesis
     first = _first_half(evidence, hypothesis.plates)
+    # the size from the first half alone, to be judged in the second half
     view = View.of(evidence, mass_is_stated=chain.mass.is_stated, frames=first)
     in_half = fit(view, hypothesis)
     if hypothesis.kind == "moved":  # along the axes that are typed
@@ -152,17 +158,18 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     if hypothesis.kind == "all_late":
         if chain.inputs.laboratory.plates is not None:
             return None  # their calibration has the delay
+        # what is stated already, and what is missing; a delay is typed in whole milliseconds
         before_s = chain.settings.plate_delay_s or 0.0
-        late_s = [round(before_s + float(each.size[0]), 3) for each in sizes]
-        chains = [_later(chain, each) for each in late_s]
+        late_s = [round(before_s + float(fitted_size.size[0]), 3) for fitted_size in sizes]
+        chains = [_later(chain, delay_s) for delay_s in late_s]
         return _tried(chain, chains, first, (), late_s[0]), chains[0]
-    every, there = (mendings_of(each, evidence.plates) for each in sizes)
-    if not every:
+    in_all, there = (mendings_of(one, evidence.plates) for one in sizes)
+    if not in_all:
         return None
-    mended = chain.mended(every)
+    mended = chain.mended(in_all)
     # a fault without a size is corrected alike in every part
-    in_others = mended if there == every else chain.mended(there)
-    return _tried(chain, [mended, in_others], first, every, None), mended
+    in_others = mended if there == in_all else chain.mended(there)
+    return _tried(chain, [mended, in_others], first, in_all, None), mended
 
 
 def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False) -> Correction:
@@ -194,6 +201,7 @@ def _later(chain: Chain, delay_s: float) -> Chain:
 
 def _first_half(evidence: Evidence, plates: Sequence[int]) -> Mask:
     """Give the first half of the frames in which some plates are loaded, and before, (T,)."""
+    # load on the plates in question: elsewhere a correction changes nothing
     load = np.abs(np.nan_to_num(evidence.wrenches[[*plates], :, 2])).max(axis=0)
     loaded = load > EVIDENCE.loaded * evidence.weight_n
     counted = loaded & evidence.carried
@@ -216,13 +224,16 @@ def _tried(
     """Compare residuals before and after; the second chain has sizes by the other frames alone."""
     # frames that count once it is corrected: some faults leave frames out
     counts = corrected[0].counts & np.isfinite(chain.residual).all(axis=1)
-    for each in corrected:
-        counts = counts & np.isfinite(each.residual).all(axis=1)
+    for mended in corrected:
+        counts = counts & np.isfinite(mended.residual).all(axis=1)
+    # frames to which no size was fitted
     others = counts & ~fitted_to
     before, after = _rms(chain.residual[counts]), _rms(corrected[0].residual[counts])
     held_out = _rms(chain.residual[others]), _rms(corrected[1].residual[others])
+    # in standard deviations of healthy residuals, so that newtons and newton metres compare
     deviation = np.sqrt(np.diag(chain.evidence.covariance))
     there, corrected_there = (np.linalg.norm(rms / deviation) for rms in held_out)
+    # an axis is worse if it grows by a fraction and beyond noise, here or there
     worse = after > most * before + LIMITS.noise * deviation
     worse |= held_out[1] > most * held_out[0] + LIMITS.noise_held_out * deviation
     return Correction(

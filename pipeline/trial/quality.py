@@ -111,9 +111,11 @@ def settling_s(filters: Iterable[tuple[Method, float]]) -> tuple[float, float]:
     >>> [round(time_s, 3) for time_s in settling_s([("realtime", 6.0)])]
     [0.25, 0.0]
     """
+    # filters in a row settle about as long as the slowest of them
     longest_s = np.zeros(2)
     for method, cutoff_hz in filters:
         periods = np.array(LIMITS.settling_periods[method])
+        # periods of the cut-off, but at least a time that does not depend on it
         needed_s = np.where(
             periods > 0, np.maximum(periods / cutoff_hz, LIMITS.shortest_settling), 0.0
         )
@@ -186,16 +188,19 @@ def carried_notes(
     def share(frames: Mask) -> float:
         return float(measured[frames].sum() / need[frames].sum())
 
+    # of frames without support: which part of the need the plates measured
     if missing := np.count_nonzero(~carried):
         unsupported = known & ~carried
         part = f"{100 * share(unsupported):.0f} %" if unsupported.any() else "an unknown part"
         notes.append(Note.of("frames_not_carried", missing=missing, frames=frames, measured=part))
     counts = known & free_of(quality)
+    # means over about a step, of frames that count alone
     long = max(1, round(LIMITS.step / float(np.median(np.diff(time)))))
     present, needed, carries = (
-        scipy.ndimage.uniform_filter1d(np.where(counts, each, 0.0), long, mode="constant")
-        for each in (np.ones(len(time)), need, measured)
+        scipy.ndimage.uniform_filter1d(np.where(counts, signal, 0.0), long, mode="constant")
+        for signal in (np.ones(len(time)), need, measured)
     )
+    # at least half of the step has to count
     doubtful = counts & (present > 0.5) & (np.abs(carries - needed) > LIMITS.doubtful * needed)
     if not doubtful.any():
         return tuple(notes), ()

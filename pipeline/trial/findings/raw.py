@@ -72,6 +72,7 @@ def raw_faults(plates: Sequence[Plate]) -> tuple[RawFault, ...]:
     Channels that a laboratory's program computes from other ones, as from eight of a plate, do not
     stay at a limit where one of these does, and nothing is found.
     """
+    # what is large is told by the largest load on any plate of the recording
     loads = [np.abs(p.wrench_in_plate[:, 2]).max() for p in plates if len(p.time)]
     largest_n = max(loads, default=0.0)
     return tuple(fault for plate in plates for fault in _of_plate(plate, largest_n))
@@ -81,16 +82,19 @@ def _of_plate(plate: Plate, largest_n: float) -> Iterator[RawFault]:
     if len(plate.time) < 2 or not np.isfinite(plate.wrench_in_plate).all():
         return
     time, step_s = plate.time, 1 / plate.rate_hz
+    # converters limit each channel, so that moments are about the transducer
     limits, overflows = _limits(plate, step_s), find_overflows(plate)[1]
     channels = shift_wrench(plate.wrench_in_plate, plate.transducer)
     dead, lost = _dead(channels), _lost(plate, largest_n, step_s)
     for axis, name in enumerate(WRENCH_COMPONENTS):
         channel, of = channels[:, axis], (plate.number, name)
+        # heel strikes of plates with slow samples rise within one step
         least = (
             LIMITS.least_jump[axis]
             * largest_n
             * (LIMITS.jump_growth * step_s if step_s > LIMITS.fast_step else 1.0)
         )
+        # one fault for each channel, that which explains the others first
         if dead[axis]:
             span = ((float(time[0]), float(time[-1])),)
             yield RawFault(*of, "dead", float(np.median(channel)), len(channel), span)
@@ -121,9 +125,11 @@ def _spans(time: Array, runs: Indices) -> tuple[tuple[float, float], ...]:
 
 def _lost(plate: Plate, largest_n: float, step_s: float) -> list[Indices]:
     """Find the runs of samples of each channel that are zero between loaded ones, (N, 2) each."""
+    # samples in which a foot is on the plate
     loaded = np.abs(plate.wrench_in_plate[:, 2]) > LIMITS.landing * largest_n
-    every = []
+    runs_of_channels = []
     for channel in plate.wrench_in_plate.T:
+        # exactly zero, between two samples, and for a short time
         runs = stretches(channel == 0)
         inside = (runs[:, 0] > 0) & (runs[:, 1] < len(channel))
         runs = runs[inside & (np.diff(runs)[:, 0] <= round(LIMITS.longest_loss / step_s))]
@@ -136,15 +142,15 @@ def _lost(plate: Plate, largest_n: float, step_s: float) -> list[Indices]:
             )
             # else it passes zero
             runs = runs[(np.abs(beside) > least).all(axis=1) & (beside.prod(axis=1) > 0)]
-        every.append(runs)
-    return every
+        runs_of_channels.append(runs)
+    return runs_of_channels
 
 
 def _limits(plate: Plate, step_s: float) -> dict[int, tuple[float, Mask]]:
     """Give the channels that are clipped: the limit of the larger side, and where, (N,)."""
     axes = range(6)
     for _, channels in channels_about(plate):
-        found = {}
+        clipped = {}
         for axis in axes:
             sides = [
                 limit
@@ -152,26 +158,31 @@ def _limits(plate: Plate, step_s: float) -> dict[int, tuple[float, Mask]]:
                 if abs(limit.level) >= LIMITS.least_clip[axis]
             ]
             if sides:
+                # a channel may be clipped at both ends of its range; the larger one is named
                 level = max((side.level for side in sides), key=abs)
-                found[axis] = level, np.any([side.at for side in sides], axis=0)
-        if found:
-            return found
+                clipped[axis] = level, np.any([side.at for side in sides], axis=0)
+        if clipped:
+            return clipped
         axes = range(3, 6)  # forces are the same about any point
     return {}
 
 
 def _dead(channels: Array) -> Mask:
     """Find channels that are constant, or show noise alone while others are loaded, (6,)."""
+    # a channel that never changes
     constant = np.ptp(channels, axis=0) == 0
+    # moments as forces at a usual lever, to be compared with forces
     load = np.abs(channels) / [1.0, 1.0, 1.0, LIMITS.lever, LIMITS.lever, LIMITS.lever]
     load[:, constant] = 0.0
     dead = constant.copy()
     for axis in np.flatnonzero(~constant):
+        # the largest of the other channels shows when the plate is loaded
         others = load[:, np.arange(6) != axis].max(axis=1)
         largest = others.max()
         with_load = channels[others > LIMITS.loaded * largest, axis]
         without = channels[others < LIMITS.unloaded * largest, axis]
         if largest > LIMITS.dead_load and min(len(with_load), len(without)) > LIMITS.fewest_samples:
+            # dead: neither its spread nor its level changes with the load of the others
             noise = LIMITS.alive * without.std()
             dead[axis] = with_load.std() < noise and (
                 abs(np.median(with_load) - np.median(without)) < noise

@@ -47,6 +47,7 @@ def note_of(
 
 def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
     """Put a finding in the cells of a table; what cannot be told apart in one row."""
+    # a correction that helps is advice; what does not help stands in the column of effects
     tried = finding.correction
     typed = _typed(tried) + "." if tried is not None and tried.helps else ""
     advice = " ".join(note_of(finding, plates, time, typed).advice.split())
@@ -55,6 +56,7 @@ def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
         effect = "not tried: which one is unknown"
     elif tried is not None and not tried.helps:
         effect = f"not advised: {effect}"
+    # what the trial cannot tell apart shares a row
     _, what, sizes = zip(*(_said(one, plates, time) for one in _rivals(finding)), strict=True)
     if finding.kind in ("zero", "drift"):
         evidence = "readings without load"
@@ -121,9 +123,10 @@ def _said(
             forces = (f"{k} Fz {written(force, '+.0f')} N" for k, force in rest_n.items())
             return note, "plates: not zero without load", "\n".join([*forces, *name.split(", ")])
         case "drift":
-            each = zip(name.split(", "), size, interval, strict=True)
+            channels_changed = zip(name.split(", "), size, interval, strict=True)
             drifts = [
-                f"{k} {written(n, '+.1f')} ± {_with_unit((k, half), '.2g')}" for k, n, half in each
+                f"{k} {written(n, '+.1f')} ± {_with_unit((k, half), '.2g')}"
+                for k, n, half in channels_changed
             ]
             first_s, last_s = finding.span_s or (0.0, 0.0)
             span = {"first_s": first_s, "last_s": last_s}
@@ -183,6 +186,7 @@ def _share(finding: Finding) -> tuple[float, float, float]:
 def _direction(finding: Finding, plates: Sequence[Plate]) -> str:
     """Name a channel by the axis of the lab that is nearest to it."""
     k = WRENCH_COMPONENTS.index(finding.component)
+    # direction of the channel in the lab
     column = _plate_of(finding, plates).rotation[:, k % 3]
     axis = ("forward", "sideways", "vertical")[int(np.argmax(np.abs(column)))]
     return f"{axis} {'force' if k < 3 else 'moment'}"
@@ -190,6 +194,7 @@ def _direction(finding: Finding, plates: Sequence[Plate]) -> str:
 
 def _off_m(finding: Finding, plates: Sequence[Plate]) -> dict[str, float]:
     """Give where a plate is from where it is said to be, in the axes of the lab."""
+    # what corrects the place is the opposite of where it is; from the plate's axes to the lab
     off = _plate_of(finding, plates).rotation @ -np.array([*finding.size, 0.0])
     return {"forward": float(off[0]), "left": float(off[1])}
 

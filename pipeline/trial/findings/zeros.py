@@ -40,6 +40,7 @@ def wrong_zeros(
             rest_n[plate.number] = float(reading[2])
             others += _components(plate, reading)
             mendings += _mendings(plate, reading)
+    # one plate may be off by much, or several by little each in the same direction
     largest_n, total_n = max(map(abs, rest_n.values()), default=0), sum(rest_n.values())
     if not (others or largest_n > LIMITS.largest_reading or abs(total_n) > LIMITS.largest_total):
         return None
@@ -55,6 +56,7 @@ def _components(plate: Plate, reading: Array) -> Iterator[str]:
 
 def _mendings(plate: Plate, reading: Array) -> Iterator[str]:
     """Give what is typed to subtract a reading, in the plate's axes."""
+    # channels are typed in the axes of the plate, about its centre
     in_plate = rotate_wrench(reading, plate.rotation.T)
     for k in np.flatnonzero(np.abs(in_plate) > LIMITS.least_mended):
         yield f"{plate.number}: zero {WRENCH_COMPONENTS[k]} {in_plate[k]:.1f}"
@@ -69,6 +71,7 @@ def readings_without_load(
     known. The wrenches are the action on the subject in lab axes at T times, without what a moving
     platform adds, (T, 6) [N, N·m].
     """
+    # a zero belongs to the plate: about its own centre, not about the origin of the lab
     about_centers = (shift_wrench(w, p.center) for p, w in zip(plates, wrenches, strict=True))
     return tuple(_reading(wrench, time, weight_n) for wrench in about_centers)
 
@@ -77,6 +80,7 @@ def _reading(wrench: Array, time: Array, weight_n: float) -> Array | None:
     level = rest_level(wrench[:, 2], time, weight_n)
     if level is None:
         return None
+    # medians of the components over those tenths in which the vertical force is at rest
     means = tenths(wrench, time, *common_tenths(time))
     at_rest = np.abs(means[:, 2] - level) <= LIMITS.spread / 2
     zero = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
@@ -104,8 +108,10 @@ def rest_level(vertical: Array, time: Array, weight_n: float) -> float | None:
         at rest for 0.3 s in all: somebody stands on it throughout.
     """
     means = tenths(vertical, time, *common_tenths(time))
+    # the densest group of low loads: how many lie within a spread above each one
     low = np.sort(means[means < LIMITS.largest_fraction * weight_n])
     within = np.searchsorted(low, low + LIMITS.spread, side="right") - np.arange(len(low))
+    # too short a rest may be a foot that lands or leaves
     if TENTH_S * max(within, default=0) < LIMITS.shortest_rest:
         return None
     start = int(np.argmax(within))
