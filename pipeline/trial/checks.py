@@ -178,7 +178,11 @@ def shown_frames(body: Body, motion: Motion) -> Mask:
         a gap of all markers.
     """
     unseen, gaps = _unseen(body, motion), [_pelvis_unseen(body, motion)]
-    gaps += [lost for _, share, lost, _ in _lost_limbs(body, motion) if share >= LIMITS.heavy_limb]
+    gaps += [
+        lost
+        for _, mass_fraction, lost, _ in _lost_limbs(body, motion)
+        if mass_fraction >= LIMITS.heavy_limb
+    ]
     for part in np.unique(SEGMENTS[OF_LEGS]):
         # a joint of a leg that markers show in other frames
         missing: Mask = np.asarray(unseen[:, part == SEGMENTS].any(axis=1))
@@ -207,7 +211,7 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
     free, unseen = _free(body, motion), _unseen(body, motion)
     for limb, parts in {"trunk": ("thorax",), **LIMBS}.items():
         of_limb, with_mass = np.isin(SEGMENTS, parts), [s for s in parts if s in body.segments]
-        # segments without mass, such as toes in some bodies, change no residual
+        # parts that are segments of this body: others have no mass and change no residual
         heavy = free & np.isin(SEGMENTS, with_mass)
         lost: Mask = np.asarray(unseen[:, heavy].all(axis=1) & heavy.any())
         if lost.any():
@@ -251,12 +255,12 @@ def check_motion(
     """
     notes, interpolated = [*undetermined_notes(body, motion)], dict[str, int]()
     unseen = _unseen(body, motion)
-    for limb, share, lost, of_limb in _lost_limbs(body, motion):
+    for limb, mass_fraction, lost, of_limb in _lost_limbs(body, motion):
         longest_s = max(motion.time[b - 1] - motion.time[a] for a, b in stretches(lost))
         frames = interpolated[limb] = int(np.count_nonzero(lost))
         unseen[np.ix_(lost, of_limb)] = False
-        if share >= LIMITS.heavy_limb and longest_s >= LIMITS.longest_unseen_limb:
-            notes.append(Note.of("limb_unknown", limb=limb, frames=frames, share=share))
+        if mass_fraction >= LIMITS.heavy_limb and longest_s >= LIMITS.longest_unseen_limb:
+            notes.append(Note.of("limb_unknown", limb=limb, frames=frames, share=mass_fraction))
     counts = zip(motion.names, unseen.sum(axis=0).tolist(), strict=True)
     # coordinates of limbs that are lost as a whole are counted once, by the limb
     interpolated |= {name: count for name, count in counts if count}

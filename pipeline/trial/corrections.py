@@ -55,7 +55,7 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
             break
         # a fault that cannot be told from others is not corrected, and hides what is behind it
         if rivals:
-            others = tuple(finding_of(each, plates) for each in rivals)
+            others = tuple(finding_of(rival, plates) for rival in rivals)
             return (*findings, replace(finding, rivals=others))
         corrected = _try_fault(chain, first)
         if corrected is None:

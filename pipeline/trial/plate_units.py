@@ -61,6 +61,7 @@ def require_units(recording: Recording, mass_kg: float | None = None) -> None:
     """
     mass_kg, time = mass_kg or recording.metadata.mass_kg, recording.markers.time
     feet = _feet(recording)
+    # first of all plates together, since each may carry a part of a person
     ten = _tenfold(recording.plates, time, mass_kg)
     factors = [_factor(plate, feet, time, mass_kg, ten) for plate in recording.plates]
     factors = [_with_torque(factor) for factor in _with_unsure(factors, feet, time)]
@@ -75,14 +76,15 @@ def require_units(recording: Recording, mass_kg: float | None = None) -> None:
                 of_plates.setdefault(f"{quantity} {fault}", []).append(str(plate.number))
     wrong = [f"plate {', '.join(numbers)}: {fault}" for fault, numbers in of_plates.items()]
     if wrong:
-        found = f"{', '.join(wrong)}, by the subject{f' of {mass_kg:.3g} kg' if mass_kg else ''}"
-        raise ValueError(f"{recording.source.name}: {found} on them; {_remedy(factors)}")
+        faults = f"{', '.join(wrong)}, by the subject{f' of {mass_kg:.3g} kg' if mass_kg else ''}"
+        raise ValueError(f"{recording.source.name}: {faults} on them; {_remedy(factors)}")
 
 
 def reversed_plates(recording: Recording) -> dict[int, Fact]:
     """Say which plates pull the subject down; what brings them under the feet mends them."""
     facts, feet = dict[int, Fact](), _feet(recording)
     for plate in recording.plates:
+        # a plate that measures what it exerts on the ground, or with one sign wrong
         pull_n = -float(plate.rotation[2] @ mean_force(plate.wrench_in_plate[:, :3]))
         if pull_n < MIN_MEAN_LOAD_N:
             continue
@@ -108,6 +110,7 @@ def require_possible(residual: Array, body: Body) -> None:
     if not len(residual):
         return
     weight_n = body.mass * GRAVITY_MPS2
+    # RMS of the three forces, and of the three moments
     rms = np.sqrt(np.mean(np.square(residual), axis=0)).reshape(2, 3)
     force_n, moment_nm = np.linalg.norm(rms, axis=1).tolist()
     most_n, most_nm = np.multiply(
@@ -125,6 +128,7 @@ def _with_unsure(factors: Sequence[Factor], feet: Array, time: Array) -> list[Fa
 
     These bring the pressure nearer to the feet, if not by so much that the plate alone shows it.
     """
+    # one power of ten that is common to all plates that show one
     sure = {factor.moment for factor in factors if factor.moment}
     if len(sure) != 1:
         return list(factors)
@@ -145,6 +149,7 @@ def _remedy(factors: Sequence[Factor]) -> str:
     right = {_units(factor) for factor in factors}
     if len(right) == 1 and (units := right.pop()):
         return f'give --plate-units {units}, or plate_units = "{units}" in study.toml'
+    # no unit explains it for all plates: channels of single plates
     wrong = [factor for factor in factors if factor[1:] != (0, 0, 0)]
     gains = [
         f"{plate.number}: gain {name} {10.0**power:g}"
@@ -170,8 +175,8 @@ def _units(factor: Factor) -> str:
     usual = ("N", "kN"), ("Nmm", "Ncm", "Nm", "kNm"), ("mm", "cm", "m")
     of_quantities = zip(CONVERT.values(), usual, units, powers, strict=False)
     for convert, symbols, unit, ten in of_quantities:
-        wanted = convert(unit) * 10.0**ten
-        right += [u for u in (unit, *symbols) if np.isclose(convert(u), wanted)][:1]
+        right_unit = convert(unit) * 10.0**ten
+        right += [u for u in (unit, *symbols) if np.isclose(convert(u), right_unit)][:1]
     return ",".join(right) if len(right) == len(units) else ""
 
 
@@ -180,10 +185,12 @@ def _with_torque(factor: Factor) -> Factor:
     wrench = factor.plate.wrench_in_plate[np.isfinite(factor.plate.wrench_in_plate).all(axis=1)]
     if not factor.at_pressure or not wrench[:, 2].any():
         return factor
+    # samples under load, in which the line of the force is known
     size = np.abs(wrench[:, 2])
     force, moment = np.split(wrench[size > LIMITS.loaded * np.percentile(size, 98)].T, 2)
     # along the line of the force, where p × f is zero
     torque = (force * moment).sum(axis=0) / force[2]
+    # by the vertical force a torque is a length, which friction limits
     arm_m = float(np.median(np.abs(torque / force[2]))) * 10.0**-factor.force
     return factor._replace(
         torque=-2 - (arm_m > LIMITS.arm_of_newton_millimetres) if arm_m > LIMITS.largest_arm else 0
@@ -198,6 +205,7 @@ def _load(vertical: Array) -> tuple[float, float]:
 
 def _tenfold(plates: Sequence[Plate], time: Array, mass_kg: float | None) -> int:
     """Give the power of ten, 1 or -1, by which all plates together miss a body's mass; or 0."""
+    # at the markers' times, since plates may be sampled at different ones
     loads = [np.interp(time, p.time, np.abs(p.wrench_in_plate[:, 2])) for p in plates]
     load_kg = _load(np.nan_to_num(np.sum(loads, axis=0)))[1] if loads else 0.0
     if mass_kg is None:
@@ -222,6 +230,7 @@ def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None, ten: 
         wrench = of_channels(plate, np.diag(scales), plate.wrench_in_plate)
         rows = _pressure_and_feet(replace(plate, wrench_in_plate=wrench), feet, time)
         moment, change = _moment_power(*rows), np.abs(np.diff(vertical))
+        # noise of an empty plate may look like a load in another unit
         smooth = change.any() and highest_n > LIMITS.least_smooth * np.median(change[change > 0])
         if power < 0 or (smooth and _off(*rows, moment) < LIMITS.largest_distance):
             return Factor(plate, power, moment)
@@ -250,20 +259,26 @@ def _pressure_and_feet(plate: Plate, feet: Array, time: Array) -> tuple[Array, A
     """
     wrench = np.stack([np.interp(time, plate.time, c) for c in plate.wrench_in_plate.T], axis=1)
     vertical = np.abs(wrench[:, 2])
-    known = np.isfinite(wrench).all(axis=1)
-    seen = np.isfinite(feet).all(axis=-1)
-    if not (known.any() and seen.any()):
+    is_known = np.isfinite(wrench).all(axis=1)
+    is_visible = np.isfinite(feet).all(axis=-1)
+    if not (is_known.any() and is_visible.any()):
         return (np.empty((0, 2)),) * 3
-    loaded = known & (vertical >= LIMITS.loaded * np.percentile(vertical[known], 98))
+    loaded = is_known & (vertical >= LIMITS.loaded * np.percentile(vertical[is_known], 98))
     loaded &= vertical > LIMITS.least_load * GRAVITY_MPS2
+    # markers of the feet in the axes of the plate
     place = (feet - plate.center) @ plate.rotation
-    standing = seen & (feet[..., 2] < np.percentile(feet[seen][:, 2], 5) + LIMITS.foot_height)
+    # those near the ground and over the plate
+    standing = is_visible & (
+        feet[..., 2] < np.percentile(feet[is_visible][:, 2], 5) + LIMITS.foot_height
+    )
     if np.isfinite(plate.corners).all():
         half = np.abs((plate.corners - plate.center) @ plate.rotation)[:, :2].max(axis=0)
         standing &= (np.abs(place[..., :2]) < half + LIMITS.overhang).all(axis=-1)
     loaded &= standing.any(axis=1)
     counted = standing[loaded, :, None]
+    # the mean of the markers of feet on the plate
     foot = np.where(counted, place[loaded, :, :2], 0).sum(axis=1) / counted.sum(axis=1)
+    # x = -My / Fz and y = Mx / Fz, by stored moments, and about the surface
     loads = wrench[loaded], shift_wrench(wrench[loaded], plate.transducer)
     in_all, by_stored = (load[:, [4, 3]] * [-1, 1] / load[:, 2:3] for load in loads)
     return by_stored, in_all - by_stored, foot
@@ -277,14 +292,18 @@ def _moment_power(stored: Array, lever: Array, foot: Array) -> int | None:
     """
     if len(foot) < LIMITS.fewest_samples or not stored.any(axis=0).all():
         return 0
+    # where the stored moments have to put the pressure
     at_foot = foot - lever
+    # moments so small that the pressure never moves: their ratio tells the power
     if _rms(stored) < LIMITS.resting_pressure and _rms(foot) > LIMITS.least_foot:
         exponent = float(np.log10(_rms(at_foot) / _rms(stored)))
         return round(exponent) if abs(exponent - round(exponent)) < LIMITS.near_power else 0
+    # distance of pressure and feet for each pair of powers along x and y
     moved = 10.0 ** np.array(POWERS)[:, None] * stored + lever - foot
     off = dict(zip(POWERS, _rms(moved).tolist(), strict=True))
     powers = min(POWERS, key=lambda pair: off[pair])
     power = powers[0] or powers[1]
+    # one power for all moments, unless two explain far more
     if off[power, power] < LIMITS.same_ratio * off[powers]:
         powers = power, power
     if not power or off[powers] > LIMITS.largest_remainder * off[0, 0]:
@@ -294,7 +313,9 @@ def _moment_power(stored: Array, lever: Array, foot: Array) -> int | None:
     if power < 0:
         at_foot, at_pressure = at_foot[:, wrong], stored[:, wrong]
         # a wrong zero or place moves the pressure away, but it is no faster there
-        moves, foot_moves = (_rms(each - each.mean(axis=0)) for each in (at_pressure, at_foot))
+        moves, foot_moves = (
+            _rms(points - points.mean(axis=0)) for points in (at_pressure, at_foot)
+        )
         too_fast = moves > 10.0 ** (-power - 0.5) * foot_moves
         near = abs(np.log10(_rms(at_foot) / _rms(at_pressure)) - power) < LIMITS.near_power
         certain = too_fast and near

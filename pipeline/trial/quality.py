@@ -68,7 +68,7 @@ NO_SUPPORT: Final = Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN | Quality.
 def frames_within(time: Array, *spans: ArrayLike) -> Mask:
     """Give whether each time, (T,), is in one of the spans, each (N, 2) [s]; none is in NaN."""
     inside = np.zeros(len(time), bool)
-    for start, stop in np.concatenate([np.reshape(each, (-1, 2)) for each in (*spans, ())]):
+    for start, stop in np.concatenate([np.reshape(of_kind, (-1, 2)) for of_kind in (*spans, ())]):
         if start < stop:  # neither is NaN
             inside[slice(*np.searchsorted(time, (start, stop)))] = True
     return inside
@@ -180,7 +180,7 @@ def carried_notes(
         ``carried_in_part`` where, in frames that count, plates measure 15 % too little or too much
         on average over half a second.
     """
-    notes, known, frames = [], np.isfinite(need + measured), len(quality)
+    notes, is_known, frames = [], np.isfinite(need + measured), len(quality)
     if shared := np.count_nonzero(~free_of(quality, Quality.FOOT_UNCERTAIN)):
         notes.append(Note.of("plates_shared", shared=shared, frames=frames))
     carried = free_of(quality, NO_SUPPORT)
@@ -190,10 +190,10 @@ def carried_notes(
 
     # of frames without support: which part of the need the plates measured
     if missing := np.count_nonzero(~carried):
-        unsupported = known & ~carried
+        unsupported = is_known & ~carried
         part = f"{100 * share(unsupported):.0f} %" if unsupported.any() else "an unknown part"
         notes.append(Note.of("frames_not_carried", missing=missing, frames=frames, measured=part))
-    counts = known & free_of(quality)
+    counts = is_known & free_of(quality)
     # means over about a step, of frames that count alone
     long = max(1, round(LIMITS.step / float(np.median(np.diff(time)))))
     present, needed, carries = (

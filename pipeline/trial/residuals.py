@@ -81,6 +81,7 @@ def reported(residual: Array) -> Array:
         x forward, y to the right, z up, each moment right-handed about its own axis, (..., 6):
         Fy and My change sign.
     """
+    # from lab axes, with Y to the left, to the reported ones, with y to the right
     return np.asarray(residual * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0]))
 
 
@@ -142,10 +143,10 @@ def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
     for name in result.variants:
         for window in () if result.span else windows(result):
             of_window = name == "compensated", window.name, window.headline
-            for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
+            for *cycle, rms, peak, count, valid_share in _of_cycles(result, name, window):
                 before = *trial_columns(result, condition), *of_window, *cycle
                 measures = zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True)
-                rows += [(*before, *measure, count, share) for measure in measures]
+                rows += [(*before, *measure, count, valid_share) for measure in measures]
     return rows
 
 
@@ -162,13 +163,14 @@ def _of_cycles(
     residual = reported(result.variants[variant].residual)
     for side, spans in window.of_sides.items():
         for number, (start, stop) in enumerate(spans.tolist(), start=1):
+            # a cycle ends before the strike that begins the next one
             inside = (time >= start) & (time < stop)
             used = residual[inside & counts]
             rms = peak = np.full(len(AXES), np.nan)
             if len(used):
                 rms, peak = np.sqrt(np.mean(used**2, axis=0)), np.abs(used).max(axis=0)
-            share = len(used) / max(1, int(np.count_nonzero(inside)))
-            yield side, number, start, stop, rms, peak, len(used), share
+            valid_share = len(used) / max(1, int(np.count_nonzero(inside)))
+            yield side, number, start, stop, rms, peak, len(used), valid_share
 
 
 def worst_cycles(result: TrialResult) -> list[CycleExtreme]:
@@ -183,6 +185,7 @@ def worst_cycles(result: TrialResult) -> list[CycleExtreme]:
     for side, _, start, stop, rms, *_ in _of_cycles(
         result, [*result.variants][-1], windows(result)[0]
     ):
+        # each axis by its own reference, so that newtons and newton metres compare
         ratio = rms / np.array([reference[axis] for axis in AXES])
         if np.isfinite(ratio).all():
             k = int(ratio.argmax())
@@ -279,16 +282,19 @@ def _summary(result: TrialResult, window: Window, variant: str) -> Iterator[tupl
     """Summarise the residuals of one variant over one window: the rows from the axis on."""
     inside = frames_within(result.motion.time, *window.of_sides.values())
     counts = inside & result.counts
+    # forces by body weight, moments by body weight × stature
     percent = result.body.mass * GRAVITY_MPS2 * np.repeat([1.0, result.body.height_m], 3) / 100
     value = reported(result.variants[variant].residual[counts])
     rms = np.sqrt(np.mean(value**2, axis=0))
     cycles = () if result.span else _of_cycles(result, variant, window)
+    # mean squares of cycles, so that long and short ones count alike
     of_cycles = [rms_of_one**2 for *_, rms_of_one, _, count, _ in cycles if count]
     unknown = np.full(len(AXES), np.nan)
     rms_of_cycles = np.sqrt(np.mean(of_cycles, axis=0)) if of_cycles else unknown
     spread = unknown
     if variant == "compensated" and result.uncertainty is not None:
         spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
+    # standard deviation by what segments without markers add to this motion
     expected = np.sqrt(np.diag(unseen_covariance(result.body, result.motion, counts)))
     peak, used = np.abs(value).max(axis=0), int(np.count_nonzero(counts))
     measures = rms, rms_of_cycles, value.mean(axis=0), value.std(axis=0), peak, rms / percent
@@ -360,6 +366,7 @@ def height_of_mass(body: Body, q: Array) -> float:
     # segments of the feet begin at the ankle and at the ball
     feet = "left_foot", "left_toes", "right_foot", "right_toes"
     lowest = joint_positions(body, q, feet)[..., 2].min(axis=1)
+    # above the foot that is lower in each frame
     return float(np.mean(center_of_mass(body, q)[:, 2] - lowest))
 
 
@@ -398,12 +405,14 @@ def threshold_rows(result: TrialResult) -> list[Threshold]:
     height = height_of_mass(result.body, q)
     for name, dynamics in result.variants.items():
         ground = np.sum(list(result.ground[name].values()), axis=0)[inside, :3]
+        # net external force: the sum of both feet, without gravity
         external = float(np.linalg.norm(ground, axis=1).max())
         residual = dynamics.residual[inside]
         for quantity, unit, part, limit in (
             ("force", "N", residual[:, :3], LIMITS.largest_force * external),
             ("moment", "N·m", residual[:, 3:], LIMITS.largest_moment * height * external),
         ):
+            # magnitudes of the vectors, as published
             size = np.linalg.norm(part, axis=1)
             peak, above = float(size.max()), 100 * float(np.mean(size >= limit))
             compensated = name == "compensated"
@@ -429,10 +438,10 @@ def marker_rows(result: TrialResult) -> list[MarkerError]:
     error_mm = 1000 * result.motion.marker_error
     columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {"all": error_mm}
     rows = []
-    for name, own in columns.items():
-        seen = own[np.isfinite(own)]
-        rms, peak = (np.sqrt(np.mean(seen**2)), seen.max()) if len(seen) else (np.nan, np.nan)
-        missing_percent = 100 * (1 - len(seen) / own.size)
+    for name, column in columns.items():
+        error = column[np.isfinite(column)]
+        rms, peak = (np.sqrt(np.mean(error**2)), error.max()) if len(error) else (np.nan, np.nan)
+        missing_percent = 100 * (1 - len(error) / column.size)
         rows.append(MarkerError(name, float(rms), float(peak), missing_percent))
     return rows
 

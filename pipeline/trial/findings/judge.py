@@ -143,7 +143,7 @@ class View:
     def of(cls, evidence: Evidence, *, mass_is_stated: bool, frames: Mask | None = None) -> "View":
         """Choose the frames, all that carry or some of them, (T,)."""
         frames = np.ones(len(evidence.time), bool) if frames is None else frames
-        # standing has one error in all frames, which weighs as one sample would
+        # who stands has the same error in all frames: only frames of walking count
         use = evidence.carried & evidence.walking & frames
         measured: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & frames
         stances = [*_spread_over([s for s in find_stances(evidence) if measured[s.rows].all()])]
@@ -193,7 +193,7 @@ class View:
     def at(self, plate: int, later_s: Array) -> Array:
         """Give what a plate that is later by N times measures at the frames, (N, U, 6)."""
         time, wrench = self.evidence.time, self.signals[plate]
-        # a plate that is late has measured at a frame what it sends later
+        # a late plate sends later what it carried at a frame, and the body seems early
         times = (time[self.frames] + (LIMITS.body_lag + later_s[:, None])).clip(time[0], time[-1])
         # on straight lines, at once for all channels
         after = time.searchsorted(times).clip(1)
@@ -220,7 +220,7 @@ class View:
         stances = self.stances[signal]
         if not len(stances.feet):
             return np.zeros((len(wrench), 0))
-        # centre of pressure at the height of the sole, and how far it is from where it usually is [m]
+        # centre of pressure at the height of the sole, and how far it is from its usual place [m]
         in_lab = wrench[:, stances.rows] @ self.to_lab[plate]
         apart = pressure(in_lab, stances.expected[:, 2]) - stances.expected
         # light loads have their pressure anywhere
@@ -230,6 +230,7 @@ class View:
         ]
         # means of a stance, weighted by load, in standard deviations of healthy people
         away = np.stack(sums, axis=1) / (stances.sums(load)[:, None] * LIMITS.foot_spread[:, None])
+        # mean downward pull of a stance, which no foot exerts
         down = (
             stances.sums(np.minimum(in_lab[..., 2] / self.evidence.weight_n, 0.0))
             / LIMITS.pull_spread
@@ -303,13 +304,13 @@ def instead_of_mass(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted
     plain = _Comparison.of(View.of(evidence, mass_is_stated=mass_is_stated))
     # how well another body mass alone explains the same
     one_mass = plain.fit([Hypothesis("mass", ())])[0].evidence
-    fitted = plain.fit([each for each in hypotheses(plain.view) if each.plates])
+    fitted = plain.fit([fault for fault in hypotheses(plain.view) if fault.plates])
     return tuple(
-        each
-        for each in fitted
-        if each.matters
-        and each.evidence
-        > (one_mass - LIMITS.tied if each.hypothesis.weighs else max(one_mass + LIMITS.tied, 0.0))
+        fault
+        for fault in fitted
+        if fault.matters
+        and fault.evidence
+        > (one_mass - LIMITS.tied if fault.hypothesis.weighs else max(one_mass + LIMITS.tied, 0.0))
     )
 
 
@@ -319,13 +320,13 @@ def _likely(view: View) -> tuple[Fitted, ...]:
     if not (len(view.of_motion) or any(len(stances.feet) for stances in view.stances)):
         return ()
     plain = _Comparison.of(view)
-    fitted = [each for each in plain.fit([*hypotheses(view)]) if each.matters]
-    fitted.sort(key=lambda each: -each.evidence)
+    fitted = [fault for fault in plain.fit([*hypotheses(view)]) if fault.matters]
+    fitted.sort(key=lambda fault: -fault.evidence)
     best = fitted[0].evidence if fitted else 0.0
     return tuple(
-        each
-        for each in fitted
-        if best > LIMITS.least_evidence and each.evidence > best - LIMITS.tied
+        fault
+        for fault in fitted
+        if best > LIMITS.least_evidence and fault.evidence > best - LIMITS.tied
     )
 
 
@@ -435,6 +436,7 @@ class _Comparison:
         for hypothesis in hypotheses:
             alike.setdefault(len(hypothesis.sd), []).append(hypothesis)
         for group in alike.values():
+            # only where the mass is the fault may it be far off
             mass_sd = [
                 self.view.mass_sd if each.plates else LIMITS.wrong_mass_spread for each in group
             ]
@@ -455,8 +457,8 @@ class _Comparison:
         """Give residual and feet, (H, N, R), without each of H faults of N sizes, (H, N, S)."""
         # hypotheses that change the same plate are computed together
         of_plates = dict[tuple[int, int], dict[int, Array]]()
-        for row, each in enumerate(zip(alike, sizes, strict=True)):
-            for places, wrench in corrected(self.view, *each).items():
+        for row, fault in enumerate(zip(alike, sizes, strict=True)):
+            for places, wrench in corrected(self.view, *fault).items():
                 of_plates.setdefault(places, {})[row] = wrench
         rows = np.tile(self.plain, (*sizes.shape[:2], 1))
         for (k, signal), of_rows in of_plates.items():

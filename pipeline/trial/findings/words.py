@@ -136,11 +136,11 @@ def _said(
             note = of_jumps("plate_jumps", sizes=sizes)
             return note, f"{plate}: {channels} jumps", f"by {larger}"
         case "gain":
-            share, low, high = _share(finding)
+            fraction, low, high = _share(finding)
             direction = _direction(finding, plates)
-            gain = partial(of_plate, share=share, low=low, high=high, component=name)
+            gain = partial(of_plate, share=fraction, low=low, high=high, component=name)
             note = gain("plate_gain", direction=direction, remedy=remedy)
-            percent = f"{100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %"
+            percent = f"{100 * fraction:.0f} %, {100 * low:.0f} to {100 * high:.0f} %"
             return note, f"{plate}: gain of {name}, {direction}", percent
         case "reversed":
             note = of_plate("plate_reversed", what=name, remedy=remedy)

@@ -74,10 +74,13 @@ def plate_edges(corner: Array) -> tuple[Array, Array]:
 
     A point over a plate, of whose corners (P, 4, 3) are known, is further along all four normals.
     """
+    # edges from corner to corner, and their normals, of either sense
     edge = np.roll(corner, -1, axis=1)[..., :2] - corner[..., :2]
     inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+    # the centre of the plate is on the inner side of each edge
     middle = corner[..., :2].mean(axis=1)[:, None]
     inward *= np.sign(np.sum(inward * (middle - corner[..., :2]), axis=-1, keepdims=True))
+    # plates without an area have no edges
     size = np.linalg.norm(inward, axis=-1, keepdims=True)
     inward = inward / np.where(size > 0, size, np.nan)
     return inward, np.sum(inward * corner[..., :2], axis=-1)
@@ -147,18 +150,22 @@ class Support:
         pose
             Of the platform at these times.
         """
+        # in the frame of the platform, in which the plates do not move
         if pose is not None:
             places = (places - pose[1][:, None]) @ pose[0]
         ankle, ball = places[:, 1:3], places[:, 3:]
+        # along the foot by its joints, with the length that the foot has in the body
         along = ball - ankle
         # along the foot, level and in space, with its whole length
         size = self.length / np.sqrt(np.cumsum(along * along, axis=2)[..., 1:])
         flat, tip = size[..., :1] * along[..., :2], ankle + TIP * size[..., 1:] * along
         points = np.concatenate([places, tip], axis=1)
-        every, times = np.concatenate([self.points, points]), np.concatenate([self.time, time])
-        velocity = (every[1:] - every[:-1]) / (times[1:] - times[:-1])[:, None, None]
+        path, times = np.concatenate([self.points, points]), np.concatenate([self.time, time])
+        # from the frame before, so that a live frame needs no later one
+        velocity = (path[1:] - path[:-1]) / (times[1:] - times[:-1])[:, None, None]
         self.time, self.points = time[-1:], points[-1:]
         heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
+        # the lowest of ankle, ball and tip, each less its height in a foot that is flat
         sole = (heights - self.heights).min(axis=2)
         of_foot = ankle[..., :2], ball[..., :2], tip[..., :2], flat, flat[..., ::-1] * ACROSS
         outline = OUTLINE @ np.array(of_foot).transpose(1, 2, 0, 3)
@@ -189,17 +196,22 @@ class Support:
             As for `feet`.
         """
         time, load = feet.time, wrenches[..., 2] - self.rest_n
+        # vertical force under each foot, without what plates read at rest
         of_foot = (load[:, None] * (on[:, None] == LEFT_AND_RIGHT[:, None])).sum(axis=2)
         ground = self._ground(feet, of_foot)
+        # there is something to carry, and the plates measure less
         lacking = (need > LIMITS.least_need * self.weight_n) & (measured < LIMITS.lacking * need)
         if self.method == "realtime" and not lacking.any() and _within(feet).all():
             self.supported_s = np.full((1, 3), time[-1])  # in a live frame the rest takes long
             return np.asarray(time - self.missing_s > self.reach_s[1] + ROUNDING_S)
         grounded = _grounded(feet, ground)
         outside, idle = self._places(feet, wrenches, of_foot, pose)
+        # rule 1: a foot on the ground that is beside the plates
         beside = (grounded & outside).any(axis=1)
+        # rules 2 and 3: over a plate without load, or carried by something else
         standing = np.column_stack([grounded & idle, measured < LIMITS.least_measured * need])
         doubtful = standing & lacking[:, None]
+        # last time at which each of them was not so; the state of the frames before comes first
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
         lasting = doubtful & (time[:, None] - ok_s > LIMITS.lasting + ROUNDING_S)
@@ -208,6 +220,7 @@ class Support:
             last_s = np.maximum.accumulate(np.where(missing, time, self.missing_s))
             self.supported_s, self.missing_s = ok_s[-1:], last_s[-1:]
             return np.asarray(time - last_s > self.reach_s[1] + ROUNDING_S)
+        # afterwards all of a stretch counts as missing, from its first frame on
         for channel, long in zip(standing.T, lasting.T, strict=True):
             for start, stop in stretches(channel):
                 missing[start:stop] |= bool(long[start:stop].any())
@@ -216,11 +229,13 @@ class Support:
     def _ground(self, feet: Feet, of_foot: Array) -> Array:
         """Give the velocity of the ground under each foot, (T, 2, 3) [m/s]; NaN where unseen."""
         ball = feet.velocity[:, 3:5]
+        # the foot that carries more, while its ball does not rise or sink
         shows = (of_foot > self.threshold_n) & (of_foot >= of_foot[:, ::-1])
         shows &= np.abs(ball[..., 2]) < LIMITS.resting_speed
+        # until another frame shows it, the ground keeps its velocity
         last = np.maximum.accumulate(np.where(shows, np.arange(1, len(of_foot) + 1)[:, None], 0))
-        seen = np.concatenate([self.ground, ball * LEVEL])
-        ground = seen[last, LEFT_AND_RIGHT]
+        velocities = np.concatenate([self.ground, ball * LEVEL])
+        ground = velocities[last, LEFT_AND_RIGHT]
         self.ground = ground[-1:]
         return ground
 
@@ -233,12 +248,15 @@ class Support:
         """
         loaded = wrenches[..., 2] - self.rest_n > self.threshold_n
         if pose is not None:
+            # from the lab to the frame of the platform: the inverse of its pose
             back = np.swapaxes(pose[0], -1, -2)
             origin = -(back @ pose[1][..., None])[..., 0]
             wrenches = transform_wrench(wrenches, back[:, None], origin[:, None])
+        # plates at about the height of the sole; those of unknown height may be
         near = ~(np.abs(feet.sole[..., None] - self.level) >= LIMITS.level)
         over = (feet.depth[:, :, -1] > 0) & near
         over_loaded, loads = (over & loaded[:, None]).any(axis=2), of_foot > self.threshold_n
+        # a foot that should load a plate and does not
         idle = near.any(axis=2) & ~np.where(over.any(axis=2), over_loaded, loads)
         outside = ~_within(feet)
         if self.steps:
@@ -246,6 +264,7 @@ class Support:
         else:
             outside &= feet.sole < self.highest
         surface = np.repeat(feet.sole.min(axis=1), wrenches.shape[1])
+        # a loaded plate with its pressure outside has wrong or unknown corners
         pressure = center_of_pressure(wrenches.reshape(-1, 6), self.threshold_n, surface)[:, :2]
         depth = np.diagonal(self._depth(pressure.reshape(*loaded.shape, 2)), axis1=1, axis2=2)
         unknown = (loaded & ~(depth > -LIMITS.overhang)).any(axis=1) | np.isnan(self.level).any()
@@ -266,7 +285,9 @@ def _within(feet: Feet) -> Mask:
 def _grounded(feet: Feet, ground: Array) -> Mask:
     """Find which feet are on the ground, (T, 2), whose velocity is (T, 2, 3) [m/s]."""
     velocity = feet.velocity
+    # a foot whose ground was never seen stands on that of the other one
     ground = np.nan_to_num(np.where(np.isnan(ground), ground[:, ::-1], ground))
+    # walking speed: the pelvis above the ground under each foot
     walking = velocity[:, :1, :2] - ground[..., :2]
     most = np.maximum(LIMITS.standing_speed * np.sqrt((walking**2).sum(axis=2)), LIMITS.least_speed)
     ankle_and_tip = velocity[:, [1, 2, 5, 6]].reshape(-1, 2, 2, 3) - ground[:, None]

@@ -50,6 +50,7 @@ def foot_motion(places: Array, pose: PlatformPose | None) -> Array:
     """
     if pose is None:
         return places[..., 0]
+    # first column of the rotation: the platform's forward axis in the lab
     relative = places - pose.position[:, None]
     return np.asarray(np.einsum("ti,tki->tk", pose.rotation[:, :, 0], relative))
 
@@ -86,22 +87,27 @@ def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
     the platform may move.
     """
     back, events = -time[::-1], list[Event]()
+    # low-pass and derivative in one, so that speeds have no noise of differences
     pelvis_speed = butterworth(motion[:, 0], time, LIMITS.turn_cutoff, "zero_phase").velocity
     # ankles ahead of the pelvis and balls behind it, and their speeds
     apart = (motion[:, 1:] - motion[:, :1]) * [1.0, 1.0, -1.0, -1.0]
     apart = low_pass(apart, time, LIMITS.turn_cutoff, "zero_phase")
     speeds = butterworth(motion[:, 1:], time, LIMITS.speed_cutoff, "zero_phase").velocity
+    # a swing begins with the ball farthest behind and ends with the ankle farthest ahead
     for foot, side in enumerate(SIDES):
         ahead, behind = (turns(time, distance).tolist() for distance in apart.T[foot::2])
         ankle_speed, ball_speed = speeds.T[foot::2]
-        known = np.isfinite(ball_speed + pelvis_speed)
-        stances = [(a, b) for a, b in _stances(ahead, behind) if known[a:b].all()]
+        is_known = np.isfinite(ball_speed + pelvis_speed)
+        stances = [(a, b) for a, b in _stances(ahead, behind) if is_known[a:b].all()]
         if not stances:
             continue
+        # between stances, speeds of ground and walking change along lines
         middle, *of_stances = _ground(time, stances, ball_speed, pelvis_speed)
         ground, walking = (np.interp(time, middle, speed) for speed in of_stances)
+        # falls through zero when the foot has slowed down with the ground
         strike = ankle_speed - ground - LIMITS.strike_fraction * walking
         off = ball_speed - ground - LIMITS.off_fraction * walking
+        # foot offs are strikes of the recording backwards in time
         strikes = (_falls_through(time, strike, k) for k in ahead)
         offs = (_falls_through(back, off[::-1], len(time) - 1 - k) for k in behind)
         events += [Event(t, "foot_strike", side) for t in strikes if t is not None]
@@ -111,6 +117,7 @@ def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
 
 def _stances(ahead: list[int], behind: list[int]) -> list[tuple[int, int]]:
     """Pair each frame in which a foot is farthest ahead with the next in which it is behind."""
+    # the next turn behind, if it comes before the next turn ahead
     stops = np.searchsorted(behind, ahead, side="right")
     pairs = [(a, behind[k]) for a, k in zip(ahead, stops, strict=True) if k < len(behind)]
     following = [*ahead[1:], np.inf]
@@ -123,7 +130,8 @@ def _ground(
     """Give time, speed of the ground and walking speed in every stance, (3, S) [s], [m/s]."""
     of_stances = []
     for start, stop in stances:
-        first, last = (round(start + share * (stop - start)) for share in LIMITS.mid_stance)
+        first, last = (round(start + fraction * (stop - start)) for fraction in LIMITS.mid_stance)
+        # a ball at rest shows how fast the ground moves
         speed = median_of(ball_speed[first : last + 1])
         walking = float(np.mean(pelvis_speed[start:stop])) - speed
         of_stances.append(((time[first] + time[last]) / 2, speed, walking))
@@ -138,6 +146,7 @@ def _falls_through(time: Array, value: Array, frame: int) -> float | None:
         return None
     if below[0] == 0:
         return float(time[frame])
+    # the zero on a line between two frames
     k = frame + int(below[0]) - 1
     return float(time[k] + (time[k + 1] - time[k]) * value[k] / (value[k] - value[k + 1]))
 
@@ -177,6 +186,7 @@ def plate_events(
     on at the same time are added.
     """
     holds = _holds(contacts, len(time))
+    # what happens at foot off is a strike of the recording backwards in time
     back = holds[:, [PLATE, FOOT, STOP, START, LEAVES, LANDS]]
     back[:, [START, STOP]] = len(time) - back[:, [START, STOP]]
     loads_back = [PlateLoad(load.number, -load.time[::-1], load.force[::-1]) for load in loads]
@@ -195,11 +205,12 @@ def _holds(contacts: Sequence[Contact], frames: int) -> Indices:
     """
     rows = []
     for contact in contacts:
-        known = not contact.ambiguous
+        is_certain = not contact.ambiguous
         bounds = [contact.start, *contact.changes, contact.stop]
+        # where the foot changes the plate is never free: that is no event
         for foot, start, stop in zip(contact.feet, bounds[:-1], bounds[1:], strict=True):
-            lands = known and start == contact.start > 0
-            leaves = known and stop == contact.stop < frames
+            lands = is_certain and start == contact.start > 0
+            leaves = is_certain and stop == contact.stop < frames
             rows.append((contact.plate, FEET.index(foot), start, stop, lands, leaves))
     return np.array(rows, int).reshape(-1, 6)
 
@@ -219,13 +230,16 @@ def _landings(
     holds = holds[np.argsort(holds[:, START], kind="stable")]
     for foot in np.unique(holds[:, FOOT]).tolist():
         of_foot = holds[holds[:, FOOT] == foot]
+        # stances of one foot: stretches on several plates that overlap in time
         until = np.maximum.accumulate(of_foot[:, STOP])
         begins = 1 + np.flatnonzero(of_foot[1:, START] >= until[:-1])
         for stance in np.split(of_foot, begins):  # holds of several plates that overlap in time
             start, stop = stance[0, START], stance[:, STOP].max()
+            # plates that the foot comes to with the same step
             onto = stance[time[stance[:, START]] - time[start] < LIMITS.together]
             if not onto[:, LANDS].all():
                 continue
+            # free since whoever was on these plates last has left
             of_plates = np.isin(holds[:, PLATE], onto[:, PLATE])
             before = holds[of_plates & (holds[:, STOP] <= start), STOP]
             free_s = time[before.max() - 1] + LIMITS.margin if len(before) else time[0]
@@ -242,6 +256,7 @@ def _crossing(
 
     None where the level without load is unknown, or what follows is no step.
     """
+    # samples before the contact, while the plate is free
     time, since = load.time, max(free_s, start_s - LIMITS.level_span - LIMITS.margin)
     before = load.force[
         time.searchsorted(since) : time.searchsorted(start_s - LIMITS.margin, "right")
@@ -253,17 +268,21 @@ def _crossing(
     ):
         return None
     first, last = time.searchsorted([start_s - LIMITS.margin, stop_s])
+    # above the level without load, which drifts and moves with the platform
     above = load.force[first:last] - median_of(at_rest)
     if not np.fmax.reduce(above, initial=0.0) >= LIMITS.step_fraction * weight_n:
         return None
     landed = int(np.argmax(above > LIMITS.landed_fraction * weight_n))
+    # a noisier plate needs a higher threshold
     threshold_n = max(LIMITS.event_threshold, float(at_rest.std()) / LIMITS.noise_fraction)
+    # backwards from a load that is no noise to the last sample below the threshold
     below = np.flatnonzero(above[:landed] <= threshold_n)
     if not len(below) or not np.isfinite(above[below[-1] + 1]):
         return None
     k = int(below[-1])
-    share = (threshold_n - above[k]) / (above[k + 1] - above[k])
-    return float(time[first + k] + share * (time[first + k + 1] - time[first + k]))
+    # on a line between two samples
+    fraction = (threshold_n - above[k]) / (above[k + 1] - above[k])
+    return float(time[first + k] + fraction * (time[first + k + 1] - time[first + k]))
 
 
 def detect_events(
@@ -303,8 +322,9 @@ def detect_events(
         return FoundEvents.none(str(error))
     events, corrections = combined_events(by_motion, of_plates)
     if not events:
-        known = np.isfinite(motion[:, :3].sum(axis=1))
-        longest_s = max((np.ptp(markers.time[a:b]) for a, b in stretches(known)), default=0.0)
+        # how long pelvis and ankles are seen without a gap
+        is_known = np.isfinite(motion[:, :3].sum(axis=1))
+        longest_s = max((np.ptp(markers.time[a:b]) for a, b in stretches(is_known)), default=0.0)
         return FoundEvents.none(
             f"no foot swings against the pelvis in {longest_s:.2f} s; record two strikes of a foot"
         )
@@ -354,20 +374,24 @@ def combined_events(
     """
     events, corrections = [], {}
     for label in LABELS:
+        # pairs of the same event, by the motion and by the plates
         moved = [event_times(by_motion, label, side) for side in SIDES]
         timed = [event_times(of_plates, label, side) for side in SIDES]
         pairs = [
-            match_times(*each, LIMITS.largest_difference) for each in zip(moved, timed, strict=True)
+            match_times(*times, LIMITS.largest_difference)
+            for times in zip(moved, timed, strict=True)
         ]
         # of each foot, what the motion shows and the plates time
-        seen = [(moved[k][first], timed[k][second]) for k, (first, second) in enumerate(pairs)]
-        both = tuple(np.concatenate(each) for each in zip(*seen, strict=True))
+        matched = [(moved[k][first], timed[k][second]) for k, (first, second) in enumerate(pairs)]
+        both = tuple(np.concatenate(of_feet) for of_feet in zip(*matched, strict=True))
         for k, side in enumerate(SIDES):
-            shown, true = seen[k] if len(seen[k][0]) >= LIMITS.fewest_timed else both
+            # of both feet where plates time too few of this one
+            shown, true = matched[k] if len(matched[k][0]) >= LIMITS.fewest_timed else both
             times, offset = moved[k], true - shown
             if len(shown) >= LIMITS.fewest_timed:
                 corrections[f"{side} {label.replace('_', ' ')}s"] = float(np.median(offset))
                 times, (first, second) = _corrected(times, shown, offset), pairs[k]
+                # a plate that times an event much later has missed part of the foot
                 near = np.abs(timed[k][second] - times[first]) <= LIMITS.largest_deviation
                 times[first[near]] = timed[k][second[near]]
             events += [Event(float(time), label, side) for time in times]
@@ -377,5 +401,6 @@ def combined_events(
 def _corrected(times: Array, known: Array, offset: Array) -> Array:
     """Move times (E,) by the median offset of the nearest of those (K,) whose offset is known."""
     apart = np.abs(known - times[:, None])
+    # offsets change over a trial with slope and speed
     nearest = np.argsort(apart, axis=1, kind="stable")[:, : LIMITS.nearest]
     return np.asarray(times + np.median(offset[nearest], axis=1))

@@ -122,12 +122,14 @@ def choose_method(
     method = wanted or ("file" if np.isfinite(_stride_s(of_file, SIDES)) else "auto")
     if method != "file" or not of_file:
         return method, ()
+    # plates that miss many steps show other events than the feet
     by_plates = {"the plates": of_plates} if carried >= LIMITS.carried_fraction else {}
     doubts = check_events(of_file, by_plates | {"the feet": swings.events})
     if not len(swings.seen):
         return method, doubts
     counts = counterparts(of_file, swings)
     _, _, compared, alone, detected, missing = counts.values()
+    # too many of the file without a swing, or swings without an event of the file
     many = alone > LIMITS.alone_fraction * compared or missing > LIMITS.alone_fraction * detected
     # without every other strike, two strides would count as one
     of_side = ([_stride_s(e, [side]) for e in (of_file, swings.events)] for side in SIDES)
@@ -179,6 +181,7 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
     # of both sides, they show where the pelvis faces
     names = [name for name in ("ASIS", "PSIS") if {"L" + name, "R" + name} <= shown.landmark.keys()]
     with np.errstate(invalid="ignore"):  # 0 / 0 where no marker is visible
+        # middle of each foot against the middle of the pelvis
         feet = np.stack([of(f"{side}_foot", f"{side}_toes") for side in SIDES], axis=1)
         apart = feet - of("pelvis")[:, None]
         left, right = (middle(shown.landmark[side + name] for name in names) for side in "LR")
@@ -192,6 +195,7 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
         return Swings(time, feet, (), np.empty((0, 2)))
     # above its lowest place, a foot is higher while it goes ahead: by how far, not where it ends
     lift = up - np.fmin.reduce(up, axis=0)
+    # who walks backwards has the feet higher while they go backwards
     ahead = ahead * np.sign(np.nansum(lift * np.gradient(ahead, time, axis=0)))
     events = [
         Event(float(at), label, side)
@@ -199,8 +203,8 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
         for label, sign in zip(LABELS, (1, -1), strict=True)
         for at in time[turns(time, sign * place, LIMITS.least_swing)]
     ]
-    seen = time[stretches(np.isfinite(ahead).all(axis=1)) - (0, 1)]
-    return Swings(time, feet, in_order(events), seen)
+    spans = time[stretches(np.isfinite(ahead).all(axis=1)) - (0, 1)]
+    return Swings(time, feet, in_order(events), spans)
 
 
 def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
@@ -230,12 +234,15 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
         by_feet = _of_other_side(by_feet)
     offset_s = float(np.mean([kind.mean_ms / 1000 for kind in kinds] or [0.0]))
     inside = [replace(event, time=event.time - offset_s) for event in inside]
+    # in slow walking the same events may be farther apart
     tolerance_s = LIMITS.largest_difference * max(1.0, stride_s)
+    # without half a stride at both ends of what is seen, in which a swing may be cut
     compared = _within(inside, swings.seen + np.array([0.5, -0.5]) * stride_s)
     alone = sum(kind.only_in_first for kind in compare_events(compared, by_feet, tolerance_s))
     # spans that the file marks, from pause to pause; events elsewhere may be those missing here
     times = np.array([event.time for event in inside])
     pauses = 1 + np.flatnonzero(np.diff(times) > LIMITS.pause * stride_s)
+    # from the first to the last event between two pauses
     marked = [(part[0], part[-1]) for part in np.split(times, pauses) if len(part)]
     if outside and outside + alone > LIMITS.alone_fraction * (outside + len(compared)):
         marked = [recorded]
@@ -321,11 +328,13 @@ def _turning_points(time: Array, distance: Array) -> Array:
     """Find when a distance (T,) is largest; in a gap nothing is found."""
     filtered = butterworth(distance, time, LIMITS.cutoff, "zero_phase")
     frame = turns(time, filtered.value)
+    # Newton: the zero of the velocity, by the acceleration
     return np.asarray(time[frame] - filtered.velocity[frame] / filtered.acceleration[frame])
 
 
 def turns(time: Array, distance: Array, least_m: float = LIMITS.least_excursion) -> Indices:
     """Find the frames in which a filtered distance (T,) is largest; none in a gap."""
+    # in each stretch without a gap, since a gap may hide a turn
     apart = max(1, round(LIMITS.shortest_stride / median_of(np.diff(time))))
     frames = [np.zeros(0, int)]
     for start, stop in stretches(np.isfinite(distance)):
@@ -341,13 +350,16 @@ def find_peaks(values: Array, apart: int, prominence: float) -> Indices:
     # a peak may be flat: of its samples, the middle one
     first = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
     last = np.append(first[1:], len(values)) - 1
+    # where values rise before, and fall after
     slope = np.sign(np.diff(values[first]))
     top = 1 + np.flatnonzero((slope[:-1] > 0) & (slope[1:] < 0))
     peaks = (first[top] + last[top]) // 2
+    # from the highest peak on, nearer ones are left out
     kept = np.ones(len(peaks), bool)
     for k in np.argsort(values[peaks])[::-1]:
         if kept[k]:
             kept &= (np.abs(peaks - peaks[k]) >= apart) | (peaks == peaks[k])
+    # prominence: height above the higher one of both lowest points beside it
     fenced = np.concatenate([[np.inf], values, [np.inf]])
     for k in np.flatnonzero(kept):
         height, sides = values[peaks[k]], (fenced[peaks[k] + 1 :: -1], fenced[peaks[k] + 1 :])
@@ -369,9 +381,9 @@ def _forward(markers: Markers, marker_set: MarkerSet, choices: Sequence[Sequence
         if shown.keys() >= {*landmarks}:
             columns = [markers.names.index(shown[landmark]) for landmark in landmarks]
             return np.asarray(markers.position[:, columns, 0].mean(axis=1))
-    wanted = " or ".join(" with ".join(landmarks) for landmarks in choices)
+    names = " or ".join(" with ".join(landmarks) for landmarks in choices)
     raise ValueError(
-        f"no marker of the set {marker_set.name!r} shows the landmark {wanted} in this recording"
+        f"no marker of the set {marker_set.name!r} shows the landmark {names} in this recording"
     )
 
 
@@ -416,16 +428,16 @@ def compare_events(
         Left and right foot strikes, left and right foot offs. Two events match when each is the
         other's nearest.
     """
-    first, second, found = tuple(first), tuple(second), []
+    first, second, agreements = tuple(first), tuple(second), list[EventAgreement]()
     for label, side in product(LABELS, SIDES):
         here, there = event_times(first, label, side), event_times(second, label, side)
-        own, other = match_times(here, there, tolerance_s)
-        apart_ms, number = 1000 * (here[own] - there[other]), len(own)
+        in_first, in_second = match_times(here, there, tolerance_s)
+        apart_ms, number = 1000 * (here[in_first] - there[in_second]), len(in_first)
         mean_ms = float(apart_ms.mean()) if number else np.nan
         sd_ms = float(apart_ms.std(ddof=1)) if number > 1 else np.nan
         alone = len(here) - number, len(there) - number
-        found.append(EventAgreement(label, side, mean_ms, sd_ms, number, *alone))
-    return tuple(found)
+        agreements.append(EventAgreement(label, side, mean_ms, sd_ms, number, *alone))
+    return tuple(agreements)
 
 
 def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array, Array]:
@@ -445,11 +457,14 @@ def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array,
     """
     if not (len(first) and len(second)):
         return np.zeros(0, int), np.zeros(0, int)
+    # distances of all pairs; two that are each other's nearest match
     distance = np.abs(first[:, None] - second)
-    other = distance.argmin(axis=1)
-    own = np.arange(len(first))
-    same = (distance.argmin(axis=0)[other] == own) & (distance[own, other] <= tolerance_s)
-    return own[same], other[same]
+    nearest = distance.argmin(axis=1)
+    indices = np.arange(len(first))
+    same = (distance.argmin(axis=0)[nearest] == indices) & (
+        distance[indices, nearest] <= tolerance_s
+    )
+    return indices[same], nearest[same]
 
 
 OTHER_SIDE: Final = {"left": "right", "right": "left"}
@@ -500,14 +515,16 @@ def _compare_sides(
 
     And tell whether they do.
     """
+    # as named, and with left and right exchanged
     same, crossed = (
         [
             kind
-            for kind in compare_events(events, each, LIMITS.compared_difference)
+            for kind in compare_events(events, named, LIMITS.compared_difference)
             if kind.comparable
         ]
-        for each in (reference, _of_other_side(reference))
+        for named in (reference, _of_other_side(reference))
     )
+    # exchanged where they coincide crossed, and all are far as named
     coincide = any(abs(kind.mean_ms) < LIMITS.agreement for kind in crossed)
     exchanged = coincide and all(abs(kind.mean_ms) > LIMITS.largest_offset for kind in same)
     return (crossed if exchanged else same), exchanged

@@ -80,6 +80,7 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
         and not re.search("sway|pitch|platform", name, re.IGNORECASE)
     ]
     speeds = np.abs([belt_speed(recording, name) for name in channels])
+    # infinite values are unknown, too
     speeds[~np.isfinite(speeds)] = np.nan
     if np.isnan(speeds).all():  # also of no channels
         return None
@@ -103,6 +104,7 @@ def mean_belt_speed(found: tuple[Array, Array] | None) -> float | None:
     if found is None:
         return None
     with np.errstate(over="ignore"):
+        # the fourth root of the mean fourth power
         mean = float(np.nanmean(found[1] ** 4) ** 0.25)
     return mean if np.isfinite(mean) else None
 
@@ -113,12 +115,13 @@ def hold_ends(time: Array, values: Array, what: str) -> Array:
     A ValueError that says `what` it is where values are unknown between known ones, or for more
     than 0.5 s at an end.
     """
-    known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    if not len(known):
+    # first and last sample of which all channels are known
+    samples = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if not len(samples):
         raise ValueError(f"{what} has no values while the plates are recorded")
-    first, last = known[[0, -1]].tolist()
-    if len(known) < last - first + 1:
-        gap = known[np.argmax(np.diff(known) > 1)] + 1
+    first, last = samples[[0, -1]].tolist()
+    if len(samples) < last - first + 1:
+        gap = samples[np.argmax(np.diff(samples) > 1)] + 1
         raise ValueError(
             f"{what} has a gap at {time[gap]:.3f} s; samples of plates cannot have one"
         )
@@ -201,8 +204,8 @@ def without_gaps(*signals: Array) -> list[Array]:
 
     Fits sum over samples again and again, which then takes a tenth of the time.
     """
-    known = np.isfinite(np.hstack(signals)).all(axis=1)
-    return [signal.T.compress(known, axis=1).T for signal in signals]
+    are_known = np.isfinite(np.hstack(signals)).all(axis=1)
+    return [signal.T.compress(are_known, axis=1).T for signal in signals]
 
 
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
@@ -221,9 +224,9 @@ def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
 
 def sensor_delays_s(treadmill: Treadmill, sensors: Sequence[Sensor]) -> tuple[float, ...]:
     """Give how much later each is than the plates: as a calibration found, else as stated [s]."""
-    stated = treadmill.accelerometer_delay_s or 0.0
-    found = tuple(sensor.correction_s for sensor in sensors)
-    return found or (stated,) * len(treadmill.accelerometers)
+    stated_s = treadmill.accelerometer_delay_s or 0.0
+    fitted_s = tuple(sensor.correction_s for sensor in sensors)
+    return fitted_s or (stated_s,) * len(treadmill.accelerometers)
 
 
 def _undelayed(
@@ -250,6 +253,7 @@ def at_plate_times(
     model, differences of the filtered readings over the lags follow. NaN where unknown. Plates of
     equal times share one array.
     """
+    # second differences of the filtered readings follow the readings of a dynamic model
     channels = dynamic_channels(filtered, mean_rate_hz(clock), lags_s)
     kinds = [readings, *np.split(channels, 1 + len(lags_s), axis=1)[1:]]
 
@@ -304,10 +308,13 @@ class RealtimeAccelerometers:
         kinds = [now := self._undelayed(read, at)]
         for lag_s in self.lags_s:
             later, earlier = (self._undelayed(read, at + s) for s in (lag_s, -lag_s))
+            # second difference over the lag
             kinds.append(later - 2 * now + earlier)
         return np.concatenate(kinds, axis=1)
 
     def _undelayed(self, read: Signal, at: Array) -> Array:
-        every = {delay_s: read(at + delay_s) for delay_s in set(self.delays_s)}
-        each = [every[late_s][:, 3 * k : 3 * k + 3] for k, late_s in enumerate(self.delays_s)]
-        return np.concatenate(each, axis=1)
+        by_delay = {delay_s: read(at + delay_s) for delay_s in set(self.delays_s)}
+        of_sensors = [
+            by_delay[late_s][:, 3 * k : 3 * k + 3] for k, late_s in enumerate(self.delays_s)
+        ]
+        return np.concatenate(of_sensors, axis=1)

@@ -164,14 +164,17 @@ def empty_plates(
         if (model := models.get(name)) is None:
             continue
         model.require(setup)
+        # vertical force that the platform's motion does not explain
         force = model.compensate(felt[:, : len(model.acceleration_mean)], wrench)[:, 2]
         if len(force) < LIMITS.shortest_beside * setup.rate_hz:
             raise ValueError(
                 f"{len(force) / setup.rate_hz:.1f} s are too short, expected "
                 f"{LIMITS.shortest_beside:g} s or more; record a minute"
             )
+        # a plate that somebody is on all the time is not fitted
         if (np.abs(_means(force, setup, LIMITS.load_span)) > MIN_LOAD_N).all():
             continue
+        # short loads on a plate that is empty else
         steps = _means(force, setup, LIMITS.step_span)
         highest = float(np.abs(steps - np.median(steps)).max())
         if highest > LIMITS.largest_step:
@@ -250,6 +253,7 @@ def fit_calibration(
     source, recording = recording.source.name, with_corrected_plates(recording, plates)
     sensors = _sensors(recording, treadmill, plates)
     samples = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
+    # noise of the accelerometers makes gains too small, unless the fit knows it
     noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in samples.items()}
     belts = [mean_belt_speed(fastest_belt(one, treadmill)) for one in every]
 
@@ -272,6 +276,7 @@ def fit_calibration(
         with naming(one.source):
             return one.source.name, empty_plates(one, treadmill, sensors, plates, static)
 
+    # the moving empty treadmill alone tells who is on a plate in the others
     trials, weight, provenance = [(source, samples)], 1.0, {"recording": source}
     static = fitted(trials, weight)
     refuse_unusable(static)
@@ -330,6 +335,7 @@ def plates_timed_apart(
     notes = []
     for plate, late in zip(recording.plates[1:], others, strict=True):
         apart_s = late.seconds - first.seconds
+        # each estimate has its error of noise, and one of the model
         errors_s = late.standard_error, first.standard_error, MODEL_ERROR_S, MODEL_ERROR_S
         interval_s = QUANTILE_95 * float(np.linalg.norm(errors_s))
         if abs(apart_s) > max(interval_s, LIMITS.least_apart):
@@ -342,14 +348,16 @@ def _joint_correlation(
     recording: Recording, samples: Samples, models: Mapping[str, InertiaModel], rate_hz: float
 ) -> Array | None:
     """Give the correlation of what is left of all plates; None where their clocks differ."""
-    left = [
+    # by the static channels, which come first
+    rest = [
         models[name].compensate(felt[:, : len(models[name].gain) - 1], wrench)
         for name, (felt, wrench) in samples.items()
     ]
+    # residuals go together only where they are sampled together
     clocks = {plate.time.tobytes() for plate in recording.plates}
-    if len(clocks) > 1 or len({*map(len, left)}) > 1:
+    if len(clocks) > 1 or len({*map(len, rest)}) > 1:
         return None
-    both = np.hstack(left)
+    both = np.hstack(rest)
     return residual_correlation(both - both.mean(axis=0), rate_hz)
 
 
@@ -362,6 +370,7 @@ def _sensors(
     filtered, stated_s = setup.low_pass(readings, clock), sensor_delays_s(treadmill, ())
     (felt,) = at_plate_times(clock, filtered, filtered, [first], stated_s)
     wrenches = wrenches_in_time(recording, setup, correction)
+    # delays are fitted to all plates that are sampled at the same times
     same_clock = [
         wrench
         for plate, wrench in zip(recording.plates, wrenches, strict=True)

@@ -63,13 +63,14 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
     for platform in [stated] if stated else [by_markers, find_commands(recording)]:
         try:
             pose, _ = platform_pose(recording, platform, recording.markers.time)
-        except ValueError:  # also where there is nothing by which it would be known
+        except ValueError:  # also where there is nothing by which it would be is_known
             if stated:
                 raise
             continue
-        known = pose is not None and np.isfinite(pose.position).all(axis=1)
-        if pose is not None and np.mean(known) > LIMITS.least_known:
-            moved = np.ptp(np.hstack([pose.rotation[known, 2], pose.position[known]]), axis=0)
+        is_known = pose is not None and np.isfinite(pose.position).all(axis=1)
+        if pose is not None and np.mean(is_known) > LIMITS.least_known:
+            # vertical axis and place: of a platform that moves they change
+            moved = np.ptp(np.hstack([pose.rotation[is_known, 2], pose.position[is_known]]), axis=0)
             if moved.max() > LIMITS.least_motion:
                 return pose
     return None
@@ -77,6 +78,7 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
 
 def turned_rad(pose: PlatformPose) -> Array:
     """Give by how much the platform is turned from neutral, (T,) [rad]."""
+    # cos of the angle = (trace − 1) / 2
     trace = np.trace(pose.rotation, axis1=1, axis2=2)
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
@@ -94,9 +96,10 @@ def uncompensated_motion(recording: Recording, body_markers: Sequence[str]) -> t
     pose = empty_pose(replace(recording, markers=on_platform))
     if pose is None:
         return ()
-    known = np.isfinite(pose.position).all(axis=1)
-    turned_deg = float(np.degrees(turned_rad(pose)[known]).max())
-    moved_m = float(np.ptp(pose.position[known], axis=0).max())
+    is_known = np.isfinite(pose.position).all(axis=1)
+    # largest turn, and largest shift along an axis
+    turned_deg = float(np.degrees(turned_rad(pose)[is_known]).max())
+    moved_m = float(np.ptp(pose.position[is_known], axis=0).max())
     if moved_m < LIMITS.least_sway and turned_deg < LIMITS.least_pitch:
         return ()
     return (Note.of("platform_moves", moved_m=moved_m, turned_deg=turned_deg),)
@@ -108,6 +111,7 @@ def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPo
     Before and after the markers it is the nearest known one, for 0.5 s at most; a ValueError where
     it has a gap or is unknown for longer.
     """
+    # splines through places and rotation vectors, then the nearest known pose at both ends
     between = compensation.interpolate_pose(pose, recording.markers.time, time)
     values = np.hstack([between.rotation.reshape(-1, 9), between.position])
     with naming(recording.source):
@@ -128,6 +132,7 @@ def in_lab(
     wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
 ) -> list[Array]:
     """Bring wrenches in plate axes to the lab, by the plates' neutral places and the pose."""
+    # from the plate to the lab in neutral, then with the platform
     neutral = [
         transform_wrench(wrench, plate.rotation, plate.center)
         for wrench, plate in zip(wrenches, plates, strict=True)
@@ -140,11 +145,12 @@ def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
 
     About the centre of its surface there, (4, 3) [m].
     """
-    known = np.isfinite(pose.position).all(axis=1)
-    if not known.any():
+    is_known = np.isfinite(pose.position).all(axis=1)
+    if not is_known.any():
         raise ValueError("the platform's pose is unknown in all frames")
-    rotation = fit_rotation(pose.rotation[known].mean(axis=0))
-    moved = plate.corners @ rotation.T + pose.position[known].mean(axis=0)
+    # the mean of rotation matrices is none: the nearest one
+    rotation = fit_rotation(pose.rotation[is_known].mean(axis=0))
+    moved = plate.corners @ rotation.T + pose.position[is_known].mean(axis=0)
     return np.asarray((moved - plate.center) @ plate.rotation)
 
 
@@ -168,11 +174,12 @@ def _pose_from_markers(
             f"{recording.source.name}: platform markers {', '.join(missing)} are not in the "
             f"file; markers there: {', '.join(names)}"
         )
+    # frames without any marker were lost on the way, not hidden
     received, time = _received(recording), recording.markers.time
     position = recording.markers.position[:, [names.index(name) for name in markers]]
     first = position[received][: LIMITS.neutral_frames]
-    seen = np.isfinite(first.sum(axis=2))
-    hidden = [name for k, name in enumerate(markers) if not seen[:, k].any()]
+    is_visible = np.isfinite(first.sum(axis=2))
+    hidden = [name for k, name in enumerate(markers) if not is_visible[:, k].any()]
     if hidden:
         raise ValueError(
             f"platform markers {', '.join(hidden)} are not seen in the first "
@@ -183,6 +190,7 @@ def _pose_from_markers(
     )
     lost = ~received & without_short_gaps(received, time, LIMITS.longest_loss)
     if lost.any():
+        # a short loss is bridged, since the platform moves evenly
         there = PlatformPose(fit.pose.rotation[received], fit.pose.position[received])
         between = compensation.interpolate_pose(there, time[received], time[lost])
         rotation, place = fit.pose.rotation.copy(), fit.pose.position.copy()
@@ -206,12 +214,13 @@ def _commanded_pose(
         clock, values = read_channel(recording, channel, unit_in_si)
         return at_markers(clock, values, time + platform.delay_s)
 
+    # a command is later or earlier than the motion by a stated delay
     sway = command(platform.sway_channel, length_in_m)
     pitch = command(platform.pitch_channel, angle_in_rad)
-    known = np.isfinite(sway) & np.isfinite(pitch)
-    pose = compensation.commanded_pose(sway[known], pitch[known], platform.pivot_m)
+    is_known = np.isfinite(sway) & np.isfinite(pitch)
+    pose = compensation.commanded_pose(sway[is_known], pitch[is_known], platform.pivot_m)
     rotation, position = np.full((len(time), 3, 3), np.nan), np.full((len(time), 3), np.nan)
-    rotation[known], position[known] = pose.rotation, pose.position
+    rotation[is_known], position[is_known] = pose.rotation, pose.position
     pivot = ", ".join(f"{value:g}" for value in platform.pivot_m)
     source = f"as commanded by {', '.join(platform.channels)}, pivot at ({pivot}) m"
     return PlatformPose(rotation, position), (Note.of("platform_pose", source=source),)
@@ -223,9 +232,10 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
     From the pose at the markers' frames and what its accelerometers felt then, timed as the plates,
     (T, k) [m/s²]. None where the motion does not show it to 4 ms.
     """
-    known = np.asarray(np.isfinite(np.hstack([felt, pose.position])).all(axis=1))
-    inside = np.flatnonzero(known)
-    if not len(inside) or not known[inside[0] : inside[-1] + 1].all():
+    # the motion must be known without a gap from its first to its last frame
+    is_known = np.asarray(np.isfinite(np.hstack([felt, pose.position])).all(axis=1))
+    inside = np.flatnonzero(is_known)
+    if not len(inside) or not is_known[inside[0] : inside[-1] + 1].all():
         return None
     part = slice(inside[0], inside[-1] + 1)
     there = PlatformPose(pose.rotation[part], pose.position[part])
@@ -236,6 +246,7 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
         return None
     if not late.standard_error < LIMITS.largest_delay_error:
         return None
+    # it is the plates' lateness against the markers, the other way round
     return Delay(-late.seconds, late.standard_error)
 
 
@@ -264,8 +275,8 @@ def command_delay(recording: Recording, markers: tuple[str, ...], commands: Plat
     """
     pose, _ = _pose_from_markers(recording, markers)
     commanded, _ = _commanded_pose(recording, commands, recording.markers.time, resample)
-    known = np.isfinite(np.hstack([pose.position, commanded.position])).all(axis=1)
-    parts = stretches(np.asarray(known))
+    is_known = np.isfinite(np.hstack([pose.position, commanded.position])).all(axis=1)
+    parts = stretches(np.asarray(is_known))
     if not len(parts):
         raise ValueError(f"the platform markers {', '.join(markers)} are never seen together")
     part = slice(*max(parts, key=np.ptp))
