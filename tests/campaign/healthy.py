@@ -85,8 +85,8 @@ def report(walks: Iterable[Base]) -> str:
         f"{np.nanmin(delays_ms):.0f} to {np.nanmax(delays_ms):.0f} ms late; {len(distances)} "
         f"plates: pressure {min(distances):.3f} to {max(distances):.3f} m from the feet, distances "
         f"from the centre {min(ratios):.2f} to {max(ratios):.2f} times those of the pressure, "
-        f"range of load {min(ranges):.0f} median changes and more; channels show {min(shown):.1f} times "
-        "their noise and more"
+        f"range of load {min(ranges):.0f} median changes and more; channels show {min(shown):.1f} "
+        "times their noise and more"
     )
 
 
