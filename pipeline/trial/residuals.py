@@ -330,8 +330,8 @@ def unseen_sentence(result: TrialResult, rows: Iterable[Any]) -> str:
     """Say what is expected of the residuals closest to the truth, in a trial's `residual_table`."""
     compensated = result.compensated is not None
     best = [row for row in rows if row.headline and row.compensated == compensated]
-    share = mass_share(result.body, unseen_segments(result.body, result.motion))
-    return expectation(best, f"{100 * share:.0f} % of the body's mass has no markers")
+    fraction = mass_share(result.body, unseen_segments(result.body, result.motion))
+    return expectation(best, f"{100 * fraction:.0f} % of the body's mass has no markers")
 
 
 def expectation(

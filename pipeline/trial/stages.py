@@ -149,17 +149,17 @@ def frame_quality(
     """Give the flags of every frame, (T,), with the time that filters need to settle [s]."""
     motion = pose.motion
     # a leg that no marker shows keeps its last pose, and jumps when it is seen again
-    known, held = known_frames(body, motion), ~shown_frames(body, pose.solved)
+    is_known, held = known_frames(body, motion), ~shown_frames(body, pose.solved)
     held &= motion.converged
     computed = [np.isfinite(one.residual).all(axis=1) for one in loads.dynamics.values()]
-    computed = np.all([known, ground.known, *computed], axis=0)
+    computed = np.all([is_known, ground.known, *computed], axis=0)
     # gaps that are shorter than this are bridged, and the filters go on over them
     longest_s = longest_gap_s(settings.cutoff_hz)
     gapless = without_short_gaps(computed, motion.time, longest_s) & ~held
     lost = ~motion.converged & without_short_gaps(motion.converged, motion.time, longest_s)
     return flagged(
         {
-            Quality.POSE_UNKNOWN: ~known & ~lost,
+            Quality.POSE_UNKNOWN: ~is_known & ~lost,
             Quality.LIMB_UNSEEN: held,
             Quality.FORCES_UNKNOWN: ~ground.known,
             Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, unloaded, settings),

@@ -426,16 +426,11 @@ def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:
     distance_m = {}
     for side in ("right", "left"):
         # in the frame of the pelvis, from the middle of its markers
-        hips = [
-            body_of_rule.offsets[f"{side}_thigh"] - _pelvis(body_of_rule)
-            for body_of_rule in (body, by_regression)
-        ]
+        hips = [one.offsets[f"{side}_thigh"] - _pelvis(one) for one in (body, by_regression)]
         distance_m[side] = float(np.linalg.norm(hips[0] - hips[1]))
     largest_m = max(distance_m.values())
     if largest_m > LIMITS.largest_hip_distance:
-        off = ", ".join(
-            f"{side} {1000 * body_of_rule:.0f} mm" for side, body_of_rule in distance_m.items()
-        )
+        off = ", ".join(f"{side} {1000 * far_m:.0f} mm" for side, far_m in distance_m.items())
         raise ValueError(
             f"{file}: the functional hips are {off} from Harrington's regression, more than"
             " pelvises differ: swing both thighs forward, back and sideways by 30° and more"

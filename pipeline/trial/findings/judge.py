@@ -438,12 +438,12 @@ class _Comparison:
         for group in alike.values():
             # only where the mass is the fault may it be far off
             mass_sd = [
-                self.view.mass_sd if each.plates else LIMITS.wrong_mass_spread for each in group
+                self.view.mass_sd if fault.plates else LIMITS.wrong_mass_spread for fault in group
             ]
             size, covariance, score, spread = self._least(group, mass_sd)
             # twice the logarithm of the odds: fit, less freedom to fit, less rarity
             fall = self._unlikely(self.score) - self._unlikely(score)
-            gained = fall - (spread - self.spread) - [LIMITS.rarity[each.kind] for each in group]
+            gained = fall - (spread - self.spread) - [LIMITS.rarity[fault.kind] for fault in group]
             fitted |= zip(group, map(Fitted, group, size, covariance, gained.tolist()), strict=True)
         return [fitted[hypothesis] for hypothesis in hypotheses]
 
@@ -479,7 +479,7 @@ class _Comparison:
         Of H faults with as many sizes, S: (H, S), (H, S, S), (H,) and (H,).
         """
         # prior of body mass and sizes; a size starts from none
-        sd = np.array([[mass, *each.sd] for mass, each in zip(mass_sd, alike, strict=True)])
+        sd = np.array([[mass, *fault.sd] for mass, fault in zip(mass_sd, alike, strict=True)])
         x, small = np.zeros(sd.shape), 1e-3 * sd[:, 1:]
         # a fault as it is, and larger along each of its sizes
         larger = np.eye(small.shape[1] + 1)[:, 1:] * small[:, None]

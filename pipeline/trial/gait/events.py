@@ -519,10 +519,10 @@ def _compare_sides(
     same, crossed = (
         [
             kind
-            for kind in compare_events(events, named, LIMITS.compared_difference)
+            for kind in compare_events(events, others, LIMITS.compared_difference)
             if kind.comparable
         ]
-        for named in (reference, _of_other_side(reference))
+        for others in (reference, _of_other_side(reference))
     )
     # exchanged where they coincide crossed, and all are far as named
     coincide = any(abs(kind.mean_ms) < LIMITS.agreement for kind in crossed)
