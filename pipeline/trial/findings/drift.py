@@ -253,7 +253,7 @@ class Zero:
     def of(cls, plate: Plate, phases: Sequence[tuple[float, float]]) -> "Zero | None":
         """Give that of a plate; None where no phase shows it."""
         time, wrench, up = plate.time, plate.wrench_in_plate, plate.rotation[2]
-        # in real time a phase is known at its end
+        # the end of a phase: in real time it is not known before
         of_phases = ((stop, reading(time, wrench, up, start, stop)) for start, stop in phases)
         read = [(stop, values) for stop, values in of_phases if values is not None]
         if not read:

@@ -345,7 +345,7 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
         yield from (Hypothesis("turned", (k,), degrees) for degrees in ("90", "180", "270"))
         yield Hypothesis("moved", (k,))
         yield Hypothesis("askew", (k,))
-        # one plate that is late is all plates that are late where there is one
+        # a single plate that is late is the same as all plates that are late
         if len(judged) > 1:
             yield Hypothesis("late", (k,))
     yield from (Hypothesis("exchanged", pair) for pair in combinations(judged, 2))
