@@ -33,7 +33,7 @@ def statements(chain: Chain) -> str:
     """All that a trial says; its inverse kinematics is solved once."""
     try:
         result = result_of(chain.changed(solved=chain.solved, body=chain.body))
-    except (LookupError, ValueError) as error:
+    except (ArithmeticError, LookupError, ValueError) as error:
         return str(error)
     joints = joint_rows(result, "", joint_curves(result))
     told = *map(str, result.notes), result.findings, result.events, result.shortage
