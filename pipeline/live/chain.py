@@ -22,7 +22,8 @@ from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
 from pipeline.live.ground import AnalogStreams, LiveGround, Pose
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.checks import MAX_UNSEEN_PELVIS_S, OF_LEGS
+from pipeline.trial.checks import LIMITS as CHECKS
+from pipeline.trial.checks import OF_LEGS
 from pipeline.trial.findings.drift import EmptyPlates
 from pipeline.trial.gait.carried import PLACES, Feet, Support
 from pipeline.trial.gait.contact import FEET, by_foot, pressure_beside
@@ -296,7 +297,7 @@ class LiveChain:
             found |= Quality.LIMB_UNSEEN
         if pelvis:
             self.pelvis_seen_s = time
-        elif time - self.pelvis_seen_s >= MAX_UNSEEN_PELVIS_S:
+        elif time - self.pelvis_seen_s >= CHECKS.longest_unseen_pelvis:
             found |= Quality.POSE_UNKNOWN
         return found
 

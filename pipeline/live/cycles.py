@@ -10,9 +10,11 @@ import numpy as np
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import Unit
 from pipeline.live.chain import LiveFrame
-from pipeline.trial.gait.contact import MIN_STANCE_S
-from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION, shortage
-from pipeline.trial.gait.events import MIN_STRIDE_S, SIDES
+from pipeline.trial.gait.contact import LIMITS as CONTACT
+from pipeline.trial.gait.cycles import LIMITS as CYCLES
+from pipeline.trial.gait.cycles import shortage
+from pipeline.trial.gait.events import LIMITS as EVENTS
+from pipeline.trial.gait.events import SIDES
 from pipeline.trial.quality import DOES_NOT_COUNT, Quality, free_of
 
 MAX_CYCLE_S: Final = 2.5
@@ -80,7 +82,7 @@ class _Foot:
         """Give when the foot changed between ground and air, once that is sure."""
         same = self.loaded is None or loaded == self.loaded
         at = self.changed_s = np.inf if same else min(self.changed_s, time)
-        if same or time - at >= MIN_STANCE_S:
+        if same or time - at >= CONTACT.shortest_stance:
             self.loaded, self.changed_s = loaded, np.inf
             return None if same else at
         return None
@@ -90,7 +92,7 @@ class _Foot:
 class GaitTracker:
     """Finds gait cycles and steps frame by frame.
 
-    A contact and its loss count once they last 0.1 s, as in trials (``MIN_STANCE_S``), and are
+    A contact and its loss count once they last 0.1 s, as in trials, and are
     known that much later. A stride takes 0.4 to 2.5 s and 0.6 to 1.5 of the median of the last ten;
     it is a gait cycle if the other foot has struck once in it, if that foot strikes at all. A step,
     from one foot's strike to the other's, takes half as long.
@@ -122,7 +124,7 @@ class GaitTracker:
     def add(self, frame: LiveFrame) -> list[LiveCycle]:
         """Take a frame and give the strides and steps that it ends."""
         self._frames.append(frame)
-        while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * MIN_STANCE_S:
+        while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * CONTACT.shortest_stance:
             self._frames.popleft()
         ended = []
         for side, other_side, foot, other, loaded in zip(
@@ -145,11 +147,11 @@ class GaitTracker:
         duration, past = stop_s - start_s, self._durations[unit]
         usual = float(np.median(past)) if past else duration
         part = 1.0 if unit == "cycle" else 0.5
-        if not part * MIN_STRIDE_S <= duration <= part * MAX_CYCLE_S:
+        if not part * EVENTS.shortest_stride <= duration <= part * MAX_CYCLE_S:
             return False
         past.append(duration)
         kept = self._frames[0].time <= start_s  # not so after a gap in the stream
-        return kept and MIN_DURATION <= duration / usual <= MAX_DURATION
+        return kept and CYCLES.shortest_duration <= duration / usual <= CYCLES.longest_duration
 
     def _cycle(
         self, unit: Unit, side: str, start_s: float, stop_s: float, whole: bool

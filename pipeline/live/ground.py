@@ -19,7 +19,8 @@ from pipeline.io import units
 from pipeline.io.recording import Plate
 from pipeline.io.streams import over_short_losses
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.findings.drift import LAST_PHASES, latest, reading
+from pipeline.trial.findings.drift import LIMITS as DRIFT
+from pipeline.trial.findings.drift import latest, reading
 from pipeline.trial.ground.accelerometers import FILTER, RealtimeAccelerometers, sensor_delays_s
 from pipeline.trial.ground.belts import RealtimeBelts, belt_side
 from pipeline.trial.ground.laboratory import (
@@ -28,7 +29,7 @@ from pipeline.trial.ground.laboratory import (
     plate_delays_s,
     relative_delays_s,
 )
-from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
+from pipeline.trial.ground.platform import LIMITS as PLATFORM
 
 
 class SampleBuffer:
@@ -174,7 +175,7 @@ class MarkedPlatform:
         if not len(self.neutral):
             if np.isfinite(position).any():
                 self.first.append(seen)
-            if len(self.first) == NEUTRAL_FRAMES:
+            if len(self.first) == PLATFORM.neutral_frames:
                 self._find_neutral()
             return UNKNOWN
         if (np.abs(seen) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
@@ -183,11 +184,11 @@ class MarkedPlatform:
             u, _, vt, _ = dgesdd(around.T @ self.around_then)  # as `fit_rotation`
             rotation = u @ vt
             error = self.around_then @ rotation.T - around
-            fits = np.vecdot(error, error).max() <= MAX_MARKER_ERROR_M**2
+            fits = np.vecdot(error, error).max() <= PLATFORM.largest_marker_error**2
             if fits and np.linalg.det(rotation) > 0:
                 return rotation, center - rotation @ self.center_then
         try:
-            pose = fit_pose(seen[None], self.neutral, MAX_MARKER_ERROR_M).pose
+            pose = fit_pose(seen[None], self.neutral, PLATFORM.largest_marker_error).pose
         except ValueError:
             return UNKNOWN
         return pose.rotation[0], pose.position[0]
@@ -195,7 +196,8 @@ class MarkedPlatform:
     def _find_neutral(self) -> None:
         try:
             neutral = neutral_markers(np.array(self.first))
-            fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
+            # refuses markers in a line
+            fit_pose(neutral[None], neutral, PLATFORM.largest_marker_error)
             self.neutral, self.center_then = neutral, neutral.mean(axis=0)
             self.around_then = neutral - self.center_then
         except ValueError:
@@ -270,7 +272,7 @@ class LiveGround:
         corrections = zip(*(_correction(plate, laboratory) for plate in plates), strict=True)
         self.to_lab, self.offsets = (np.array(of_plates) @ to_lab for of_plates in corrections)
         self.upward = [plate.rotation[2] for plate in plates]
-        self.at_rest = [deque[Array](maxlen=LAST_PHASES) for _ in plates]
+        self.at_rest = [deque[Array](maxlen=DRIFT.followed_phases) for _ in plates]
         ahead_s = [0.0, *(delay_s + how.reach_s for _, how, delay_s in self.resampled)]
 
         self.sensors: InertiaModel | None = None

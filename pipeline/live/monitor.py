@@ -22,17 +22,17 @@ from pipeline.live.cycles import RECENT, ConditionSoFar, GaitTracker, LiveCycle
 from pipeline.live.ground import Channels
 from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Key, Kind, light
 from pipeline.live.stream import Samples, StreamDescription
-from pipeline.trial.findings.raw import LEAST_LIMIT
-from pipeline.trial.findings.zeros import MAX_REST_N, rest_level
+from pipeline.trial.findings.raw import LIMITS as RAW
+from pipeline.trial.findings.zeros import LIMITS as ZEROS
+from pipeline.trial.findings.zeros import rest_level
 from pipeline.trial.quality import Quality, free_of
 from pipeline.trial.residuals import (
     AXES,
     HEALTHY_RMS,
-    MAX_FORCE_SHARE,
-    MAX_MOMENT_SHARE,
     height_of_mass,
     reported,
 )
+from pipeline.trial.residuals import LIMITS as RESIDUALS
 from pipeline.trial.subject import differing_masses
 from pipeline.viewer.live import Board
 
@@ -222,10 +222,10 @@ def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = Fal
     def judge(time: Array, wrench: Array) -> Iterator[Finding]:
         vertical_n, weight_n = up * wrench[:, 2], mass_kg * GRAVITY_MPS2
         rest_n = None if moves else rest_level(vertical_n, time, weight_n)
-        if rest_n is not None and abs(rest_n) > MAX_REST_N:
+        if rest_n is not None and abs(rest_n) > ZEROS.largest_reading:
             yield Finding(Kind.PLATE_NOT_ZERO, plate, {"rest_n": rest_n})
         step_s = float(np.median(np.diff(time)))
-        for name, channel, least in zip(WRENCH_COMPONENTS, wrench.T, LEAST_LIMIT, strict=True):
+        for name, channel, least in zip(WRENCH_COMPONENTS, wrench.T, RAW.least_clip, strict=True):
             for level, _ in find_limits(channel, step_s):
                 if abs(level) >= least:
                     values = {"component": name, "value": level}
@@ -454,10 +454,10 @@ class Monitor:
         of mass times that force (Hicks et al. 2015, J Biomech Eng 137:020905).
         """
         for variant, (force_n, moment_nm, ground_n) in self.condition.peaks.items():
-            max_moment_nm = MAX_MOMENT_SHARE * self.height_m * ground_n
+            max_moment_nm = RESIDUALS.largest_moment * self.height_m * ground_n
             yield (
                 f"residuals {variant}: RMS {_in_words(self.condition.rms[variant])}; peaks "
-                f"{force_n:.0f} N (published limit {MAX_FORCE_SHARE * ground_n:.0f} N), "
+                f"{force_n:.0f} N (published limit {RESIDUALS.largest_force * ground_n:.0f} N), "
                 f"{moment_nm:.0f} N·m ({max_moment_nm:.0f} N·m)"
             )
 

@@ -29,7 +29,8 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import LEVEL
 from pipeline.trial.inputs import Inputs
 from pipeline.trial.study_files import read_body_files, read_study_laboratory
-from pipeline.trial.subject import MAX_STILL_EXTENT_M, MIN_MASS_KG, median_extent
+from pipeline.trial.subject import LIMITS as SUBJECT
+from pipeline.trial.subject import median_extent
 
 MAX_DISTANCE_M: Final = 0.003
 """Between the centres of one plate: 3 mm change moments by 2 N·m under a body of 75 kg."""
@@ -157,10 +158,10 @@ class PoseFinder:
         if not seen.any():
             raise ValueError("no marker is seen all the time")
         extent_m = median_extent(position[:, seen])
-        if extent_m > MAX_STILL_EXTENT_M:
+        if extent_m > SUBJECT.still_extent:
             raise ValueError(
                 f"the markers moved by {1000 * extent_m:.0f} mm within {POSE_S:g} s, at most "
-                f"{1000 * MAX_STILL_EXTENT_M:.0f} mm are standing still"
+                f"{1000 * SUBJECT.still_extent:.0f} mm are standing still"
             )
         standing = []
         for plate, channels in self._plates:
@@ -169,7 +170,7 @@ class PoseFinder:
                 raise ValueError(f"plate {plate.number} has sent nothing")
             standing.append(replace(plate, time=at - start_s, wrench_in_plate=wrench))
         carried_n = sum(float(np.mean(plate.wrench[:, 2])) for plate in standing)
-        if not carried_n >= MIN_MASS_KG * GRAVITY_MPS2:
+        if not carried_n >= SUBJECT.least_mass * GRAVITY_MPS2:
             raise ValueError(f"the plates carry {carried_n:.0f} N, which is nobody")
         markers = Markers(time - start_s, names, position)
         return Recording(Path("calibration pose"), markers, tuple(standing))

@@ -20,7 +20,7 @@ from pipeline.run.load import Results
 from pipeline.statistics.comparison import MIXED_MODEL
 from pipeline.statistics.design import Design
 from pipeline.statistics.verdict import judged_conditions, within_margin
-from pipeline.trial.gait.cycles import MIN_PLATFORM_SPEED_MPS
+from pipeline.trial.gait.cycles import LIMITS as CYCLES
 from pipeline.trial.quality import settling_s
 from pipeline.trial.result import TrialResult
 
@@ -175,7 +175,7 @@ def _parts(trials: Sequence[TrialResult]) -> list[tuple[str, str, str]]:
     for condition, name in {t.condition: t.part.name for t in trials if t.part}.items():
         part = described(name)
         if name == "motion":
-            part += f" (above {MIN_PLATFORM_SPEED_MPS:g} m/s, by its pose; not its slow return)"
+            part += f" (above {CYCLES.platform_speed:g} m/s, by its pose; not its slow return)"
         mean = mean_part(t for t in trials if t.condition == condition)
         rows.append((condition, part, f"{mean[0]:.0f} to {mean[1]:.0f}" if mean else ""))
     return rows

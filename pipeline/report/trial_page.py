@@ -29,7 +29,7 @@ from pipeline.report.trial_tables import (
 from pipeline.report.trials import causes
 from pipeline.run.program import program_digest
 from pipeline.trial.findings.finding import Finding
-from pipeline.trial.findings.judge import LIMIT
+from pipeline.trial.findings.judge import LIMITS as JUDGE
 from pipeline.trial.findings.words import note_of, row_of
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import joint_curves
@@ -196,8 +196,8 @@ def findings_table(result: TrialResult) -> Table | None:
         rows,
         "findings",
         "Evidence: raw samples, or twice the logarithm of the odds, by motion and feet, against no "
-        f"fault; from {LIMIT:g} on it is named. Correction: RMS residual before → after, in all "
-        "frames and in those that the size was not fitted to.",
+        f"fault; from {JUDGE.least_evidence:g} on it is named. Correction: RMS residual before → "
+        "after, in all frames and in those that the size was not fitted to.",
     )
 
 

@@ -13,9 +13,8 @@ from pipeline.config.schema import NOUNS, TrialName
 from pipeline.io.write import read_csv
 from pipeline.report.blocks import Check, Interval, Table, Text
 from pipeline.trial.quality import frames_within
+from pipeline.trial.residuals import LIMITS as RESIDUALS
 from pipeline.trial.residuals import (
-    MAX_FORCE_SHARE,
-    MAX_MOMENT_SHARE,
     marker_rows,
     threshold_rows,
 )
@@ -34,8 +33,8 @@ QUALITY: Final = read_numbers("pipeline.report", "thresholds.toml", "quality")
 NOT_KNOWN: Final[Check] = ("none", "–", "")
 """What no trial has is not shown."""
 LIMITS: Final = {
-    "force_percent": f"{100 * MAX_FORCE_SHARE:g}",
-    "moment_percent": f"{100 * MAX_MOMENT_SHARE:g}",
+    "force_percent": f"{100 * RESIDUALS.largest_force:g}",
+    "moment_percent": f"{100 * RESIDUALS.largest_moment:g}",
     "marker_rms_mm": f"{QUALITY.marker_error:g}",
     "marker_peak_mm": f"{QUALITY.marker_peak:g}",
     "gap_percent": f"{QUALITY.marker_gaps:g}",

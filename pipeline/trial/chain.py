@@ -110,10 +110,6 @@ DEPENDS_ON: Final[Mapping[str, str]] = {
 """Stage -> the stages, inputs (some with a field), and settings that it is computed from."""
 
 
-COMPARED: Final = ("condition", "contacts", "marker_set", "segments", "subject")
-"""Inputs that are compared by what they state; others are the same if they were read once."""
-
-
 class Solved(NamedTuple):
     """What inverse kinematics found: the markers that it used, the motion, and what it left out."""
 
@@ -174,15 +170,18 @@ class Chain:
 
         A stage that is given stays as it is, whatever it depended on.
         """
+        # what is given is a stage, the settings, or an input
         stages = {name: value for name, value in changes.items() if name in DEPENDS_ON}
         others = {name: changes[name] for name in changes.keys() - stages.keys() - {"settings"}}
         settings = changes.get("settings", self.settings)
         other = type(self)(replace(self.inputs, **others), settings, jobs=self.jobs)
+        # stages, inputs and settings that differ from those of this chain
         altered = {name for name in stages if stages[name] is not self.__dict__.get(name)}
         altered |= {*_differing(self.inputs, other.inputs)}
         before = dict(self.settings)
         altered |= {f"settings.{name}" for name, value in settings if value != before[name]}
         other._given = self._given.union(stages)
+        # a stage that was computed is kept where nothing that it depends on is altered
         for name in DEPENDS_ON.keys() & self.__dict__.keys():
             if name in self._given or altered.isdisjoint(_all_of(name, other._given)):
                 other.__dict__[name] = self.__dict__[name]
@@ -192,11 +191,13 @@ class Chain:
     def mended(self, mendings: Sequence[str]) -> Self:
         """Give the chain with mended plates, in the trial and where the subject was weighed."""
         recording, static = self.inputs.recording, self.inputs.static
+        # a calibration pose on the same plates has the same faults
         numbers = {plate.number for plate in recording.plates}
         recording = _mended(recording, mendings)
         if static is not None and numbers <= {plate.number for plate in static.plates}:
             static = _mended(static, mendings)
         mended = self.changed(recording=recording, static=static)
+        # the body does not depend on plates but for the mass that they weigh
         if mended.mass.mass_kg != self.mass.mass_kg:
             return mended
         return self.changed(recording=recording, static=static, body=self.body)
@@ -239,6 +240,7 @@ class Chain:
         try:
             return body_mass(self.inputs.subject, self.standing, self.trial)
         except MassUnknownError as unknown:
+            # a body of about the right mass finds the steps; these weigh it
             roughly = BodyMass.rough(roughly_weighed(self.trial, unknown))
             marker_set = self.settings.marker_set
             rough = self.changed(mass=roughly, settings=Settings(marker_set=marker_set))
@@ -371,6 +373,7 @@ class Chain:
     @property
     def lost_load(self) -> bool:
         """Whether plates that carry somebody lost a part of the load; not those without signal."""
+        # a plate of which all six channels are dead carries nobody
         channels = Counter(f.plate for f in self.raw_faults if f.kind == "dead")
         return any(f.kind != "dead" or channels[f.plate] < 6 for f in self.raw_faults)
 
@@ -387,7 +390,7 @@ class Chain:
     @cached_property
     def carried_kg(self) -> float | None:
         """Body mass by steps; None where plates carry none, or do not measure it."""
-        misweigh = any(each.hypothesis.misweighs for each in self.judged)
+        misweigh = any(fitted.hypothesis.misweighs for fitted in self.judged)
         return None if misweigh or self.lost_load else weight_of_steps(self.evidence)
 
     # Which part of it counts
@@ -402,14 +405,16 @@ class Chain:
         motion = foot_motion(self.loads.places, self.ground.pose)
         swings: Swings = foot_swings(trial.markers, body.marker_set)
         carried = float(np.mean(free_of(self.quality, NO_SUPPORT)))
-        wanted = self.settings.events
-        method, doubts = choose_method(trial.events, swings, wanted, of_plates, carried)
+        stated = self.settings.events
+        method, doubts = choose_method(trial.events, swings, stated, of_plates, carried)
         sources = trial.events, of_plates, motion, pose.markers, body.marker_set
-        found = detect_events(*sources, method)
-        origin: EventOrigin = "motion" if {*found.events}.isdisjoint(of_plates) else "calibrated"
+        detected = detect_events(*sources, method)
+        origin: EventOrigin = "motion" if {*detected.events}.isdisjoint(of_plates) else "calibrated"
         if method != "auto":
             origin = method
-        return Gait(found, origin if found.events else "", swings.feet, (*doubts, found.note))
+        return Gait(
+            detected, origin if detected.events else "", swings.feet, (*doubts, detected.note)
+        )
 
     @cached_property
     def window(self) -> Counted:
@@ -543,8 +548,8 @@ class Chain:
             lab=self.lab,
             platform=platform,
             wrenches=tuple(wrench[frames] for wrench in self.wrenches),
-            accelerations=tuple(each[frames] for each in self.accelerations),
-            belts=tuple(each[frames] for each in self.belts),
+            accelerations=tuple(of_plate[frames] for of_plate in self.accelerations),
+            belts=tuple(of_plate[frames] for of_plate in self.belts),
         )
         return part.changed(solved=part.solved, markers=part.markers, q=part.q)
 
@@ -554,6 +559,7 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
 
     Lab axes about the pelvis origin.
     """
+    # wrench about the lab's origin, then about the pelvis, where residuals are
     needed = kernels().newton_euler(*motion, body.geometry, body.inertia_vector, asked={1})[1]
     return shift_wrench(needed, motion.value[:, :3])
 
@@ -571,15 +577,18 @@ def _mended(recording: Recording, mendings: Sequence[str]) -> Recording:
 def _all_of(stage: str, given: frozenset[str]) -> set[str]:
     """Give all that a stage is computed from, through other stages but for those that are given."""
     direct = DEPENDS_ON[stage].split()
+    # a stage that is given stands for all that it was computed from
     through = (name for name in direct if name in DEPENDS_ON and name not in given)
     return {*direct}.union(*(_all_of(name, given) for name in through))
 
 
 def _differing(one: Inputs, other: Inputs) -> Iterator[str]:
     """Name the inputs that differ, and those fields of recordings and laboratory that do."""
+    # these are compared by what they state; others are the same if they were read once
+    stated = "condition", "contacts", "marker_set", "segments", "subject"
     for name in (field.name for field in fields(one)):
         before, now = getattr(one, name), getattr(other, name)
-        if before is now or (name in COMPARED and before == now):
+        if before is now or (name in stated and before == now):
             continue
         yield name
         parts = {leaf for names in DEPENDS_ON.values() for leaf in names.split()}

@@ -10,6 +10,7 @@ from hbm.coordinates import LIMBS, TREE
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.plausibility.labels import (
     changed_distances,
     labels_exchanged,
@@ -22,17 +23,14 @@ from hbm.signals.samples import stretches
 from hbm.spatial import Mask
 from pipeline.io.recording import Recording
 
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "checks")
+
 LENGTHS: Final = {
-    "pelvis width": ((("LASIS", "RASIS"),), 0.010),
-    "shank length": ((("LLEK", "LLM"), ("RLEK", "RLM")), 0.015),
-    "foot length": ((("LHEE", "LMT2"), ("RHEE", "RMT2")), 0.010),
+    "pelvis width": (("LASIS", "RASIS"),),
+    "shank length": (("LLEK", "LLM"), ("RLEK", "RLM")),
+    "foot length": (("LHEE", "LMT2"), ("RHEE", "RMT2")),
 }
-"""Name -> landmarks at its ends on each side, and by how much skin that moves changes it [m]: more
-than in any of our recordings of a person (4, 9 and 8 mm)."""
-OTHER_MASS: Final = 0.08
-"""Difference of body masses by the smallest; that of wrong zeros and gains of plates is smaller."""
-MIN_OTHER: Final = 2
-"""Lengths that differ, and the mass: one length may be that of a marker that was moved."""
+"""Name -> landmarks at its ends on each side."""
 
 
 class MarkerChecks(NamedTuple):
@@ -81,10 +79,10 @@ def check_markers(body: Body, trial: Recording, pose: Recording) -> MarkerChecks
     MarkerChecks
         Sides, labels, distances, and positions that were held.
     """
-    files = {id(each): each for each in (trial, pose)}.values()
+    files = {id(file): file for file in (trial, pose)}.values()
     sides = (sides_exchanged(body.marker_set, f.markers, f.source.name) for f in files)
     return MarkerChecks(
-        tuple(each.note for each in sides if each is not None),
+        tuple(exchanged.note for exchanged in sides if exchanged is not None),
         labels_exchanged(trial.markers, body.markers),
         changed_distances(body, trial.markers),
         repeated_positions(body, trial.markers),
@@ -112,17 +110,22 @@ def other_person(
         moves. Of a length on both sides the smaller difference counts.
     """
     marked = body.marker_set.present(body.markers).landmark
-    found = []
-    for name, (sides, limit_m) in LENGTHS.items():
+    differing = []
+    for name, sides in LENGTHS.items():
         labels = [(marked.get(a, ""), marked.get(b, "")) for a, b in sides]
         lengths = np.transpose([median_distances(f.markers, labels) for f in (pose, trial)])
-        there, here = min(lengths, key=lambda pair: _lengths_apart(*pair))
-        if _lengths_apart(there, here) > limit_m and len({a > b for a, b in lengths}) == 1:
-            found.append(f"{name} {1000 * there:.0f} mm there, {1000 * here:.0f} mm here")
-    heavier = max(known_kg.values()) / min(known_kg.values()) - 1 > OTHER_MASS
-    if not found or len(found) + heavier < MIN_OTHER:
+        # the side that differs less: a marker may have been moved on one side
+        in_pose, in_trial = min(lengths, key=lambda pair: _lengths_apart(*pair))
+        if (
+            _lengths_apart(in_pose, in_trial) > LIMITS.skin_motion[name]
+            and len({a > b for a, b in lengths}) == 1
+        ):
+            differing.append(f"{name} {1000 * in_pose:.0f} mm there, {1000 * in_trial:.0f} mm here")
+    # masses of pose and trial may be of two people
+    heavier = max(known_kg.values()) / min(known_kg.values()) - 1 > LIMITS.other_mass
+    if not differing or len(differing) + heavier < LIMITS.fewest_differences:
         return None
-    return Note.of("static_of_another", file=pose.source.name, lengths=found, known_kg=known_kg)
+    return Note.of("static_of_another", file=pose.source.name, lengths=differing, known_kg=known_kg)
 
 
 def _lengths_apart(there: float, here: float) -> float:
@@ -130,17 +133,10 @@ def _lengths_apart(there: float, here: float) -> float:
     return abs(there - here) if np.isfinite(there - here) else 0.0
 
 
-MAX_UNSEEN_PELVIS_S: Final = 0.1
-"""For so long, trunk and thighs show where a pelvis without markers is."""
-MAX_UNSEEN_LIMB_S: Final = 0.2
 SEGMENTS: Final = np.array([coordinate.segment for coordinate in TREE])
 """That each coordinate moves, (46,)."""
 OF_LEGS: Final = np.isin(SEGMENTS, [*LIMBS["left leg"], *LIMBS["right leg"]])
 """Coordinates of the legs, (46,)."""
-MAX_MISSING_SHARE: Final = 0.5
-"""Of the frames: a joint that more of them do not show has no markers, and no gaps."""
-MIN_HEAVY_SHARE: Final = 0.1
-"""Of body mass: a leg is more, an arm or the head less."""
 
 
 def known_frames(body: Body, motion: Motion) -> Mask:
@@ -160,7 +156,7 @@ def known_frames(body: Body, motion: Motion) -> Mask:
         or more: what trunk and thighs say of it is off by up to 10° then.
     """
     solved = motion.converged & np.isfinite(motion.a).all(axis=1)
-    return np.asarray(solved & ~_pelvis_unseen(body, motion, MAX_UNSEEN_PELVIS_S))
+    return np.asarray(solved & ~_pelvis_unseen(body, motion, LIMITS.longest_unseen_pelvis))
 
 
 def shown_frames(body: Body, motion: Motion) -> Mask:
@@ -182,10 +178,15 @@ def shown_frames(body: Body, motion: Motion) -> Mask:
         a gap of all markers.
     """
     unseen, gaps = _unseen(body, motion), [_pelvis_unseen(body, motion)]
-    gaps += [lost for _, share, lost, _ in _lost_limbs(body, motion) if share >= MIN_HEAVY_SHARE]
+    gaps += [
+        lost
+        for _, mass_fraction, lost, _ in _lost_limbs(body, motion)
+        if mass_fraction >= LIMITS.heavy_limb
+    ]
     for part in np.unique(SEGMENTS[OF_LEGS]):
+        # a joint of a leg that markers show in other frames
         missing: Mask = np.asarray(unseen[:, part == SEGMENTS].any(axis=1))
-        if missing.mean() < MAX_MISSING_SHARE:
+        if missing.mean() < LIMITS.largest_missing:
             gaps.append(missing)
     return np.asarray(~np.any(gaps, axis=0))
 
@@ -210,6 +211,7 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
     free, unseen = _free(body, motion), _unseen(body, motion)
     for limb, parts in {"trunk": ("thorax",), **LIMBS}.items():
         of_limb, with_mass = np.isin(SEGMENTS, parts), [s for s in parts if s in body.segments]
+        # parts that are segments of this body: others have no mass and change no residual
         heavy = free & np.isin(SEGMENTS, with_mass)
         lost: Mask = np.asarray(unseen[:, heavy].all(axis=1) & heavy.any())
         if lost.any():
@@ -219,6 +221,7 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
 def _pelvis_unseen(body: Body, motion: Motion, least_s: float = 0.0) -> Mask:
     """Find the frames, (T,), in which the pelvis shows no marker, at least for some time."""
     segment_of = body.segment_of
+    # the pelvis carries six coordinates: without its markers all segments move with them
     of_pelvis = [segment_of[name] == "pelvis" for name in motion.markers]
     unseen: Mask = np.asarray(np.isnan(motion.marker_error[:, of_pelvis]).all(axis=1))
     for start, stop in stretches(unseen):
@@ -252,18 +255,20 @@ def check_motion(
     """
     notes, interpolated = [*undetermined_notes(body, motion)], dict[str, int]()
     unseen = _unseen(body, motion)
-    for limb, share, lost, of_limb in _lost_limbs(body, motion):
+    for limb, mass_fraction, lost, of_limb in _lost_limbs(body, motion):
         longest_s = max(motion.time[b - 1] - motion.time[a] for a, b in stretches(lost))
         frames = interpolated[limb] = int(np.count_nonzero(lost))
         unseen[np.ix_(lost, of_limb)] = False
-        if share >= MIN_HEAVY_SHARE and longest_s >= MAX_UNSEEN_LIMB_S:
-            notes.append(Note.of("limb_unknown", limb=limb, frames=frames, share=share))
+        if mass_fraction >= LIMITS.heavy_limb and longest_s >= LIMITS.longest_unseen_limb:
+            notes.append(Note.of("limb_unknown", limb=limb, frames=frames, share=mass_fraction))
     counts = zip(motion.names, unseen.sum(axis=0).tolist(), strict=True)
+    # coordinates of limbs that are lost as a whole are counted once, by the limb
     interpolated |= {name: count for name, count in counts if count}
-    pelvis_unseen = motion.converged & _pelvis_unseen(body, motion, MAX_UNSEEN_PELVIS_S)
+    pelvis_unseen = motion.converged & _pelvis_unseen(body, motion, LIMITS.longest_unseen_pelvis)
     if pelvis_unseen.any():
         notes.append(Note.of("pelvis_unseen", frames=np.count_nonzero(pelvis_unseen)))
     used = [markers.names.index(name) for name in motion.markers]
+    # gaps of markers in frames that were solved from the others
     samples = np.count_nonzero(np.isnan(markers.position[:, used, 0])[motion.converged])
     unsolved = np.count_nonzero(~motion.converged)
     frames = len(motion.time)
@@ -275,10 +280,6 @@ def check_motion(
     return tuple(notes), misfits
 
 
-MIN_SHARED_TIME: Final = 0.9
-"""Of the markers' time that the plates must cover: recordings end some frames apart."""
-
-
 def plates_apart(recording: Recording) -> tuple[Note, ...]:
     """Say where plates and markers were recorded, if not at the same time.
 
@@ -287,7 +288,7 @@ def plates_apart(recording: Recording) -> tuple[Note, ...]:
     start_s, stop_s = recording.markers.time[[0, -1]]
     first_s = max(plate.time[0] for plate in recording.plates)
     last_s = min(plate.time[-1] for plate in recording.plates)
-    if min(last_s, stop_s) - max(first_s, start_s) >= MIN_SHARED_TIME * (stop_s - start_s):
+    if min(last_s, stop_s) - max(first_s, start_s) >= LIMITS.least_shared * (stop_s - start_s):
         return ()
     times = {"first_s": first_s, "last_s": last_s, "start_s": start_s, "stop_s": stop_s}
     return (Note.of("plates_apart", **times),)

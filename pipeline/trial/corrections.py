@@ -6,28 +6,20 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask
 from pipeline.io.recording import Plate
 from pipeline.trial.chain import Chain
 from pipeline.trial.findings.drift import following
-from pipeline.trial.findings.evidence import LOADED, Evidence
-from pipeline.trial.findings.finding import MAX_WORSE, Correction, Finding
-from pipeline.trial.findings.judge import LIMIT, Fitted, View, fit
+from pipeline.trial.findings.evidence import LIMITS as EVIDENCE
+from pipeline.trial.findings.evidence import Evidence
+from pipeline.trial.findings.finding import LIMITS as FINDING
+from pipeline.trial.findings.finding import Correction, Finding
+from pipeline.trial.findings.judge import LIMITS as JUDGE
+from pipeline.trial.findings.judge import Fitted, View, fit
 from pipeline.trial.findings.zeros import wrong_zeros
 
-MIN_MOVE_M: Final = 0.005
-"""Shorter parts of a move are not typed."""
-NOISE: Final = 0.1
-NOISE_HELD_OUT: Final = 0.35
-"""Standard deviations of healthy residuals by which an RMS may grow beyond `MAX_WORSE`: in all
-frames, and in those to which the size was not fitted."""
-MIN_FALL: Final = 0.03
-"""Of the whitened residual: a correction that changes less is not worth typing."""
-MIN_COUNTED: Final = 10
-"""Frames under load that count, to be halved; else a fault leaves them out, and all are halved."""
-MOST_FAULTS: Final = 3
-SURELY: Final = 2 * LIMIT
-"""Evidence of a fault that is named though its correction does not help in other frames."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "corrections")
 
 
 def find_faults(chain: Chain) -> tuple[Finding, ...]:
@@ -36,6 +28,7 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
     Each is corrected on the chain before the next one is looked for; what cannot be told from
     others, or cannot be corrected, ends the search.
     """
+    # what raw samples show is certain, whatever motion and feet say
     findings = [*_of_samples(chain)]
     tried = (finding.correction for finding in findings)
     done = tuple(mending for one in tried if one and one.helps for mending in one.mendings)
@@ -50,22 +43,26 @@ def find_faults(chain: Chain) -> tuple[Finding, ...]:
         # other faults are judged without it, however little it adds to the residual
         done, chain = (*done, *mendings), mended
     findings += _of_zeros(chain)
-    most = len(findings) + MOST_FAULTS
+    # then the likeliest fault, corrected before the next one is looked for
+    most = len(findings) + LIMITS.most_faults
     while len(findings) < most and chain.judged:
         first, *rivals = chain.judged
         plates = chain.evidence.plates
         finding = finding_of(first, plates)
+        # the same fault again: its correction did not remove it
         same = (finding.kind, finding.plates, finding.component)
         if same in [(f.kind, f.plates, f.component) for f in findings]:
             break
+        # a fault that cannot be told from others is not corrected, and hides what is behind it
         if rivals:
-            others = tuple(finding_of(each, plates) for each in rivals)
+            others = tuple(finding_of(rival, plates) for rival in rivals)
             return (*findings, replace(finding, rivals=others))
         corrected = _try_fault(chain, first)
         if corrected is None:
             return (*findings, finding)
         correction, mended = corrected
-        if not correction.helps and first.evidence < SURELY:
+        # a fault that is as sure as this is named though its correction does not help
+        if not correction.helps and first.evidence < 2 * JUDGE.least_evidence:
             break
         # what is typed for one fault is typed with what corrects those before it
         done = (*done, *correction.mendings)
@@ -101,9 +98,10 @@ def _of_zeros(chain: Chain) -> Iterator[Finding]:
     A zero that drifts, or is followed, is no constant.
     """
     plates, followed = chain.trial.plates, following(chain.trial)
+    # what changes over the trial is corrected as a drift
     drifts = [zero is not None and zero.drifts.any() for zero in chain.zeros]
     changes = [d or plate.number in followed for d, plate in zip(drifts, plates, strict=True)]
-    constant = [None if c else each for c, each in zip(changes, chain.unloaded, strict=True)]
+    constant = [None if c else zero for c, zero in zip(changes, chain.unloaded, strict=True)]
     wrong = wrong_zeros(plates, constant)
     if wrong is not None:
         finding, mendings = wrong
@@ -140,7 +138,7 @@ def mendings_of(fitted: Fitted, plates: Sequence[Plate]) -> tuple[str, ...]:
 
 def _typed_moves(fitted: Fitted) -> Mask:
     """Say which parts of a move are long and sure enough to be typed, (2,)."""
-    return np.asarray(np.abs(fitted.size) > np.maximum(MIN_MOVE_M, fitted.interval))
+    return np.asarray(np.abs(fitted.size) > np.maximum(LIMITS.shortest_move, fitted.interval))
 
 
 def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
@@ -150,6 +148,7 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     """
     evidence, hypothesis = chain.evidence, fitted.hypothesis
     first = _first_half(evidence, hypothesis.plates)
+    # the size from the first half alone, to be judged in the second half
     view = View.of(evidence, mass_is_stated=chain.mass.is_stated, frames=first)
     in_half = fit(view, hypothesis)
     if hypothesis.kind == "moved":  # along the axes that are typed
@@ -159,17 +158,18 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     if hypothesis.kind == "all_late":
         if chain.inputs.laboratory.plates is not None:
             return None  # their calibration has the delay
+        # what is stated already, and what is missing; a delay is typed in whole milliseconds
         before_s = chain.settings.plate_delay_s or 0.0
-        late_s = [round(before_s + float(each.size[0]), 3) for each in sizes]
-        chains = [_later(chain, each) for each in late_s]
+        late_s = [round(before_s + float(fitted_size.size[0]), 3) for fitted_size in sizes]
+        chains = [_later(chain, delay_s) for delay_s in late_s]
         return _tried(chain, chains, first, (), late_s[0]), chains[0]
-    every, there = (mendings_of(each, evidence.plates) for each in sizes)
-    if not every:
+    in_all, there = (mendings_of(one, evidence.plates) for one in sizes)
+    if not in_all:
         return None
-    mended = chain.mended(every)
+    mended = chain.mended(in_all)
     # a fault without a size is corrected alike in every part
-    in_others = mended if there == every else chain.mended(there)
-    return _tried(chain, [mended, in_others], first, every, None), mended
+    in_others = mended if there == in_all else chain.mended(there)
+    return _tried(chain, [mended, in_others], first, in_all, None), mended
 
 
 def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False) -> Correction:
@@ -178,7 +178,7 @@ def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False
     Those of a fault that is certain help wherever they make no axis larger.
     """
     mended, fitted_to = chain.mended(mendings), np.zeros(len(chain.time), bool)
-    fall = 0.0 if certain else MIN_FALL
+    fall = 0.0 if certain else LIMITS.least_fall
     return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall)
 
 
@@ -189,7 +189,9 @@ def _tried_as_measured(chain: Chain, mended: Chain, mendings: Sequence[str]) -> 
     cancels something else in it.
     """
     no_frame = np.zeros(len(chain.time), bool)
-    return _tried(chain, [mended, mended], no_frame, tuple(mendings), None, MIN_FALL, np.inf)
+    return _tried(
+        chain, [mended, mended], no_frame, tuple(mendings), None, LIMITS.least_fall, np.inf
+    )
 
 
 def _later(chain: Chain, delay_s: float) -> Chain:
@@ -199,10 +201,13 @@ def _later(chain: Chain, delay_s: float) -> Chain:
 
 def _first_half(evidence: Evidence, plates: Sequence[int]) -> Mask:
     """Give the first half of the frames in which some plates are loaded, and before, (T,)."""
+    # load on the plates in question: elsewhere a correction changes nothing
     load = np.abs(np.nan_to_num(evidence.wrenches[[*plates], :, 2])).max(axis=0)
-    loaded = load > LOADED * evidence.weight_n
+    loaded = load > EVIDENCE.loaded * evidence.weight_n
     counted = loaded & evidence.carried
-    frames = np.flatnonzero(counted if np.count_nonzero(counted) >= MIN_COUNTED else loaded)
+    frames = np.flatnonzero(
+        counted if np.count_nonzero(counted) >= LIMITS.fewest_counted else loaded
+    )
     middle = frames[len(frames) // 2] if len(frames) else len(load) // 2
     return np.asarray(np.arange(len(load)) < middle)
 
@@ -213,21 +218,24 @@ def _tried(
     fitted_to: Mask,
     mendings: tuple[str, ...],
     plate_delay_s: float | None,
-    least_fall: float = MIN_FALL,
-    most: float = MAX_WORSE,
+    least_fall: float = LIMITS.least_fall,
+    most: float = FINDING.largest_growth,
 ) -> Correction:
     """Compare residuals before and after; the second chain has sizes by the other frames alone."""
     # frames that count once it is corrected: some faults leave frames out
     counts = corrected[0].counts & np.isfinite(chain.residual).all(axis=1)
-    for each in corrected:
-        counts = counts & np.isfinite(each.residual).all(axis=1)
+    for mended in corrected:
+        counts = counts & np.isfinite(mended.residual).all(axis=1)
+    # frames to which no size was fitted
     others = counts & ~fitted_to
     before, after = _rms(chain.residual[counts]), _rms(corrected[0].residual[counts])
     held_out = _rms(chain.residual[others]), _rms(corrected[1].residual[others])
+    # in standard deviations of healthy residuals, so that newtons and newton metres compare
     deviation = np.sqrt(np.diag(chain.evidence.covariance))
     there, corrected_there = (np.linalg.norm(rms / deviation) for rms in held_out)
-    worse = after > most * before + NOISE * deviation
-    worse |= held_out[1] > most * held_out[0] + NOISE_HELD_OUT * deviation
+    # an axis is worse if it grows by a fraction and beyond noise, here or there
+    worse = after > most * before + LIMITS.noise * deviation
+    worse |= held_out[1] > most * held_out[0] + LIMITS.noise_held_out * deviation
     return Correction(
         mendings,
         plate_delay_s,

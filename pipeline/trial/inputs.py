@@ -54,9 +54,9 @@ class Inputs:
 
     def __post_init__(self) -> None:
         for name in ("recording", "static", "hip_trial"):
-            given = getattr(self, name)
-            if not isinstance(given, Recording | None):
-                expected = f"{name}: expected a recording, got {shown(given)}"
+            recording = getattr(self, name)
+            if not isinstance(recording, Recording | None):
+                expected = f"{name}: expected a recording, got {shown(recording)}"
                 raise TypeError(f"{expected}; read it first: {name}=hr.read(FILE)")
 
     def require_all(self, settings: Settings) -> None:
@@ -72,10 +72,10 @@ class Inputs:
                 faults.append(f"{standing.source.name}: {unknown}")
         if not trial.plates:
             file = trial.source
-            wanted = WANTED_PLATES.get(file.suffix.lower(), "export it with its plates")
+            what_to_do = WANTED_PLATES.get(file.suffix.lower(), "export it with its plates")
             faults.append(
                 f"{file.name}: {trial.why_no_plates}; residuals need the ground reaction wrench: "
-                f"{wanted.format(stem=file.stem)}"
+                f"{what_to_do.format(stem=file.stem)}"
             )
         if not faults:
             return

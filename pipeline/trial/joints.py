@@ -13,11 +13,14 @@ import numpy as np
 import scipy
 
 from hbm.coordinates import INDEX, SIDES
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.quality import NO_SUPPORT, Quality, frames_within, free_of
 from pipeline.trial.residuals import TRIAL_COLUMNS, trial_columns
 from pipeline.trial.result import TrialResult
+
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "joints")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +70,6 @@ JOINT_MOTIONS: Final = (
 )
 CURVES: Final = {"angle": "deg", "moment": "N·m/kg", "power": "W/kg"}
 """What is known of each joint motion, and its unit."""
-JOULES: Final = "J/kg"
-BESIDE_S: Final = np.array([-0.2, 0.2])
-"""Time before and after gait cycles from which their curves are interpolated."""
-NEAR_EXTREME: Final = 0.2
-"""Of the range of the mean curve: where that is so near to its extreme, an unknown instant of a
-cycle may hide the extreme of this cycle."""
-MAX_UNKNOWN_WORK: Final = 0.05
-"""Of the mean work, in the unknown instants of a cycle, where the mean power is taken."""
 
 
 def joint_spans(result: TrialResult) -> dict[str, Array]:
@@ -83,18 +78,19 @@ def joint_spans(result: TrialResult) -> dict[str, Array]:
     Those that the condition asks for. Where these are of one side, the cycles of the other side
     are those that begin meanwhile. Without sides that have no gait cycle.
     """
-    counted = {side: np.reshape(own, (-1, 2)) for side, own in result.cycles.items() if len(own)}
+    counted = {s: np.reshape(spans, (-1, 2)) for s, spans in result.cycles.items() if len(spans)}
     if result.unit != "cycle" or not counted:
         return {}
-    every = np.concatenate([*counted.values()])
-    first, last, spans = every[:, 0].min(), every[:, 1].max(), dict[str, Array]()
+    of_all = np.concatenate([*counted.values()])
+    first, last, spans = of_all[:, 0].min(), of_all[:, 1].max(), dict[str, Array]()
     for side in SIDES:
-        own = counted.get(side)
-        if own is None:
-            found = np.reshape(gait_cycles(result.events, side)[0], (-1, 2))
-            own = found[(found[:, 0] >= first) & (found[:, 1] <= last)]
-        if len(own):
-            spans[side] = own
+        of_side = counted.get(side)
+        if of_side is None:
+            # cycles of the side that was not counted, during those of the counted one
+            cycles = np.reshape(gait_cycles(result.events, side)[0], (-1, 2))
+            of_side = cycles[(cycles[:, 0] >= first) & (cycles[:, 1] <= last)]
+        if len(of_side):
+            spans[side] = of_side
     return spans
 
 
@@ -124,23 +120,27 @@ def joint_curves(result: TrialResult) -> dict[str, dict[str, Array]]:
     >>> {side: own.shape[1:] for side, own in joint_curves(result)["measured"].items()}
     {'right': (101, 13, 3), 'left': (101, 13, 3)}
     """
-    motion, found = result.motion, {variant: dict[str, Array]() for variant in result.variants}
+    motion, joints = result.motion, {variant: dict[str, Array]() for variant in result.variants}
+    # angles need the pose alone, moments and powers the load under the foot too
     posed = free_of(result.quality, Quality.POSE_UNKNOWN | Quality.LIMB_UNSEEN | Quality.SETTLING)
     loaded = posed & free_of(result.quality, NO_SUPPORT)
     for side, spans in joint_spans(result).items():
         columns, signs = map(np.array, zip(*(m.column(side) for m in JOINT_MOTIONS), strict=True))
-        near = np.flatnonzero(frames_within(motion.time, spans + BESIDE_S))
+        # splines need some frames on both sides of a gait cycle: 0.2 s are enough at any rate
+        near = np.flatnonzero(frames_within(motion.time, spans + np.array([-0.2, 0.2])))
         place = np.ix_(near, columns)
         table = [np.where(posed[near, None], np.degrees(motion.q[place]) * signs, np.nan)]
         for dynamics in result.variants.values():
+            # power is a product of moment and velocity, which change their signs together
             for forces, sign in ((dynamics.tau, signs), (dynamics.power, 1.0)):
                 by_mass = forces[place] * sign / result.body.mass
                 table.append(np.where(loaded[near, None], by_mass, np.nan))
+        # splines through all curves of a side at once
         curves = normalise(motion.time[near], np.stack(table, 1), spans)
         angle, *others = np.moveaxis(curves, 2, 0)
-        for variant, moment, power in zip(found, others[::2], others[1::2], strict=True):
-            found[variant][side] = np.stack([angle, moment, power], axis=3)
-    return found
+        for variant, moment, power in zip(joints, others[::2], others[1::2], strict=True):
+            joints[variant][side] = np.stack([angle, moment, power], axis=3)
+    return joints
 
 
 QUANTITIES: Final = {
@@ -151,8 +151,8 @@ QUANTITIES: Final = {
     "smallest moment": ("moment", "N·m/kg"),
     "largest power": ("power", "W/kg"),
     "smallest power": ("power", "W/kg"),
-    "positive work": ("power", JOULES),
-    "negative work": ("power", JOULES),
+    "positive work": ("power", "J/kg"),
+    "negative work": ("power", "J/kg"),
 }
 """What is reported of a joint motion in a gait cycle -> the curve that it is of, and its unit."""
 CURVE_COLUMNS: Final = tuple(f"{m.name}_{curve}" for m in JOINT_MOTIONS for curve in CURVES)
@@ -185,8 +185,8 @@ def joint_rows(
         compensated, side, joint, direction, quantity (`QUANTITIES`), unit; value and sd, mean and
         standard deviation over cycles, and the mean percent of the cycle at which a peak is (NaN of
         ranges and work); n_cycles, those in which the quantity is known: of an extreme those
-        without unknown instants near that of the mean curve (`NEAR_EXTREME`), of work those in
-        which unknown instants have little of it (`MAX_UNKNOWN_WORK`).
+        without unknown instants near that of the mean curve, of work those in
+        which unknown instants have little of it.
 
     Examples
     --------
@@ -211,8 +211,11 @@ def joint_rows(
 def quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]:
     """Give the rows of a side from the joint on, of curves (C, 101, 13, 3)."""
     of_motions = dict(zip(CURVES, np.transpose(curves, (3, 2, 0, 1)), strict=True))
-    extremes = {curve: (_largest(own), _largest(-own)) for curve, own in of_motions.items()}
+    extremes = {
+        curve: (_largest(of_curve), _largest(-of_curve)) for curve, of_curve in of_motions.items()
+    }
     for quantity, (curve, unit) in QUANTITIES.items():
+        # the smallest value is that of the curve with the opposite sign
         (largest, percent), (negative, percent_of_smallest) = extremes[curve]
         values = largest
         if quantity.startswith("smallest"):
@@ -222,6 +225,7 @@ def quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]
         if quantity == "range of motion":
             values = largest + negative
         elif quantity.endswith("work"):
+            # work is the integral of the positive, or of the negative part of power over time
             limit = np.maximum if quantity.startswith("positive") else np.minimum
             values = _mean_power(limit(of_motions[curve], 0)) * duration_s
         for motion, row in zip(JOINT_MOTIONS, _over_cycles(values, percent), strict=True):
@@ -232,10 +236,10 @@ def quantities(curves: Array, duration_s: Array) -> Iterator[tuple[object, ...]]
 @np.errstate(invalid="ignore", divide="ignore")
 def _over_cycles(values: Array, percent: Array) -> Iterator[tuple[float, float, float, int]]:
     """Give mean, SD, mean percent and number of known values of each row, (J, C) each."""
-    known = np.isfinite(values)
-    count = known.sum(axis=1)
-    mean, at = (np.where(known, own, 0.0).sum(axis=1) / count for own in (values, percent))
-    squares = np.where(known, values - mean[:, None], 0.0) ** 2
+    is_known = np.isfinite(values)
+    count = is_known.sum(axis=1)
+    mean, at = (np.where(is_known, x, 0.0).sum(axis=1) / count for x in (values, percent))
+    squares = np.where(is_known, values - mean[:, None], 0.0) ** 2
     spread = np.sqrt(squares.sum(axis=1) / (count - 1))  # of one value, 0 / 0
     return zip(mean.tolist(), spread.tolist(), at.tolist(), count.tolist(), strict=True)
 
@@ -246,7 +250,10 @@ def _mean_power(power: Array) -> Array:
     # integrals over the cycle: of the whole, of what is unknown in it, of the mean curve
     filled = np.where(unknown, usual, power), np.where(unknown, usual, 0.0)
     mean, missing = scipy.integrate.trapezoid(filled, dx=1 / (power.shape[2] - 1))
-    most = MAX_UNKNOWN_WORK * np.abs(scipy.integrate.trapezoid(usual, dx=1 / (power.shape[2] - 1)))
+    # unknown instants may hold little of the usual work of this joint
+    most = LIMITS.largest_unknown_work * np.abs(
+        scipy.integrate.trapezoid(usual, dx=1 / (power.shape[2] - 1))
+    )
     return np.asarray(np.where(np.abs(missing) <= most, mean, np.nan))
 
 
@@ -254,7 +261,8 @@ def _largest(curves: Array) -> tuple[Array, Array]:
     """Give the largest value of cycles, (J, C), NaN where it may be hidden, and its percent."""
     unknown, usual = np.isnan(curves), _mean_curve(curves)
     spread = np.ptp(usual, axis=2, keepdims=True)
-    near = ~(usual < usual.max(axis=2, keepdims=True) - NEAR_EXTREME * spread)
+    # instants at which a cycle may have its extreme, by the mean curve
+    near = ~(usual < usual.max(axis=2, keepdims=True) - LIMITS.near_extreme * spread)
     values = np.where(unknown, -np.inf, curves)
     hidden = (near & unknown).any(axis=2)
     largest = np.where(hidden, np.nan, values.max(axis=2))
@@ -266,11 +274,11 @@ def _mean_curve(curves: Array) -> Array:
 
     NaN where nothing is known.
     """
-    known = np.isfinite(curves)
-    count = known.sum(axis=1, keepdims=True)
-    total = np.where(known, curves, 0.0).sum(axis=1, keepdims=True)
+    is_known = np.isfinite(curves)
+    count = is_known.sum(axis=1, keepdims=True)
+    total = np.where(is_known, curves, 0.0).sum(axis=1, keepdims=True)
     mean: Array = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
-    for curve, seen in zip(mean[:, 0], count[:, 0] > 0, strict=True):
-        if seen.any() and not seen.all():
-            curve[:] = np.interp(np.arange(len(curve)), np.flatnonzero(seen), curve[seen])
+    for curve, has_mean in zip(mean[:, 0], count[:, 0] > 0, strict=True):
+        if has_mean.any() and not has_mean.all():
+            curve[:] = np.interp(np.arange(len(curve)), np.flatnonzero(has_mean), curve[has_mean])
     return mean

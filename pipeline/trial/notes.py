@@ -81,7 +81,7 @@ def _of_masses(chain: Chain, carried_kg: float | None) -> Iterator[Note]:
     instead: tuple[Fitted, ...] = ()
     if masses and carried_kg is not None and chain.stands_still:
         instead = instead_of_mass(chain.evidence, mass_is_stated=chain.mass.is_stated)
-    faults = [str(note_of(finding_of(each, places), places, chain.time)) for each in instead]
+    faults = [str(note_of(finding_of(fault, places), places, chain.time)) for fault in instead]
     for note in masses:
         both = "; or ".join([str(note), *faults])
         yield Note.of("plates_unclear", faults=both) if faults else note

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from hbm.body import Body
+from hbm.numbers import read_numbers
 from hbm.signals.samples import median_of
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.io.axes import MIN_MEAN_LOAD_N, find_sites, mean_force
@@ -14,54 +15,13 @@ from pipeline.io.mended_plates import mended_plates, of_channels
 from pipeline.io.recording import Fact, Plate, Recording
 from pipeline.io.stated import CONVERT, correction, parse_plate_units
 
-HALF: Final = 0.5
-"""Of the largest load of a plate: samples that are judged."""
-MIN_SAMPLES: Final = 10
-MIN_LOAD_KG: Final = 10.0
-MAX_LOAD_KG: Final = 300.0
-"""Of a person, where the body mass is not known."""
-MAX_DRIFT_KG: Final = 2.0
-MIN_SMOOTH: Final = 30.0
-"""Range of a load by its median change between samples: noise has 4 to 8, a step 50 and more."""
-MAX_FOOT_M: Final = 0.12
-"""Above the lowest markers, a marker is of a foot that stands."""
-BESIDE_M: Final = 0.05
-"""By which a foot on a plate may reach over its edge."""
-NEAR_POWER: Final = 0.3
-"""Of ten: distances of pressure and feet from the centre of a healthy plate have ratios of 0.54 to
-1.48, -0.27 to 0.17."""
-NEAR_TENFOLD: Final = 0.1
-"""The same of what all plates carry, by the body mass: a foot that grazes a plate carries less."""
-MAX_ARM_M: Final = 0.3
-"""Free torque by vertical force: a foot that turns on the floor has up to 0.1 m, walking 0.02 m."""
-MIN_ARM_OF_NMM_M: Final = 2.0
-"""The same where the unit is N·mm; below it is N·cm."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "plate_units")
+
 POWERS: Final = (
     *((k, k) for k in range(-3, 4)),
     *(pair for k in (-3, -2, 2, 3) for pair in ((k, 0), (0, k))),
 )
 """Of ten, by which the moments may be too small that show where along x and y the pressure is."""
-SAME: Final = 1.2
-"""Ratio of distances up to which all moments have the same power."""
-MIN_OFF_M: Final = 0.1
-MAX_OFF_M: Final = 0.2
-"""RMS distance of the pressure from the feet, 0.05 to 0.13 m on healthy plates: less needs no other
-unit, with more a unit does not bring it under the feet."""
-FAR_M: Final = 1.0
-"""RMS distance of the pressure from the feet that no wrong place of a plate explains."""
-MAX_LEFT: Final = 0.7
-"""Of that distance with the right power of ten."""
-MAX_GAINS: Final = 6
-"""More would hide what is wrong."""
-NEVER_MOVES_M: Final = 1e-3
-"""RMS distance of the pressure from the centre of a plate: nobody stands so well."""
-MIN_FOOT_M: Final = 0.02
-"""RMS distance of the feet from there, with which it is compared."""
-SYMBOLS: Final = ("N", "kN"), ("Nmm", "Ncm", "Nm", "kNm"), ("mm", "cm", "m")
-"""Usual units of forces, moments and centres of pressure, in the order of `CONVERT`."""
-MAX_RESIDUAL: Final = 3.0, 1.5
-"""RMS force by body weight and RMS moment by body weight × stature that no body lacks: of all our
-recordings at most 0.2 and 0.05, of a pitching platform without compensation 0.5 and 0.3."""
 
 
 class Factor(NamedTuple):
@@ -101,6 +61,7 @@ def require_units(recording: Recording, mass_kg: float | None = None) -> None:
     """
     mass_kg, time = mass_kg or recording.metadata.mass_kg, recording.markers.time
     feet = _feet(recording)
+    # first of all plates together, since each may carry a part of a person
     ten = _tenfold(recording.plates, time, mass_kg)
     factors = [_factor(plate, feet, time, mass_kg, ten) for plate in recording.plates]
     factors = [_with_torque(factor) for factor in _with_unsure(factors, feet, time)]
@@ -115,14 +76,15 @@ def require_units(recording: Recording, mass_kg: float | None = None) -> None:
                 of_plates.setdefault(f"{quantity} {fault}", []).append(str(plate.number))
     wrong = [f"plate {', '.join(numbers)}: {fault}" for fault, numbers in of_plates.items()]
     if wrong:
-        found = f"{', '.join(wrong)}, by the subject{f' of {mass_kg:.3g} kg' if mass_kg else ''}"
-        raise ValueError(f"{recording.source.name}: {found} on them; {_remedy(factors)}")
+        faults = f"{', '.join(wrong)}, by the subject{f' of {mass_kg:.3g} kg' if mass_kg else ''}"
+        raise ValueError(f"{recording.source.name}: {faults} on them; {_remedy(factors)}")
 
 
 def reversed_plates(recording: Recording) -> dict[int, Fact]:
     """Say which plates pull the subject down; what brings them under the feet mends them."""
     facts, feet = dict[int, Fact](), _feet(recording)
     for plate in recording.plates:
+        # a plate that measures what it exerts on the ground, or with one sign wrong
         pull_n = -float(plate.rotation[2] @ mean_force(plate.wrench_in_plate[:, :3]))
         if pull_n < MIN_MEAN_LOAD_N:
             continue
@@ -148,9 +110,12 @@ def require_possible(residual: Array, body: Body) -> None:
     if not len(residual):
         return
     weight_n = body.mass * GRAVITY_MPS2
+    # RMS of the three forces, and of the three moments
     rms = np.sqrt(np.mean(np.square(residual), axis=0)).reshape(2, 3)
     force_n, moment_nm = np.linalg.norm(rms, axis=1).tolist()
-    most_n, most_nm = np.multiply(MAX_RESIDUAL, [weight_n, weight_n * body.height_m]).tolist()
+    most_n, most_nm = np.multiply(
+        LIMITS.largest_residual, [weight_n, weight_n * body.height_m]
+    ).tolist()
     if force_n > most_n or moment_nm > most_nm:
         raise ValueError(
             f"the residual is {force_n:,.0f} N and {moment_nm:,.0f} N·m RMS, more than any body "
@@ -163,12 +128,13 @@ def _with_unsure(factors: Sequence[Factor], feet: Array, time: Array) -> list[Fa
 
     These bring the pressure nearer to the feet, if not by so much that the plate alone shows it.
     """
+    # one power of ten that is common to all plates that show one
     sure = {factor.moment for factor in factors if factor.moment}
     if len(sure) != 1:
         return list(factors)
     common = sure.pop()
     # smaller moments bring any pressure nearer: only one that is far away needs them
-    far_m = FAR_M if common < 0 else 0.0
+    far_m = LIMITS.far if common < 0 else 0.0
     given = []
     for factor in factors:
         rows = _pressure_and_feet(factor.plate, feet, time)
@@ -183,6 +149,7 @@ def _remedy(factors: Sequence[Factor]) -> str:
     right = {_units(factor) for factor in factors}
     if len(right) == 1 and (units := right.pop()):
         return f'give --plate-units {units}, or plate_units = "{units}" in study.toml'
+    # no unit explains it for all plates: channels of single plates
     wrong = [factor for factor in factors if factor[1:] != (0, 0, 0)]
     gains = [
         f"{plate.number}: gain {name} {10.0**power:g}"
@@ -192,7 +159,8 @@ def _remedy(factors: Sequence[Factor]) -> str:
     ]
     # a gain of moments changes free torques too
     mixed = any(factor.at_pressure or factor.moment is None for factor in wrong)
-    gain = "" if mixed or len(gains) > MAX_GAINS else f", or set {correction(*gains)}"
+    # more than six gains would hide what is wrong
+    gain = "" if mixed or len(gains) > 6 else f", or set {correction(*gains)}"
     return f"correct these channels or columns and export the file again{gain}"
 
 
@@ -203,10 +171,12 @@ def _units(factor: Factor) -> str:
     units, right = parse_plate_units(factor.plate.units), list[str]()
     # moments of forces at centres of pressure are in the unit of these
     powers = (factor.force, factor.torque, factor.moment)[:: 1 if factor.at_pressure else 2]
-    of_quantities = zip(CONVERT.values(), SYMBOLS, units, powers, strict=False)
+    # usual units of forces, moments and centres of pressure, in the order of `CONVERT`
+    usual = ("N", "kN"), ("Nmm", "Ncm", "Nm", "kNm"), ("mm", "cm", "m")
+    of_quantities = zip(CONVERT.values(), usual, units, powers, strict=False)
     for convert, symbols, unit, ten in of_quantities:
-        wanted = convert(unit) * 10.0**ten
-        right += [u for u in (unit, *symbols) if np.isclose(convert(u), wanted)][:1]
+        right_unit = convert(unit) * 10.0**ten
+        right += [u for u in (unit, *symbols) if np.isclose(convert(u), right_unit)][:1]
     return ",".join(right) if len(right) == len(units) else ""
 
 
@@ -215,28 +185,33 @@ def _with_torque(factor: Factor) -> Factor:
     wrench = factor.plate.wrench_in_plate[np.isfinite(factor.plate.wrench_in_plate).all(axis=1)]
     if not factor.at_pressure or not wrench[:, 2].any():
         return factor
+    # samples under load, in which the line of the force is known
     size = np.abs(wrench[:, 2])
-    force, moment = np.split(wrench[size > HALF * np.percentile(size, 98)].T, 2)
+    force, moment = np.split(wrench[size > LIMITS.loaded * np.percentile(size, 98)].T, 2)
     # along the line of the force, where p × f is zero
     torque = (force * moment).sum(axis=0) / force[2]
+    # by the vertical force a torque is a length, which friction limits
     arm_m = float(np.median(np.abs(torque / force[2]))) * 10.0**-factor.force
-    return factor._replace(torque=-2 - (arm_m > MIN_ARM_OF_NMM_M) if arm_m > MAX_ARM_M else 0)
+    return factor._replace(
+        torque=-2 - (arm_m > LIMITS.arm_of_newton_millimetres) if arm_m > LIMITS.largest_arm else 0
+    )
 
 
 def _load(vertical: Array) -> tuple[float, float]:
     """Give what a plate reads at most [N] and carries while it is loaded [kg], by its size [N]."""
     highest_n = float(np.percentile(vertical, 98))
-    return highest_n, median_of(vertical[vertical >= HALF * highest_n]) / GRAVITY_MPS2
+    return highest_n, median_of(vertical[vertical >= LIMITS.loaded * highest_n]) / GRAVITY_MPS2
 
 
 def _tenfold(plates: Sequence[Plate], time: Array, mass_kg: float | None) -> int:
     """Give the power of ten, 1 or -1, by which all plates together miss a body's mass; or 0."""
+    # at the markers' times, since plates may be sampled at different ones
     loads = [np.interp(time, p.time, np.abs(p.wrench_in_plate[:, 2])) for p in plates]
     load_kg = _load(np.nan_to_num(np.sum(loads, axis=0)))[1] if loads else 0.0
     if mass_kg is None:
-        return int(MAX_DRIFT_KG <= load_kg < MIN_LOAD_KG)
-    power = np.log10(mass_kg / load_kg) if load_kg > MAX_DRIFT_KG else 0.0
-    return round(power) if abs(abs(power) - 1) < NEAR_TENFOLD else 0
+        return int(LIMITS.largest_drift <= load_kg < LIMITS.least_load)
+    power = np.log10(mass_kg / load_kg) if load_kg > LIMITS.largest_drift else 0.0
+    return round(power) if abs(abs(power) - 1) < LIMITS.near_tenfold else 0
 
 
 def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None, ten: int) -> Factor:
@@ -255,18 +230,25 @@ def _factor(plate: Plate, feet: Array, time: Array, mass_kg: float | None, ten: 
         wrench = of_channels(plate, np.diag(scales), plate.wrench_in_plate)
         rows = _pressure_and_feet(replace(plate, wrench_in_plate=wrench), feet, time)
         moment, change = _moment_power(*rows), np.abs(np.diff(vertical))
-        smooth = change.any() and highest_n > MIN_SMOOTH * np.median(change[change > 0])
-        if power < 0 or (smooth and _off(*rows, moment) < MAX_OFF_M):
+        # noise of an empty plate may look like a load in another unit
+        smooth = change.any() and highest_n > LIMITS.least_smooth * np.median(change[change > 0])
+        if power < 0 or (smooth and _off(*rows, moment) < LIMITS.largest_distance):
             return Factor(plate, power, moment)
     return Factor(plate, 0, _moment_power(*_pressure_and_feet(plate, feet, time)))
 
 
 def _load_powers(load_kg: float, mass_kg: float | None) -> Sequence[int]:
     """Give the powers of ten with which a load is that of a body, if it is not."""
-    powers = (3, 2) if load_kg < MAX_DRIFT_KG else (-3, -2, -1) if load_kg > MAX_LOAD_KG else ()
-    low, high = MIN_LOAD_KG, MAX_LOAD_KG
+    powers = (
+        (3, 2)
+        if load_kg < LIMITS.largest_drift
+        else (-3, -2, -1)
+        if load_kg > LIMITS.largest_load
+        else ()
+    )
+    low, high = LIMITS.least_load, LIMITS.largest_load
     if mass_kg is not None:
-        low, high = mass_kg * 10**-NEAR_POWER, mass_kg * 10**NEAR_POWER
+        low, high = mass_kg * 10**-LIMITS.near_power, mass_kg * 10**LIMITS.near_power
     return [power for power in powers if low <= load_kg * 10.0**power <= high]
 
 
@@ -277,20 +259,26 @@ def _pressure_and_feet(plate: Plate, feet: Array, time: Array) -> tuple[Array, A
     """
     wrench = np.stack([np.interp(time, plate.time, c) for c in plate.wrench_in_plate.T], axis=1)
     vertical = np.abs(wrench[:, 2])
-    known = np.isfinite(wrench).all(axis=1)
-    seen = np.isfinite(feet).all(axis=-1)
-    if not (known.any() and seen.any()):
+    is_known = np.isfinite(wrench).all(axis=1)
+    is_visible = np.isfinite(feet).all(axis=-1)
+    if not (is_known.any() and is_visible.any()):
         return (np.empty((0, 2)),) * 3
-    loaded = known & (vertical >= HALF * np.percentile(vertical[known], 98))
-    loaded &= vertical > MIN_LOAD_KG * GRAVITY_MPS2
+    loaded = is_known & (vertical >= LIMITS.loaded * np.percentile(vertical[is_known], 98))
+    loaded &= vertical > LIMITS.least_load * GRAVITY_MPS2
+    # markers of the feet in the axes of the plate
     place = (feet - plate.center) @ plate.rotation
-    standing = seen & (feet[..., 2] < np.percentile(feet[seen][:, 2], 5) + MAX_FOOT_M)
+    # those near the ground and over the plate
+    standing = is_visible & (
+        feet[..., 2] < np.percentile(feet[is_visible][:, 2], 5) + LIMITS.foot_height
+    )
     if np.isfinite(plate.corners).all():
         half = np.abs((plate.corners - plate.center) @ plate.rotation)[:, :2].max(axis=0)
-        standing &= (np.abs(place[..., :2]) < half + BESIDE_M).all(axis=-1)
+        standing &= (np.abs(place[..., :2]) < half + LIMITS.overhang).all(axis=-1)
     loaded &= standing.any(axis=1)
     counted = standing[loaded, :, None]
+    # the mean of the markers of feet on the plate
     foot = np.where(counted, place[loaded, :, :2], 0).sum(axis=1) / counted.sum(axis=1)
+    # x = -My / Fz and y = Mx / Fz, by stored moments, and about the surface
     loads = wrench[loaded], shift_wrench(wrench[loaded], plate.transducer)
     in_all, by_stored = (load[:, [4, 3]] * [-1, 1] / load[:, 2:3] for load in loads)
     return by_stored, in_all - by_stored, foot
@@ -302,28 +290,34 @@ def _moment_power(stored: Array, lever: Array, foot: Array) -> int | None:
     ``stored`` is where the pressure is by the stored moments, ``lever`` what the transducer's place
     adds, (K, 2) [m].
     """
-    if len(foot) < MIN_SAMPLES or not stored.any(axis=0).all():
+    if len(foot) < LIMITS.fewest_samples or not stored.any(axis=0).all():
         return 0
+    # where the stored moments have to put the pressure
     at_foot = foot - lever
-    if _rms(stored) < NEVER_MOVES_M and _rms(foot) > MIN_FOOT_M:
+    # moments so small that the pressure never moves: their ratio tells the power
+    if _rms(stored) < LIMITS.resting_pressure and _rms(foot) > LIMITS.least_foot:
         exponent = float(np.log10(_rms(at_foot) / _rms(stored)))
-        return round(exponent) if abs(exponent - round(exponent)) < NEAR_POWER else 0
+        return round(exponent) if abs(exponent - round(exponent)) < LIMITS.near_power else 0
+    # distance of pressure and feet for each pair of powers along x and y
     moved = 10.0 ** np.array(POWERS)[:, None] * stored + lever - foot
     off = dict(zip(POWERS, _rms(moved).tolist(), strict=True))
     powers = min(POWERS, key=lambda pair: off[pair])
     power = powers[0] or powers[1]
-    if off[power, power] < SAME * off[powers]:
+    # one power for all moments, unless two explain far more
+    if off[power, power] < LIMITS.same_ratio * off[powers]:
         powers = power, power
-    if not power or off[powers] > MAX_LEFT * off[0, 0]:
+    if not power or off[powers] > LIMITS.largest_remainder * off[0, 0]:
         return 0
     wrong = np.flatnonzero(powers)
-    certain = off[0, 0] > MIN_OFF_M
+    certain = off[0, 0] > LIMITS.least_distance
     if power < 0:
         at_foot, at_pressure = at_foot[:, wrong], stored[:, wrong]
         # a wrong zero or place moves the pressure away, but it is no faster there
-        moves, foot_moves = (_rms(each - each.mean(axis=0)) for each in (at_pressure, at_foot))
+        moves, foot_moves = (
+            _rms(points - points.mean(axis=0)) for points in (at_pressure, at_foot)
+        )
         too_fast = moves > 10.0 ** (-power - 0.5) * foot_moves
-        near = abs(np.log10(_rms(at_foot) / _rms(at_pressure)) - power) < NEAR_POWER
+        near = abs(np.log10(_rms(at_foot) / _rms(at_pressure)) - power) < LIMITS.near_power
         certain = too_fast and near
     return (power if len(wrong) > 1 else None) if certain else 0
 

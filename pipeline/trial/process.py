@@ -117,7 +117,7 @@ def result_of(chain: Chain) -> TrialResult:
     """
     inputs, settings = chain.inputs, chain.settings
     # units: what no body does is no geometry
-    for recording in {id(each): each for each in (chain.trial, chain.standing)}.values():
+    for recording in {id(file): file for file in (chain.trial, chain.standing)}.values():
         require_units(recording, inputs.subject.mass_kg)
     inputs.require_all(settings)
 

@@ -9,26 +9,12 @@ import scipy
 from numpy.typing import ArrayLike
 
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
 
-SETTLING_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
-    "zero_phase": (1.0, 1.0),
-    "realtime": (1.5, 0.0),
-}
-"""Periods of the cut-off after the first known sample and before the last one in which a filter has
-not settled. Measured by cropping a virtual and a real treadmill trial at 16 heel strikes, 6 Hz at
-100 Hz: the residual of the frames that are left errs by at most 0.6 N and 0.2 N·m."""
-MIN_SETTLING_S: Final = 0.15
-"""At higher cut-offs: at 20 Hz, one period leaves 1.7 N and 1.5 of the other filter 4 N, three less
-than 0.1 N."""
-ROUNDING_S: Final = 1e-6
-"""Of times."""
-MAX_DOUBTFUL: Final = 0.15
-"""Of what the motion needs: usual errors of gains and stated masses are smaller."""
-STEP_S: Final = 0.5
-"""About a step; at its ends errors of timing cancel."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "quality")
 
 
 class Quality(IntFlag):
@@ -82,7 +68,7 @@ NO_SUPPORT: Final = Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN | Quality.
 def frames_within(time: Array, *spans: ArrayLike) -> Mask:
     """Give whether each time, (T,), is in one of the spans, each (N, 2) [s]; none is in NaN."""
     inside = np.zeros(len(time), bool)
-    for start, stop in np.concatenate([np.reshape(each, (-1, 2)) for each in (*spans, ())]):
+    for start, stop in np.concatenate([np.reshape(of_kind, (-1, 2)) for of_kind in (*spans, ())]):
         if start < stop:  # neither is NaN
             inside[slice(*np.searchsorted(time, (start, stop)))] = True
     return inside
@@ -125,10 +111,14 @@ def settling_s(filters: Iterable[tuple[Method, float]]) -> tuple[float, float]:
     >>> [round(time_s, 3) for time_s in settling_s([("realtime", 6.0)])]
     [0.25, 0.0]
     """
+    # filters in a row settle about as long as the slowest of them
     longest_s = np.zeros(2)
     for method, cutoff_hz in filters:
-        periods = np.array(SETTLING_PERIODS[method])
-        needed_s = np.where(periods > 0, np.maximum(periods / cutoff_hz, MIN_SETTLING_S), 0.0)
+        periods = np.array(LIMITS.settling_periods[method])
+        # periods of the cut-off, but at least a time that does not depend on it
+        needed_s = np.where(
+            periods > 0, np.maximum(periods / cutoff_hz, LIMITS.shortest_settling), 0.0
+        )
         longest_s = np.maximum(longest_s, needed_s)
     return float(longest_s[0]), float(longest_s[1])
 
@@ -158,7 +148,8 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     [2, 3]
     """
     settled = np.zeros(len(time), bool)
-    after_s, before_s = (time_s - ROUNDING_S for time_s in settling)
+    # times are rounded to less than a microsecond
+    after_s, before_s = (time_s - 1e-6 for time_s in settling)
     for start, stop in stretches(known):
         stretch = time[start:stop]
         settled[start:stop] = (stretch >= stretch[0] + after_s) & (
@@ -186,10 +177,10 @@ def carried_notes(
     notes
         ``plates_shared`` and ``frames_not_carried`` where there are such frames.
     doubtful
-        ``carried_in_part`` where, in frames that count, plates measure more than `MAX_DOUBTFUL` too
-        little or too much on average over `STEP_S`.
+        ``carried_in_part`` where, in frames that count, plates measure 15 % too little or too much
+        on average over half a second.
     """
-    notes, known, frames = [], np.isfinite(need + measured), len(quality)
+    notes, is_known, frames = [], np.isfinite(need + measured), len(quality)
     if shared := np.count_nonzero(~free_of(quality, Quality.FOOT_UNCERTAIN)):
         notes.append(Note.of("plates_shared", shared=shared, frames=frames))
     carried = free_of(quality, NO_SUPPORT)
@@ -197,17 +188,20 @@ def carried_notes(
     def share(frames: Mask) -> float:
         return float(measured[frames].sum() / need[frames].sum())
 
+    # of frames without support: which part of the need the plates measured
     if missing := np.count_nonzero(~carried):
-        unsupported = known & ~carried
+        unsupported = is_known & ~carried
         part = f"{100 * share(unsupported):.0f} %" if unsupported.any() else "an unknown part"
         notes.append(Note.of("frames_not_carried", missing=missing, frames=frames, measured=part))
-    counts = known & free_of(quality)
-    long = max(1, round(STEP_S / float(np.median(np.diff(time)))))
+    counts = is_known & free_of(quality)
+    # means over about a step, of frames that count alone
+    long = max(1, round(LIMITS.step / float(np.median(np.diff(time)))))
     present, needed, carries = (
-        scipy.ndimage.uniform_filter1d(np.where(counts, each, 0.0), long, mode="constant")
-        for each in (np.ones(len(time)), need, measured)
+        scipy.ndimage.uniform_filter1d(np.where(counts, signal, 0.0), long, mode="constant")
+        for signal in (np.ones(len(time)), need, measured)
     )
-    doubtful = counts & (present > 0.5) & (np.abs(carries - needed) > MAX_DOUBTFUL * needed)
+    # at least half of the step has to count
+    doubtful = counts & (present > 0.5) & (np.abs(carries - needed) > LIMITS.doubtful * needed)
     if not doubtful.any():
         return tuple(notes), ()
     size = {"frames": doubtful.sum(), "first_s": time[doubtful][0], "share": share(doubtful)}

@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from hbm.model import Body
+from hbm.numbers import read_numbers
 from hbm.plausibility.motion import mass_share, unseen_covariance, unseen_segments
 from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.quality import frames_within
 from pipeline.trial.result import TrialResult
+
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "residuals")
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,14 +28,6 @@ HEALTHY: Final = "healthy adults on a treadmill at rest (van de Loosdrecht 2018,
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
 DIRECTIONS: Final = ("forward", "right", "up", "about forward", "about right", "about up")
-REPORTED_SIGN: Final = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
-"""From lab axes, with Y to the left, to the reported ones, with y to the right."""
-MAX_FORCE_SHARE: Final = 0.05
-"""Peak residual force over peak net external force (Hicks et al. 2015)."""
-MAX_MOMENT_SHARE: Final = 0.01
-"""Peak residual moment over that force times the height of the centre of mass (ibid.)."""
-FOOT_SEGMENTS: Final = ("left_foot", "left_toes", "right_foot", "right_toes")
-"""Begin at the ankle and at the ball of the foot."""
 TRIAL_COLUMNS: Final = ("subject", "condition", "recording", "session")
 """Which trial: the recording is empty where there is one of the condition."""
 CYCLE_COLUMNS: Final = (
@@ -40,11 +35,6 @@ CYCLE_COLUMNS: Final = (
     *("compensated", "window", "headline", "side", "cycle", "start_s", "stop_s"),
     *("axis", "unit", "rms", "peak", "n_frames", "valid_share"),
 )
-FIRST: Final = ("compensated", "axis", "rms", "mean")
-LAST: Final = ("sd", "peak", "window")
-"""Columns at the ends of a table of residuals."""
-EVERY_MARKER: Final = "all"
-"""Name of the row over all markers."""
 
 Residual = namedtuple(
     "Residual",
@@ -91,7 +81,8 @@ def reported(residual: Array) -> Array:
         x forward, y to the right, z up, each moment right-handed about its own axis, (..., 6):
         Fy and My change sign.
     """
-    return np.asarray(residual * REPORTED_SIGN)
+    # from lab axes, with Y to the left, to the reported ones, with y to the right
+    return np.asarray(residual * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0]))
 
 
 def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
@@ -152,10 +143,10 @@ def cycle_rows(result: TrialResult, condition: str) -> list[tuple[object, ...]]:
     for name in result.variants:
         for window in () if result.span else windows(result):
             of_window = name == "compensated", window.name, window.headline
-            for *cycle, rms, peak, count, share in _of_cycles(result, name, window):
+            for *cycle, rms, peak, count, valid_share in _of_cycles(result, name, window):
                 before = *trial_columns(result, condition), *of_window, *cycle
                 measures = zip(AXES, UNITS, rms.tolist(), peak.tolist(), strict=True)
-                rows += [(*before, *measure, count, share) for measure in measures]
+                rows += [(*before, *measure, count, valid_share) for measure in measures]
     return rows
 
 
@@ -172,13 +163,14 @@ def _of_cycles(
     residual = reported(result.variants[variant].residual)
     for side, spans in window.of_sides.items():
         for number, (start, stop) in enumerate(spans.tolist(), start=1):
+            # a cycle ends before the strike that begins the next one
             inside = (time >= start) & (time < stop)
             used = residual[inside & counts]
             rms = peak = np.full(len(AXES), np.nan)
             if len(used):
                 rms, peak = np.sqrt(np.mean(used**2, axis=0)), np.abs(used).max(axis=0)
-            share = len(used) / max(1, int(np.count_nonzero(inside)))
-            yield side, number, start, stop, rms, peak, len(used), share
+            valid_share = len(used) / max(1, int(np.count_nonzero(inside)))
+            yield side, number, start, stop, rms, peak, len(used), valid_share
 
 
 def worst_cycles(result: TrialResult) -> list[CycleExtreme]:
@@ -193,6 +185,7 @@ def worst_cycles(result: TrialResult) -> list[CycleExtreme]:
     for side, _, start, stop, rms, *_ in _of_cycles(
         result, [*result.variants][-1], windows(result)[0]
     ):
+        # each axis by its own reference, so that newtons and newton metres compare
         ratio = rms / np.array([reference[axis] for axis in AXES])
         if np.isfinite(ratio).all():
             k = int(ratio.argmax())
@@ -267,7 +260,9 @@ def residual_table(result: TrialResult, condition: str = "") -> "pd.DataFrame":
 
     rows = residual_rows(result, condition or result.condition)
     table = pd.DataFrame(rows, columns=Residual._fields)
-    return table[[*FIRST, *table.columns.drop([*FIRST, *LAST]), *LAST]]
+    # what is read most at both ends, which pandas prints of a wide table
+    first, last = ("compensated", "axis", "rms", "mean"), ("sd", "peak", "window")
+    return table[[*first, *table.columns.drop([*first, *last]), *last]]
 
 
 def residual_rows(result: TrialResult, condition: str = "") -> list[Residual]:
@@ -287,16 +282,19 @@ def _summary(result: TrialResult, window: Window, variant: str) -> Iterator[tupl
     """Summarise the residuals of one variant over one window: the rows from the axis on."""
     inside = frames_within(result.motion.time, *window.of_sides.values())
     counts = inside & result.counts
+    # forces by body weight, moments by body weight × stature
     percent = result.body.mass * GRAVITY_MPS2 * np.repeat([1.0, result.body.height_m], 3) / 100
     value = reported(result.variants[variant].residual[counts])
     rms = np.sqrt(np.mean(value**2, axis=0))
     cycles = () if result.span else _of_cycles(result, variant, window)
+    # mean squares of cycles, so that long and short ones count alike
     of_cycles = [rms_of_one**2 for *_, rms_of_one, _, count, _ in cycles if count]
     unknown = np.full(len(AXES), np.nan)
     rms_of_cycles = np.sqrt(np.mean(of_cycles, axis=0)) if of_cycles else unknown
     spread = unknown
     if variant == "compensated" and result.uncertainty is not None:
         spread = np.sqrt(np.mean(result.uncertainty[counts] ** 2, axis=0))
+    # standard deviation by what segments without markers add to this motion
     expected = np.sqrt(np.diag(unseen_covariance(result.body, result.motion, counts)))
     peak, used = np.abs(value).max(axis=0), int(np.count_nonzero(counts))
     measures = rms, rms_of_cycles, value.mean(axis=0), value.std(axis=0), peak, rms / percent
@@ -332,8 +330,8 @@ def unseen_sentence(result: TrialResult, rows: Iterable[Any]) -> str:
     """Say what is expected of the residuals closest to the truth, in a trial's `residual_table`."""
     compensated = result.compensated is not None
     best = [row for row in rows if row.headline and row.compensated == compensated]
-    share = mass_share(result.body, unseen_segments(result.body, result.motion))
-    return expectation(best, f"{100 * share:.0f} % of the body's mass has no markers")
+    fraction = mass_share(result.body, unseen_segments(result.body, result.motion))
+    return expectation(best, f"{100 * fraction:.0f} % of the body's mass has no markers")
 
 
 def expectation(
@@ -365,7 +363,10 @@ def height_of_mass(body: Body, q: Array) -> float:
 
     Of coordinates (T, 46), wherever the laboratory has its origin.
     """
-    lowest = joint_positions(body, q, FOOT_SEGMENTS)[..., 2].min(axis=1)
+    # segments of the feet begin at the ankle and at the ball
+    feet = "left_foot", "left_toes", "right_foot", "right_toes"
+    lowest = joint_positions(body, q, feet)[..., 2].min(axis=1)
+    # above the foot that is lower in each frame
     return float(np.mean(center_of_mass(body, q)[:, 2] - lowest))
 
 
@@ -404,12 +405,14 @@ def threshold_rows(result: TrialResult) -> list[Threshold]:
     height = height_of_mass(result.body, q)
     for name, dynamics in result.variants.items():
         ground = np.sum(list(result.ground[name].values()), axis=0)[inside, :3]
+        # net external force: the sum of both feet, without gravity
         external = float(np.linalg.norm(ground, axis=1).max())
         residual = dynamics.residual[inside]
         for quantity, unit, part, limit in (
-            ("force", "N", residual[:, :3], MAX_FORCE_SHARE * external),
-            ("moment", "N·m", residual[:, 3:], MAX_MOMENT_SHARE * height * external),
+            ("force", "N", residual[:, :3], LIMITS.largest_force * external),
+            ("moment", "N·m", residual[:, 3:], LIMITS.largest_moment * height * external),
         ):
+            # magnitudes of the vectors, as published
             size = np.linalg.norm(part, axis=1)
             peak, above = float(size.max()), 100 * float(np.mean(size >= limit))
             compensated = name == "compensated"
@@ -433,12 +436,12 @@ def marker_rows(result: TrialResult) -> list[MarkerError]:
         "all", is over all of them. RMS and peak of a marker that was never seen are NaN.
     """
     error_mm = 1000 * result.motion.marker_error
-    columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {EVERY_MARKER: error_mm}
+    columns = dict(zip(result.motion.markers, error_mm.T, strict=True)) | {"all": error_mm}
     rows = []
-    for name, own in columns.items():
-        seen = own[np.isfinite(own)]
-        rms, peak = (np.sqrt(np.mean(seen**2)), seen.max()) if len(seen) else (np.nan, np.nan)
-        missing_percent = 100 * (1 - len(seen) / own.size)
+    for name, column in columns.items():
+        error = column[np.isfinite(column)]
+        rms, peak = (np.sqrt(np.mean(error**2)), error.max()) if len(error) else (np.nan, np.nan)
+        missing_percent = 100 * (1 - len(error) / column.size)
         rows.append(MarkerError(name, float(rms), float(peak), missing_percent))
     return rows
 

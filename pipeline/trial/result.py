@@ -69,11 +69,11 @@ class CyclePart:
 
     def percent(self, cycles: Mapping[str, ArrayLike]) -> Array:
         """Give start and stop of the part of each of these gait cycles [% of the cycle], (C, 2)."""
-        found = [np.empty((0, 2))]
+        parts = [np.empty((0, 2))]
         for side, spans in self.spans.items():
             start, stop = np.reshape(cycles[side], (-1, 2)).T[..., None]
-            found.append(100 * (np.reshape(spans, (-1, 2)) - start) / (stop - start))
-        return np.concatenate(found)
+            parts.append(100 * (np.reshape(spans, (-1, 2)) - start) / (stop - start))
+        return np.concatenate(parts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,10 +283,12 @@ class TrialResult(Shown):
         """Give title, counts of frames and warnings, and RMS residuals of the frames that count."""
         counted, warnings = self.counted, len(warnings_of(self.notes))
         used = {name: one.residual[counted] for name, one in self.variants.items() if any(counted)}
-        rows = {name: np.sqrt(np.mean(each**2, axis=0)).round(1) for name, each in used.items()}
+        rows = {
+            name: np.sqrt(np.mean(residual**2, axis=0)).round(1) for name, residual in used.items()
+        }
         frames = f"{counted.sum()} of {len(counted)} frames count, {warnings} warnings in .notes"
-        said = self.shortage or "RMS residuals [N, N·m], x forward, y right, z up:"
-        return Overview(f"{self.title}\n{frames}\n{said}", WRENCH_COMPONENTS, rows)
+        words = self.shortage or "RMS residuals [N, N·m], x forward, y right, z up:"
+        return Overview(f"{self.title}\n{frames}\n{words}", WRENCH_COMPONENTS, rows)
 
     @property
     def engine(self) -> str:

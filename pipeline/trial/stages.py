@@ -19,6 +19,7 @@ from hbm.body import Body
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.markers import Markers
 from hbm.motion import Motion
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import acceleration_lag_s, longest_gap_s, low_pass, over_short_gaps
 from hbm.signals.samples import without_short_gaps
 from hbm.spatial import Array, Indices, Mask
@@ -36,8 +37,8 @@ from pipeline.trial.gait.contact import (
 from pipeline.trial.ground.wrenches import Ground
 from pipeline.trial.quality import NO_SUPPORT, Quality, flagged, free_of, settled_frames
 
-MAX_UNCERTAIN_N: Final = 10.0
-"""Vertical, filtered, of an uncertain foot: half a metre before an ankle, 0.07 N·m/kg in 70 kg."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "stages")
+
 MAX_DELAY_S: Final = 0.010
 """No published limit: one frame of a 100 Hz camera."""
 
@@ -98,6 +99,7 @@ def dynamics_under_feet(
 
     Errors are those of `share_between_feet` and `hbm.dynamics.inverse_dynamics`.
     """
+    # feet are found by the unfiltered pose: the plates are not filtered yet either
     motion, places = pose.motion, places_of(body, pose.solved.q)
     shared = share_between_feet(
         motion.time,
@@ -109,13 +111,15 @@ def dynamics_under_feet(
         stated=contacts,
         method=settings.filter,
     )
+    # each plate goes to one foot, then each foot passes the filter of the motion
     wrenches = {
-        variant: _filtered(by_foot(np.stack(own, axis=1), shared.on), pose.solved, settings)
-        for variant, own in ground.variants.items()
+        variant: _filtered(by_foot(np.stack(of_plates, axis=1), shared.on), pose.solved, settings)
+        for variant, of_plates in ground.variants.items()
     }
-    found = inverse_dynamics_variants(body, motion, [*wrenches.values()], jobs=jobs)
-    dynamics = dict(zip(wrenches, found, strict=True))
+    of_variants = inverse_dynamics_variants(body, motion, [*wrenches.values()], jobs=jobs)
+    dynamics = dict(zip(wrenches, of_variants, strict=True))
     measured = np.sum([*wrenches[ground.best].values()], axis=0)[:, 2]
+    # the residual is what the motion needs beyond the plates
     need = measured + dynamics[ground.best].residual[:, 2]
     return Loads(places, shared, wrenches, dynamics, need, measured)
 
@@ -144,16 +148,18 @@ def frame_quality(
 ) -> Indices:
     """Give the flags of every frame, (T,), with the time that filters need to settle [s]."""
     motion = pose.motion
-    known, held = known_frames(body, motion), ~shown_frames(body, pose.solved)
+    # a leg that no marker shows keeps its last pose, and jumps when it is seen again
+    is_known, held = known_frames(body, motion), ~shown_frames(body, pose.solved)
     held &= motion.converged
-    computed = [np.isfinite(each.residual).all(axis=1) for each in loads.dynamics.values()]
-    computed = np.all([known, ground.known, *computed], axis=0)
+    computed = [np.isfinite(one.residual).all(axis=1) for one in loads.dynamics.values()]
+    computed = np.all([is_known, ground.known, *computed], axis=0)
+    # gaps that are shorter than this are bridged, and the filters go on over them
     longest_s = longest_gap_s(settings.cutoff_hz)
     gapless = without_short_gaps(computed, motion.time, longest_s) & ~held
     lost = ~motion.converged & without_short_gaps(motion.converged, motion.time, longest_s)
     return flagged(
         {
-            Quality.POSE_UNKNOWN: ~known & ~lost,
+            Quality.POSE_UNKNOWN: ~is_known & ~lost,
             Quality.LIMB_UNSEEN: held,
             Quality.FORCES_UNKNOWN: ~ground.known,
             Quality.NOT_CARRIED: ~_carried(body, motion, ground, loads, unloaded, settings),
@@ -172,10 +178,11 @@ def _foot_uncertain(ground: Ground, loads: Loads, settings: Settings, time: Arra
     ambiguous = loads.shared.ambiguous
     if settings.filter == "realtime" or not ambiguous.any():
         return np.asarray(ambiguous.any(axis=1))
+    # the filter spreads the force of an uncertain foot into frames that are certain
     vertical = np.nan_to_num(np.stack(ground.variants[ground.best], axis=1)[..., 2])
     uncertain_n = np.where(ambiguous, np.abs(vertical), 0.0).sum(axis=1)
     filtered = low_pass(uncertain_n, time, settings.cutoff_hz, settings.filter)
-    return np.asarray(filtered > MAX_UNCERTAIN_N)
+    return np.asarray(filtered > LIMITS.largest_uncertain)
 
 
 def _carried(
@@ -202,9 +209,10 @@ def _carried(
 
 def known_forces(dynamics: Mapping[str, Dynamics], quality: Indices) -> dict[str, Dynamics]:
     """Leave out the forces of legs whose load is unknown, and all while filters settle."""
+    # moments of the trunk do not depend on whose foot a plate carries
     known_load = free_of(quality, NO_SUPPORT | Quality.FOOT_UNCERTAIN)[:, None]
     unknown = (~known_load & OF_LEGS) | ~free_of(quality, Quality.SETTLING)[:, None]
-    return {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
+    return {variant: one.without_forces(unknown) for variant, one in dynamics.items()}
 
 
 class PlateDelay(NamedTuple):
@@ -230,11 +238,13 @@ def plate_delay(loads: Loads, best: str, counts: Mask, settings: Settings) -> Pl
     later than the plates' forces.
     """
     dynamics = loads.dynamics[best]
+    # horizontal and vertical forces of both feet, and what the motion needs of them
     force = np.sum([*loads.wrenches[best].values()], axis=0)[:, :3]
     need = force + np.where(counts[:, None], dynamics.residual[:, :3], np.nan)
     try:
-        found = marker_plate_delay(force, need, dynamics.time)
+        late = marker_plate_delay(force, need, dynamics.time)
     except ValueError as error:
         return PlateDelay(np.nan, np.nan, str(error))
+    # the real-time filter makes accelerations later than forces by this
     lag_s = acceleration_lag_s(dynamics.time) if settings.filter == "realtime" else 0.0
-    return PlateDelay(found.seconds + lag_s, found.uncertainty)
+    return PlateDelay(late.seconds + lag_s, late.uncertainty)

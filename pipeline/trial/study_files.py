@@ -50,8 +50,8 @@ def read_study_file(
         If one of them is missing, with the nearest name that is there.
     """
     trial = trial or Trial()
-    for wanted in filter(None, (name, trial.forces, trial.record)):
-        require_file(study.folder, wanted)
+    for file in filter(None, (name, trial.forces, trial.record)):
+        require_file(study.folder, file)
     return read_recording(
         study.path(name),
         study.stated_of(trial),
@@ -90,6 +90,7 @@ def read_study_laboratory(study: Study) -> Laboratory:
     """
     treadmill, stated = study.file.treadmill, study.stated
     plates_file = study.file.plates.calibration
+    # a file that was written again is read again
     files = [study.path(name) for name in (*treadmill.files, plates_file) if name]
     versions = tuple((file, last_written(file)) for file in files)
     key = treadmill.model_dump_json(), plates_file, stated, versions
@@ -105,6 +106,7 @@ def read_study_laboratory(study: Study) -> Laboratory:
         path, beside = study.path(treadmill.calibration), map(study.path, treadmill.beside)
         calibration = read_calibration(path, treadmill, stated, plates, tuple(beside))
         laboratory = replace(laboratory, calibration=calibration)
+    # belts shake the platform: what accelerometers explain is subtracted first
     if (belt := treadmill.belt) is not None:
         alone, notes = belts_alone(read(belt.calibration), laboratory)
         laboratory = replace(laboratory, belts=fit_belts(alone, belt), notes=notes)

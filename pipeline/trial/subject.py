@@ -14,18 +14,17 @@ from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import SIDES
 from hbm.markers import MarkerSet, marker_sets, recognise_marker_set
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.plausibility.labels import sides_exchanged
 from hbm.segments import SegmentOverride
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Plate, Recording
 
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "subject")
+
 TENTH_S: Final = 0.1
 """Noise of plates and markers averages out in it, and a subject who stands hardly moves."""
-MAX_STILL_EXTENT_M: Final = 0.02
-"""Extent of the path of the median marker in a second: postural sway is smaller, a step larger."""
-ROUNDING: Final = 1e-3
-"""Of a tenth: times may be stored in single precision."""
 
 
 def common_tenths(*times: Array) -> tuple[float, int]:
@@ -46,7 +45,8 @@ def common_tenths(*times: Array) -> tuple[float, int]:
     if min(map(len, times)) < 2:
         return begin_s, 0
     end_s = min(float(time[-1]) + _step_s(time) for time in times)
-    return begin_s, max(0, int((end_s - begin_s) / TENTH_S + ROUNDING))
+    # a thousandth of a tenth more: times may be stored in single precision
+    return begin_s, max(0, int((end_s - begin_s) / TENTH_S + 1e-3))
 
 
 def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
@@ -73,12 +73,13 @@ def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
     >>> tenths(np.arange(7.0), time, *common_tenths(time)).tolist()
     [0.5, 2.5, 4.5]
     """
+    # a sample stands for half a step before and after it
     edges = np.searchsorted(time, begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1))
     values = values[: edges[-1]]
-    known = np.isfinite(values)
+    is_known = np.isfinite(values)
     number = np.diff(edges).reshape(-1, *(1,) * (values.ndim - 1))
-    if not known.all():
-        values, number = np.where(known, values, 0.0), _sums_between(edges, known)
+    if not is_known.all():
+        values, number = np.where(is_known, values, 0.0), _sums_between(edges, is_known)
     return np.where(number > 0, _sums_between(edges, values) / np.maximum(number, 1), np.nan)
 
 
@@ -95,10 +96,11 @@ def median_extent(position: Array) -> float:
     float
         Diagonal of the box that its path fills [m]; NaN where no marker is known.
     """
+    # extent of each marker's path along each axis, without gaps
     box = np.fmax.reduce(position, axis=0) - np.fmin.reduce(position, axis=0)
     extent = np.linalg.norm(box, axis=-1)
-    known = extent[np.isfinite(extent)]
-    return float(np.median(known)) if len(known) else np.nan
+    extent = extent[np.isfinite(extent)]
+    return float(np.median(extent)) if len(extent) else np.nan
 
 
 def _step_s(time: Array) -> float:
@@ -115,20 +117,6 @@ def _sums_between(edges: Indices, values: Array | Mask) -> Array:
     return sums
 
 
-WEIGHING_TENTHS: Final = 10
-"""One second: quiet standing before a trial rarely lasts longer."""
-MAX_WEIGHT_VARIATION: Final = 0.02
-"""Standard deviation by mean of tenths of that second; quiet standing sways by less."""
-MIN_MASS_KG: Final = 10.0
-"""Below it nobody is on the plates."""
-LONG_TENTHS: Final = 20
-"""Two seconds: however a person moves in them, the mean vertical force is about the weight."""
-MIN_WHOLE_SHARE: Final = 0.9
-"""Of that mean, or of the mass in a file: plates that carry less do not carry the whole subject."""
-MIN_LOAD_SHARE: Final = 0.7
-"""Of the largest mean over a tenth of a second: with less, a foot is on the floor."""
-MAX_MASS_DIFFERENCE: Final = 0.03
-"""Of the smallest: more than clothes, shoes, a meal and a plate's gain error together."""
 ON_PLATES: Final = "on the plates over steps"
 STATED: Final = "stated"
 
@@ -212,24 +200,26 @@ def body_mass(subject: Subject, pose: Recording, trial: Recording | None = None)
         ((r.metadata.mass_kg, r.source.name) for r in recordings if r.metadata.mass_kg), (None, "")
     )
     weighings = [w for r in recordings if (w := _weigh(r, file_kg)) is not None]
-    whole = [w for w in weighings if file_kg is None or w[0] >= MIN_WHOLE_SHARE * file_kg]
-    found: dict[str, tuple[float, Note]] = {}
+    # a weighing below the mass of the file is of a person with one foot beside the plates
+    whole = [w for w in weighings if file_kg is None or w[0] >= LIMITS.whole_fraction * file_kg]
+    # in order of trust: stated, weighed as a whole, of the file, weighed in part
+    masses: dict[str, tuple[float, Note]] = {}
     if subject.mass_kg is not None:
-        found[STATED] = subject.mass_kg, Note.of("mass_stated", mass_kg=subject.mass_kg)
+        masses[STATED] = subject.mass_kg, Note.of("mass_stated", mass_kg=subject.mass_kg)
     if whole:
-        found["standing on the plates"] = whole[0]
+        masses["standing on the plates"] = whole[0]
     if file_kg is not None:
-        found["in the file"] = file_kg, Note.of("mass_of_file", mass_kg=file_kg, file=file)
+        masses["in the file"] = file_kg, Note.of("mass_of_file", mass_kg=file_kg, file=file)
     if weighings and not whole:
-        found["standing on the plates"] = weighings[0]
+        masses["standing on the plates"] = weighings[0]
     trial_kg = recordings[-1].metadata.mass_kg
     if trial_kg and file_kg and trial_kg != file_kg:
         note = Note.of("mass_of_file", mass_kg=trial_kg, file=recordings[-1].source.name)
-        found["in the trial's file"] = trial_kg, note
-    if not found:
+        masses["in the trial's file"] = trial_kg, note
+    if not masses:
         raise MassUnknownError(_nothing_known(pose.source.name, recordings))
-    mass_kg, note = next(iter(found.values()))
-    return BodyMass(mass_kg, {source: mass for source, (mass, _) in found.items()}, note)
+    mass_kg, note = next(iter(masses.values()))
+    return BodyMass(mass_kg, {source: mass for source, (mass, _) in masses.items()}, note)
 
 
 def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) -> tuple[Note, ...]:
@@ -254,13 +244,13 @@ def differing_masses(known_kg: Mapping[str, float], carried_kg: float | None) ->
     ...     print(note.code, f"{note.values['difference']:.3f}")
     mass_differs 0.072
     """
-    every = dict(known_kg)
+    masses_kg = dict(known_kg)
     if carried_kg is not None:
-        every[ON_PLATES] = carried_kg
-    difference = max(every.values()) / min(every.values()) - 1
-    if difference <= MAX_MASS_DIFFERENCE:
+        masses_kg[ON_PLATES] = carried_kg
+    difference = max(masses_kg.values()) / min(masses_kg.values()) - 1
+    if difference <= LIMITS.largest_mass_difference:
         return ()
-    return (Note.of("mass_differs", difference=difference, known_kg=every),)
+    return (Note.of("mass_differs", difference=difference, known_kg=masses_kg),)
 
 
 def _weigh(recording: Recording, expected_kg: float | None) -> tuple[float, Note] | None:
@@ -269,25 +259,37 @@ def _weigh(recording: Recording, expected_kg: float | None) -> tuple[float, Note
         return None
     markers, plates = recording.markers, recording.plates
     begin_s, count = common_tenths(markers.time, *(plate.time for plate in plates))
-    if count < WEIGHING_TENTHS:
+    if count < LIMITS.weighing_tenths:
         return None
+    # load of all plates as a mass, over tenths of a second
     mass = _carried_kg(plates, begin_s, count)
-    long = sliding_window_view(mass, min(LONG_TENTHS, count)).mean(axis=1)
-    least = max(MIN_MASS_KG, MIN_WHOLE_SHARE * np.max(long[np.isfinite(long)], initial=0.0))
-    seconds = sliding_window_view(mass, WEIGHING_TENTHS)
+    long = sliding_window_view(mass, min(LIMITS.long_tenths, count)).mean(axis=1)
+    least = max(
+        LIMITS.least_mass, LIMITS.whole_fraction * np.max(long[np.isfinite(long)], initial=0.0)
+    )
+    # every second of the recording: its mean load and how it varies
+    seconds = sliding_window_view(mass, LIMITS.weighing_tenths)
     mean, variation = seconds.mean(axis=1), seconds.std(axis=1)
-    even = np.flatnonzero((mean >= least) & (variation <= MAX_WEIGHT_VARIATION * mean))
-    wanted = int(even.max(initial=-WEIGHING_TENTHS)) + WEIGHING_TENTHS
-    place = tenths(markers.position, markers.time, begin_s, wanted)
-    steady = [k for k in even if median_extent(place[k : k + WEIGHING_TENTHS]) < MAX_STILL_EXTENT_M]
+    even = np.flatnonzero((mean >= least) & (variation <= LIMITS.weight_variation * mean))
+    needed = int(even.max(initial=-LIMITS.weighing_tenths)) + LIMITS.weighing_tenths
+    # markers are averaged over tenths too, since their noise is no motion
+    place = tenths(markers.position, markers.time, begin_s, needed)
+    steady = [
+        k
+        for k in even
+        if median_extent(place[k : k + LIMITS.weighing_tenths]) < LIMITS.still_extent
+    ]
     if expected_kg is not None:
-        as_expected = [k for k in steady if abs(mean[k] / expected_kg - 1) <= 1 - MIN_WHOLE_SHARE]
+        as_expected = [
+            k for k in steady if abs(mean[k] / expected_kg - 1) <= 1 - LIMITS.whole_fraction
+        ]
         steady = as_expected or steady
     if not steady:
         return None
+    # the steadiest second, by the coefficient of variation of its load
     best = min(steady, key=lambda k: variation[k] / mean[k])
     start_s, mass_kg = begin_s + TENTH_S * best, float(mean[best])
-    times = {"start_s": start_s, "stop_s": start_s + TENTH_S * WEIGHING_TENTHS}
+    times = {"start_s": start_s, "stop_s": start_s + TENTH_S * LIMITS.weighing_tenths}
     return mass_kg, Note.of("mass_weighed", mass_kg=mass_kg, **times, file=recording.source.name)
 
 
@@ -299,15 +301,17 @@ def roughly_weighed(recording: Recording, unknown: MassUnknownError) -> float:
     error is raised that says that the mass is unknown.
     """
     markers, plates = recording.markers, recording.plates
-    every = common_tenths(markers.time, *(plate.time for plate in plates))
-    mass = np.nan_to_num(_carried_kg(plates, *every))
-    if mass.max(initial=0.0) < MIN_MASS_KG:
+    span = common_tenths(markers.time, *(plate.time for plate in plates))
+    mass = np.nan_to_num(_carried_kg(plates, *span))
+    if mass.max(initial=0.0) < LIMITS.least_mass:
         raise unknown
-    return float(mass[mass > MIN_LOAD_SHARE * mass.max()].mean())
+    # without tenths in which a foot is beside the plates
+    return float(mass[mass > LIMITS.load_fraction * mass.max()].mean())
 
 
 def _carried_kg(plates: Sequence[Plate], begin_s: float, count: int) -> Array:
     """Give the mass that the plates carry together over successive tenths of a second, (count,)."""
+    # vertical force: the third row of a rotation is the vertical, as the plate sees it
     loads = [
         tenths(plate.wrench_in_plate[:, :3] @ plate.rotation[2], plate.time, begin_s, count)
         for plate in plates
@@ -327,14 +331,8 @@ def _nothing_known(name: str, recordings: tuple[Recording, ...]) -> str:
     hint = f"; the mean vertical force of the whole file would be {mean_kg:.1f} kg"
     return (
         f"{name}: mass missing: {why}; give the mass (--mass-kg, mass_kg of the subject)"
-        f"{hint if mean_kg > MIN_MASS_KG else ''}"
+        f"{hint if mean_kg > LIMITS.least_mass else ''}"
     )
-
-
-EXPECTED_HIP_DISTANCE_M: Final = 0.03
-"""Harrington's regression misses imaged hip centres by 1 to 2 cm in adults: 3 cm is doubtful."""
-MAX_HIP_DISTANCE_M: Final = 0.05
-"""Beyond this no pelvis explains the difference; the thighs did not swing enough."""
 
 
 def subject_body(
@@ -427,20 +425,21 @@ def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:
     """Give how far functional hips are from the regression's; refuse more than pelvises differ."""
     distance_m = {}
     for side in ("right", "left"):
-        hips = [each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, by_regression)]
+        # in the frame of the pelvis, from the middle of its markers
+        hips = [one.offsets[f"{side}_thigh"] - _pelvis(one) for one in (body, by_regression)]
         distance_m[side] = float(np.linalg.norm(hips[0] - hips[1]))
     largest_m = max(distance_m.values())
-    if largest_m > MAX_HIP_DISTANCE_M:
-        off = ", ".join(f"{side} {1000 * each:.0f} mm" for side, each in distance_m.items())
+    if largest_m > LIMITS.largest_hip_distance:
+        off = ", ".join(f"{side} {1000 * far_m:.0f} mm" for side, far_m in distance_m.items())
         raise ValueError(
             f"{file}: the functional hips are {off} from Harrington's regression, more than"
             " pelvises differ: swing both thighs forward, back and sideways by 30° and more"
         )
-    code = "functional_hips" if largest_m <= EXPECTED_HIP_DISTANCE_M else "functional_hips_far"
+    code = "functional_hips" if largest_m <= LIMITS.expected_hip_distance else "functional_hips_far"
     return Note.of(code, file=file, distance_m=distance_m)
 
 
 def _pelvis(body: Body) -> Array:
     """Give the middle of the pelvis' markers in its own frame, (3,) [m]."""
-    own = [segment == "pelvis" for segment in body.marker_segment]
-    return np.asarray(body.marker_position[own].mean(axis=0))
+    of_pelvis = [segment == "pelvis" for segment in body.marker_segment]
+    return np.asarray(body.marker_position[of_pelvis].mean(axis=0))

@@ -12,8 +12,8 @@ from hbm.notes import Note
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import NOUNS, Condition, Interval, Unit, WantedWindow
 from pipeline.io.recording import Event, Recording
+from pipeline.trial.gait.cycles import LIMITS as CYCLES
 from pipeline.trial.gait.cycles import (
-    MIN_PLATFORM_SPEED_MPS,
     NO_SWING,
     cut_cycles,
     motion_stops,
@@ -66,6 +66,7 @@ def cycle_shortage(
 2.99 s; there are 0 left and 0 right, and 2 from 4.10 to 5.20 s
     """
     strikes = [event for event in events if event.label == "foot_strike"]
+    # events of a file may be outside its markers
     beyond = [event.time for event in strikes if not time[0] <= event.time <= time[-1]]
     counts = {side: sum(e.side == side and e.time not in beyond for e in strikes) for side in SIDES}
     unsolved = np.count_nonzero(~solved)
@@ -155,6 +156,7 @@ def what_counts(
     cut = {u: cut_cycles(events, time, quality, min_valid_share, u, feet) for u in units}
     unit = next((u for u in units if any(map(len, cut[u][0].values()))), units[0])
     usable, left_out = cut[unit]
+    # perturbations decide which cycles count, and which part of them
     onsets = perturbation_onsets(recording, rule, pose) if rule.perturbed else np.empty(0)
     cycles, selection = select_cycles(usable, rule, onsets) if unit == "cycle" else (usable, ())
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)
@@ -170,8 +172,8 @@ def what_counts(
     of_asked = [*chain(*cut[units[0]][1].values())]
     of_cycles = cycle_shortage(events, of_asked, time, solved, why_no_events, units[0])
     none_found = {*chain(*left_out.values())} <= {NO_SWING}  # who stands makes no gait cycle
-    known = time, counts, solved
-    shortage, instead = _nothing_counts(wanted, counted, none_found, of_cycles, *known)
+    frames = time, counts, solved
+    shortage, instead = _nothing_counts(wanted, counted, none_found, of_cycles, *frames)
     return counted._replace(shortage=shortage, notes=(*excluded, *selection, *of_part, *instead))
 
 
@@ -231,6 +233,7 @@ def counted_span(
     """
     if wanted in NOUNS or (wanted is None and any(map(len, cycles.values()))):
         return None
+    # without the ends of the recording, where filters have not settled
     settled = float(time[0] + settling[0]), float(time[-1] - settling[1])
     if settled[0] >= settled[1]:
         raise ValueError(
@@ -294,16 +297,19 @@ def perturbed_part(
     if wanted == "motion":
         if pose is None:
             raise ValueError(NO_POSE)
+        # the part lasts as long as the platform moves fast after each onset
         stops = motion_stops(onsets, time, pose)
         still = onsets[np.isnan(stops)]
         if len(still) == len(onsets) > 0:
             raise ValueError(
                 'window = "motion", but the platform moves faster than '
-                f"{MIN_PLATFORM_SPEED_MPS:g} m/s after none of the {len(onsets)} perturbations; "
+                f"{CYCLES.platform_speed:g} m/s after none of the {len(onsets)} perturbations; "
                 "check its markers or channels, or set another window"
             )
         notes += [Note.of("perturbation_without_motion", onset_s=onset) for onset in still]
-    parts = {side: _part_of_cycles(wanted, own, onsets, stops) for side, own in cycles.items()}
+    parts = {
+        side: _part_of_cycles(wanted, of_side, onsets, stops) for side, of_side in cycles.items()
+    }
     spans = {side: tuple((start, stop) for start, stop in p.tolist()) for side, p in parts.items()}
     if isinstance(wanted, Interval) and wanted.unit == "s":
         for onset, following in pairwise(onsets.tolist()):
@@ -328,12 +334,15 @@ def _part_of_cycles(
     wanted: Literal["motion"] | Interval, cycles: Array, onsets: Array, stops: Array
 ) -> Array:
     """Give start and stop of the part of each cycle, (C, 2) [s]; ``stops`` of the motions, (P,)."""
+    # the first perturbation in each cycle
     first = np.searchsorted(onsets, cycles[:, 0])
     if wanted == "motion":
+        # a motion that goes on after the cycle is cut at its end
         return np.column_stack([onsets[first], np.minimum(stops[first], cycles[:, 1])])
     bounds = np.array([wanted.start, wanted.stop])
     if wanted.unit == "%":
         return np.asarray(cycles[:, :1] + np.diff(cycles) * bounds / 100)
+    # seconds after the onset; a part that ends after the cycle is none
     parts = onsets[first][:, None] + bounds
     return np.where(parts[:, 1:] > cycles[:, 1:], np.nan, parts)
 
@@ -350,6 +359,7 @@ def _nothing_counts(
     """Say why nothing counts, and what is to be known where that or something else counts."""
     part, span, cycles = counted.part, counted.span, counted.cycles
     some_cycles = any(map(len, cycles.values()))
+    # what was asked for, or stands in for it
     spans = [span] if span else (cycles if part is None else part.spans).values()
     if (frames_within(time, *spans) & counts).any():
         if wanted is not None or (span is None and counted.unit == "cycle"):

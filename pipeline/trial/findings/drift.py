@@ -13,12 +13,13 @@ import scipy
 
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.spatial import Array, Mask
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import parse_mending
-from pipeline.trial.findings.evidence import MAX_STANCE_MPS
-from pipeline.trial.findings.zeros import REST_SPREAD_N
+from pipeline.trial.findings.evidence import LIMITS as EVIDENCE
+from pipeline.trial.findings.zeros import LIMITS as ZEROS
 from pipeline.trial.gait.carried import plate_edges
 from pipeline.trial.gait.events import SIDES
 from pipeline.trial.ground.laboratory import Laboratory, bind
@@ -26,40 +27,10 @@ from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.wrenches import plate_artefacts
 from pipeline.trial.subject import common_tenths, tenths
 
-MIN_SWING_MPS: Final = 0.5
-"""Between all markers of one foot and all of the other one, while one of them swings."""
-LONGEST_S: Final = 0.5
-"""Of a phase: a longer one is several, over each of which a zero hardly drifts."""
-MIN_TENTHS: Final = 2
-"""Of a phase, that read alike."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "drift")
+
 UNKNOWN: Final = -1
 """Whether a foot swings: feet are not seen."""
-MIN_FRAMES: Final = 3
-"""Of a phase, for a change of speed."""
-EDGES_S: Final = 0.10, 0.05
-"""At the start and at the end of a phase, in which a foot leaves or lands."""
-MIN_PHASES: Final = 5
-"""For a line, and what is left to tell its error."""
-MOST_KNOTS: Final = 5
-"""Of the spline: a zero changes slowly within a trial."""
-NEIGHBOURS: Final = 5
-"""Phases whose median one that is loaded nevertheless does not move."""
-MOST_STEPS: Final = 2.0
-"""From phase to phase of a zero that drifts fast, between one and the median of its neighbours."""
-SPREAD: Final = REST_SPREAD_N * np.array([1.0, 1.0, 1.0, *[1 / 3] * 3])
-"""Of what an unloaded plate reads, a third of a metre from its centre."""
-LEAST_INDEPENDENT: Final = 3.0
-"""Readings, however alike neighbours are."""
-LAST_PHASES: Final = 9
-"""Whose median a zero is that is followed in real time: of ten seconds of walking."""
-MIN_DRIFT: Final = np.array([3.0, 3.0, 3.0, 0.75, 0.75, 0.75])
-"""A smaller change of a zero within a trial needs no correction [N, N·m]. Of 18 plates of healthy
-recordings none, and of 270 of five simulated studies one seems to change by as much beyond chance
-(`tests/pipeline/trial/findings/test_drift.py`, also ``-m campaign``)."""
-INTERVAL, SURELY = 0.95, 0.999
-"""Confidence of an interval, and that a zero changes at all: six components of each plate may."""
-MOST_ALIKE: Final = 0.9
-"""Correlation of neighbours: of more, few readings tell nothing."""
 MIN_VARIANCE: Final = 1e-9
 """Of a plate whose unloaded samples are exactly zero [N², (N·m)²]."""
 
@@ -98,13 +69,14 @@ class EmptyPlates:
         self.inward, self.begins = plate_edges(np.array([plate.corners for plate in plates]))
         # frames of the phase that lasts, and whether a foot swings in it
         self.time, self.position, self.swings = list[float](), list[Array](), UNKNOWN
-        self.most = max(MIN_FRAMES, round(LONGEST_S * rate_hz))
+        self.most = max(LIMITS.fewest_frames, round(LIMITS.longest_phase * rate_hz))
 
     def phases(self, markers: Markers) -> Iterator[Phase]:
         """Give the phases of a trial in order."""
         time, position = markers.time, markers.position
-        each = zip(time.tolist(), position, self._swings(time, position), strict=True)
-        for frame in (*each, (np.inf, position[0], UNKNOWN)):
+        # one more frame ends the last phase
+        frames = zip(time.tolist(), position, self._swings(time, position), strict=True)
+        for frame in (*frames, (np.inf, position[0], UNKNOWN)):
             if (ended := self._next(*frame)) is not None:
                 yield ended
 
@@ -117,8 +89,9 @@ class EmptyPlates:
     def _next(self, time: float, position: Array, swings: int) -> Phase | None:
         """Take a frame in which a foot swings or not; gives the phase that ended before it."""
         ended = None
+        # a phase lasts while the feet do the same, and is cut where it is long
         if swings != self.swings or len(self.time) == self.most:
-            if self.swings != UNKNOWN and len(self.time) >= MIN_FRAMES:
+            if self.swings != UNKNOWN and len(self.time) >= LIMITS.fewest_frames:
                 empty = self._empty(np.array(self.time), np.array(self.position))
                 ended = (self.time[0], self.time[-1], empty) if empty.any() else None
             self.time, self.position, self.swings = [], [], swings
@@ -129,12 +102,13 @@ class EmptyPlates:
     def _swings(self, time: Array, position: Array) -> list[int]:
         """Say in which frames a foot swings, 1, or both stand, 0, (T,)."""
         velocity = [self._velocity(time, position, foot) for foot in (0, 1)]
-        seen = [np.isfinite(foot).all(axis=2).sum(axis=1) > 1 for foot in velocity]
+        visible = [np.isfinite(foot).all(axis=2).sum(axis=1) > 1 for foot in velocity]
         # while both stand, part of each is at rest against the other, wherever the ground moves
         apart = np.linalg.norm(velocity[0][:, :, None] - velocity[1][:, None], axis=-1)
+        # of all pairs of markers, the two that move most alike
         slowest = np.fmin.reduce(apart, axis=(1, 2), initial=np.inf)
-        known = np.where(np.all(seen, axis=0), slowest > MIN_SWING_MPS, UNKNOWN)
-        return [UNKNOWN, *known.tolist()]
+        swings = np.where(np.all(visible, axis=0), slowest > LIMITS.swing_speed, UNKNOWN)
+        return [UNKNOWN, *swings.tolist()]
 
     def _empty(self, time: Array, position: Array) -> Mask:
         """Say which plates no foot is on in frames in which one swings, or both stand, (P,)."""
@@ -142,11 +116,13 @@ class EmptyPlates:
         for foot, columns in enumerate(self.columns):
             # one that stands goes with the ground, whose speed hardly changes
             changes = np.std(self._velocity(time, position, foot), axis=0).sum(axis=-1)
-            if not self.swings or not np.fmin.reduce(changes) > MAX_STANCE_MPS:
+            if not self.swings or not np.fmin.reduce(changes) > EVIDENCE.standing_spread:
                 middles.append(np.nanmean(position[:, columns], axis=1))
         if not middles:
             return np.zeros(len(self.begins), bool)
+        # how far each foot is within each edge of each plate, horizontally [m]
         depth = np.vecdot(np.array(middles)[..., None, None, :2], self.inward) - self.begins
+        # a foot is over a plate that it is within all four edges of
         over = (depth > 0).all(axis=-1)
         return np.asarray(~over.any(axis=(0, 1)) & np.isfinite(self.begins).all(axis=1))
 
@@ -162,14 +138,16 @@ def reading(time: Array, wrench: Array, up: Array, start_s: float, stop_s: float
     Of its samples, (N,) [s] and (N, 6), whose third axis is the direction ``up``. None where the
     phase is too short, or the vertical force changes as it does under a load.
     """
-    part = slice(*np.searchsorted(time, (start_s + EDGES_S[0], stop_s - EDGES_S[1])))
+    # without the ends of the phase, in which a foot leaves or lands
+    part = slice(*np.searchsorted(time, (start_s + LIMITS.edges[0], stop_s - LIMITS.edges[1])))
     time, wrench = time[part], wrench[part]
     begin_s, count = common_tenths(time) if len(time) > 1 else (start_s, 0)
-    if count < MIN_TENTHS:
+    if count < LIMITS.fewest_tenths:
         return None
+    # a load changes from tenth to tenth of a second, a zero does not
     vertical = tenths(wrench[:, :3] @ up, time, begin_s, count)
     mean = wrench.mean(axis=0)
-    return mean if np.ptp(vertical) <= REST_SPREAD_N and np.isfinite(mean).all() else None
+    return mean if np.ptp(vertical) <= ZEROS.spread and np.isfinite(mean).all() else None
 
 
 class Course(NamedTuple):
@@ -196,7 +174,8 @@ class Course(NamedTuple):
     def through(cls, time: Array, values: Array) -> "Course":
         """Fit it to readings, (N,), with as many knots as they call for."""
         count = len(time)
-        most = min(MOST_KNOTS, count - 3) if count >= MIN_PHASES else 1
+        # three readings more than knots tell the error; with few readings, a constant
+        most = min(LIMITS.most_knots, count - 3) if count >= LIMITS.fewest_phases else 1
         fits = list[tuple[Array, Array, Array, Array]]()
         for number in range(1, most + 1):
             knots = np.linspace(time[0], time[-1], number)
@@ -205,32 +184,38 @@ class Course(NamedTuple):
             fits.append((knots, basis, coefficients, values - basis @ coefficients))
         # neighbours that leave a line alike, by vibration in step with gait, are fewer readings
         alike = _alike(fits[min(1, most - 1)][-1])
-        independent = max(count / alike, LEAST_INDEPENDENT)
+        independent = max(count / alike, LIMITS.fewest_independent)
+        # Schwarz's criterion: a knot has to explain more than it adds freedom
         scores = [
-            independent * np.log(np.mean(left**2) + MIN_VARIANCE) + len(knots) * np.log(independent)
-            for knots, _, _, left in fits
+            independent * np.log(np.mean(rest**2) + MIN_VARIANCE) + len(knots) * np.log(independent)
+            for knots, _, _, rest in fits
         ]
-        knots, basis, coefficients, left = fits[int(np.argmin(scores))]
+        knots, basis, coefficients, rest = fits[int(np.argmin(scores))]
+        # variance of one reading, by what the spline leaves of them, and larger as they go together
         free = max(count - len(knots), 1)
-        variance = np.sum(left**2) / free * alike
+        variance = np.sum(rest**2) / free * alike
         fitted = basis @ coefficients
+        # where the spline is lowest and highest at a reading, in order of time
         first, last = sorted((int(np.argmin(fitted)), int(np.argmax(fitted))))
         between = basis[last] - basis[first]
+        # standard error of that difference, by the covariance of least squares
         error = np.sqrt(variance * between @ np.linalg.pinv(basis.T @ basis) @ between)
         # the largest of all differences, after Scheffé
         directions = max(len(knots) - 1, 1)
-        quantiles = scipy.special.fdtri(directions, free, (INTERVAL, SURELY))
+        quantiles = scipy.special.fdtri(directions, free, (0.95, LIMITS.confidence))
         interval, surely = (error * np.sqrt(directions * quantiles)).tolist()
         change = float(fitted[last] - fitted[first])
         return cls(knots, coefficients, change, interval, sure=abs(change) > surely)
 
 
-def _alike(left: Array) -> float:
+def _alike(rest: Array) -> float:
     """Give how many neighbours err as one, by the correlation of one with the next."""
-    correlation = np.sum(left[1:] * left[:-1]) / (np.sum(left**2) + MIN_VARIANCE)
+    # lag-one autocorrelation of what is left
+    correlation = np.sum(rest[1:] * rest[:-1]) / (np.sum(rest**2) + MIN_VARIANCE)
     # that of what a line leaves of few readings is too small
-    unbiased = correlation + (2 + 4 * correlation) / len(left)
-    bounded = float(np.clip(unbiased, 0.0, MOST_ALIKE))
+    unbiased = correlation + (2 + 4 * correlation) / len(rest)
+    bounded = float(np.clip(unbiased, 0.0, LIMITS.most_alike))
+    # variance of a mean of autocorrelated readings, by that of independent ones
     return (1 + bounded) / (1 - bounded)
 
 
@@ -239,6 +224,7 @@ def _basis(knots: Array, times: Array) -> Array:
     if len(knots) == 1:
         return np.ones((len(times), 1))
     at, x = (knots - knots[0]) / np.ptp(knots), (times - knots[0]) / np.ptp(knots)
+    # truncated cubes of time, which is 0 at the first knot and 1 at the last one
     cubes = np.maximum(x[:, None] - at, 0.0) ** 3
     # beyond the last knot cubes and squares vanish (Hastie, Tibshirani and Friedman 2009, eq. 5.5)
     curved = (cubes[:, :-1] - cubes[:, -1:]) / (1 - at[:-1])
@@ -267,19 +253,24 @@ class Zero:
     def of(cls, plate: Plate, phases: Sequence[tuple[float, float]]) -> "Zero | None":
         """Give that of a plate; None where no phase shows it."""
         time, wrench, up = plate.time, plate.wrench_in_plate, plate.rotation[2]
+        # the end of a phase: in real time it is not known before
         of_phases = ((stop, reading(time, wrench, up, start, stop)) for start, stop in phases)
         read = [(stop, values) for stop, values in of_phases if values is not None]
         if not read:
             return None
-        ends, values = (np.array(each) for each in zip(*read, strict=True))
+        ends, values = (np.array(column) for column in zip(*read, strict=True))
         # a plate that somebody else loads for a moment reads the same before and after
-        reach = NEIGHBOURS // 2
+        reach = LIMITS.neighbours // 2
         around = np.pad(values, ((reach, reach), (0, 0)), mode="reflect")
-        usual = np.median(np.lib.stride_tricks.sliding_window_view(around, NEIGHBOURS, 0), axis=-1)
+        usual = np.median(
+            np.lib.stride_tricks.sliding_window_view(around, LIMITS.neighbours, 0), axis=-1
+        )
         apart = np.abs(values - usual)
         step = np.median(np.abs(np.diff(values, axis=0)), axis=0) if len(values) > 1 else 0.0
-        kept = (apart <= SPREAD + MOST_STEPS * step).all(axis=1)
-        courses = (Course.through(ends[kept], each[kept]) for each in values.T)
+        # a force of the usual spread, a third of a metre from the centre
+        spread = ZEROS.spread * np.repeat([1.0, 1 / 3], 3)
+        kept = (apart <= spread + LIMITS.most_steps * step).all(axis=1)
+        courses = (Course.through(ends[kept], component[kept]) for component in values.T)
         return cls(ends, values, tuple(courses))
 
     @property
@@ -291,20 +282,22 @@ class Zero:
     @property
     def change(self) -> Array:
         """How much each component changes over that span, (6,) [N, N·m]."""
-        return np.array([each.change for each in self.courses])
+        return np.array([course.change for course in self.courses])
 
     @property
     def interval(self) -> Array:
         """Half of the 95 % interval of the change, (6,) [N, N·m]."""
-        return np.array([each.interval for each in self.courses])
+        return np.array([course.interval for course in self.courses])
 
     @property
     def drifts(self) -> Mask:
         """Which components change by more than their error, and by what matters, (6,)."""
-        return np.array([each.sure for each in self.courses]) & (np.abs(self.change) > MIN_DRIFT)
+        sure = np.array([course.sure for course in self.courses])
+        return np.asarray(sure & (np.abs(self.change) > LIMITS.least_change))
 
     def at(self, times: Array) -> Array:
         """Give it over time, (T,) to (T, 6); constant where it does not drift."""
+        # components that do not drift beyond their error are constants
         zero = np.tile(np.median(self.values, axis=0), (len(times), 1))
         for k in np.flatnonzero(self.drifts):
             course = self.courses[k]
@@ -313,13 +306,13 @@ class Zero:
 
     def known_at(self, times: Array) -> Array:
         """Give it as it is known in real time, (T,) to (T, 6); nothing before the first phase."""
-        known = [np.zeros(6), *(latest(self.values[:k]) for k in range(1, len(self.values) + 1))]
-        return np.array(known)[np.searchsorted(self.time, times)]
+        zeros = [np.zeros(6), *(latest(self.values[:k]) for k in range(1, len(self.values) + 1))]
+        return np.array(zeros)[np.searchsorted(self.time, times)]
 
 
 def latest(values: Array) -> Array:
     """Give a zero in real time, (6,), by what was read in the phases so far, (N, 6)."""
-    return np.asarray(np.median(values[-LAST_PHASES:], axis=0))
+    return np.asarray(np.median(values[-LIMITS.followed_phases :], axis=0))
 
 
 def following(recording: Recording) -> set[int]:
@@ -332,20 +325,21 @@ def zeros_of(
     recording: Recording, marker_set: MarkerSet, laboratory: Laboratory
 ) -> tuple[Zero | None, ...]:
     """Give the zero of each plate; None where a foot is always on it, or its load is unknown."""
-    if (seen := _from_platform(recording, laboratory)) is None:
+    if (relative := _from_platform(recording, laboratory)) is None:
         return (None,) * len(recording.plates)
-    markers = seen.markers
-    plates = EmptyPlates(marker_set, markers.names, seen.plates, markers.rate_hz)
+    markers = relative.markers
+    plates = EmptyPlates(marker_set, markers.names, relative.plates, markers.rate_hz)
     phases = [*plates.phases(markers)]
     return tuple(
         Zero.of(plate, [(start, stop) for start, stop, empty in phases if empty[k]])
-        for k, plate in enumerate(seen.plates)
+        for k, plate in enumerate(relative.plates)
     )
 
 
 def _from_platform(recording: Recording, laboratory: Laboratory) -> Recording | None:
     """Show markers as the platform sees them, and plates without what it and the belts add."""
     platform, compensated = laboratory.treadmill.platform, laboratory.calibration is not None
+    # a moving platform adds its inertia to plates without load: no zero can be seen
     if platform is not None and not compensated:
         return None
     plates, markers = recording.plates, recording.markers
@@ -360,6 +354,7 @@ def _from_platform(recording: Recording, laboratory: Laboratory) -> Recording | 
     except ValueError:  # a calibration pose may lack what a trial needs, and a trial says so itself
         return None
     if pose is not None:
+        # in the frame of the platform, in which plates do not move
         position = (markers.position - pose.position[:, None]) @ pose.rotation
         markers = replace(markers, position=position)
     return replace(recording, markers=markers, plates=plates)

@@ -9,6 +9,7 @@ import scipy
 
 from hbm.body import BALL_ABOVE_SOLE, Body
 from hbm.motion import Motion
+from hbm.numbers import read_numbers
 from hbm.plausibility.motion import unseen_covariance
 from hbm.signals.filtering import low_pass
 from hbm.signals.samples import median_of, stretches
@@ -17,29 +18,7 @@ from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
 from pipeline.trial.gait.contact import FEET
 
-MIN_STANCE_S: Final = 0.25
-MAX_STANCE_S: Final = 1.5
-"""Of a foot that walks or runs over a plate; a longer one stands."""
-LOADED: Final = 0.1
-"""Of body weight, either way: a plate that carries a foot."""
-MAX_STANCE_MPS: Final = 0.3
-"""Sum over axes of the standard deviation of the velocity of the ball of a foot that stands: 0.02
-to 0.09; of one that swings 0.8 and more."""
-PRESSURE_ALONG: Final = 0.40
-"""Where pressure lies under a foot in the middle half of a stance, on the line from ankle to ball:
-from the ankle, by the length of the foot."""
-HEALTHY_SD: Final = np.array([0.033, 0.025, 0.040, 0.0075, 0.0125, 0.004])
-"""Standard deviation of the residual of healthy walks with all markers, by body weight and by body
-weight × stature: forward, left, up, and about the same axes."""
-MIN_FOOT_MPS: Final = 0.3
-STANDS_S: Final = 0.4
-"""Speed of an ankle that swings or goes with a belt, and how long none does in double support."""
-MIN_WEIGHING_S: Final = 0.35
-"""Of a stretch that the plates carry: over it, the change of the vertical velocity divided by the
-time is known to 0.03 m/s², a third of a percent of gravity."""
-MAX_APART: Final = 0.12
-"""RMS difference of the load from what the motion needs, by their mean: healthy walks differ by 2
-to 7 %; where they differ by more, something else than the mass is wrong."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "evidence")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,25 +80,26 @@ class Evidence:
         settings: Settings,
     ) -> "Evidence":
         """Collect it from the stages of a trial: the motion is filtered, the places are not."""
-        time, pelvis, every = motion.time, motion.q[:, :3], np.stack([*wrenches], axis=1)
+        time, pelvis, unfiltered = motion.time, motion.q[:, :3], np.stack([*wrenches], axis=1)
         weight_n = body.mass * GRAVITY_MPS2
-        filtered = low_pass(every, time, settings.cutoff_hz, settings.filter).swapaxes(0, 1)
+        filtered = low_pass(unfiltered, time, settings.cutoff_hz, settings.filter).swapaxes(0, 1)
         # the residual is what the motion needs beyond the plates
         needed = residual + shift_wrench(filtered.sum(axis=0), pelvis)
-        known = carried & np.isfinite(needed).all(axis=1)
+        judged = carried & np.isfinite(needed).all(axis=1)
         # what plates read without load is judged by itself
         for plate, zero, wrench in zip(plates, unloaded, filtered, strict=True):
             if zero is not None:
                 wrench -= shift_wrench(zero, -plate.center)
-        deviation = weight_n * HEALTHY_SD * np.repeat([1.0, body.height_m], 3)
+        # forces grow with body weight, moments with body weight × stature
+        deviation = weight_n * LIMITS.healthy_spread * np.repeat([1.0, body.height_m], 3)
         return cls(
             plates=tuple(plates),
             time=time,
             wrenches=filtered,
-            load=every[..., 2].T,
+            load=unfiltered[..., 2].T,
             needed=needed,
             pelvis=pelvis,
-            carried=known,
+            carried=judged,
             ankle=places[:, 1:3],
             ball=places[:, 3:],
             foot_m=np.array([body.lengths[foot] for foot in FEET]),
@@ -130,9 +110,11 @@ class Evidence:
     @property
     def walking(self) -> Mask:
         """Frames around which a foot moves, (T,): who stands has the same error in all frames."""
+        # the faster ankle, since one foot stands in walking
         speed = np.linalg.norm(np.gradient(self.ankle, self.time, axis=0), axis=-1).max(axis=1)
-        around = 2 * round(STANDS_S / self.step_s) + 1
-        moves = np.nan_to_num(speed) > MIN_FOOT_MPS
+        # double support belongs to walking: frames beside those in which a foot moves
+        around = 2 * round(LIMITS.shortest_standing / self.step_s) + 1
+        moves = np.nan_to_num(speed) > LIMITS.foot_speed
         return np.asarray(scipy.ndimage.maximum_filter1d(moves.astype(float), around) > 0)
 
     @property
@@ -142,7 +124,7 @@ class Evidence:
 
     def loaded_s(self, number: int) -> float:
         """How long a plate carries while the motion is known [s]."""
-        carries = np.abs(self.wrenches[number, :, 2]) > LOADED * self.weight_n
+        carries = np.abs(self.wrenches[number, :, 2]) > LIMITS.loaded * self.weight_n
         return float(np.count_nonzero(carries & self.carried)) * self.step_s
 
 
@@ -185,22 +167,32 @@ def find_stances(evidence: Evidence) -> Iterator[Stance]:
     time = evidence.time
     velocity = np.gradient(evidence.ball, time, axis=0)
     for plate, load in enumerate(np.abs(evidence.load)):
-        for start, stop in stretches(load > LOADED * evidence.weight_n):
+        # each contact of a plate, of either sign: a plate may measure the other way round
+        for start, stop in stretches(load > LIMITS.loaded * evidence.weight_n):
             lasts_s = time[stop - 1] - time[start]
-            if start == 0 or stop == len(time) or not MIN_STANCE_S < lasts_s < MAX_STANCE_S:
+            # contacts that the recording cuts, and people who stand, tell no usual pressure
+            if (
+                start == 0
+                or stop == len(time)
+                or not LIMITS.shortest_stance < lasts_s < LIMITS.longest_stance
+            ):
                 continue
+            # the middle half, in which the whole foot is down
             quarter = (stop - start) // 4
             frames = slice(start + quarter, stop - quarter)
             spread = velocity[frames].std(axis=0).sum(axis=-1)
             foot = int(np.argmin(spread))
-            if not (spread[foot] < MAX_STANCE_MPS < spread[1 - foot]):
+            # one foot has to be at rest and the other one to swing
+            if not (spread[foot] < LIMITS.standing_spread < spread[1 - foot]):
                 continue
             ankle, ball = evidence.ankle[frames, foot], evidence.ball[frames, foot]
+            # horizontal unit vectors from ankle to ball, and to the left of it
             along = (ball - ankle) * [1.0, 1.0, 0.0]
             along /= np.linalg.norm(along, axis=1)[:, None]
             left = np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(along))])
             length = evidence.foot_m[foot]
-            expected = ankle + PRESSURE_ALONG * length * along
+            # on the line from ankle to ball, at the height of the sole
+            expected = ankle + LIMITS.pressure_along * length * along
             expected[:, 2] = ball[:, 2] - BALL_ABOVE_SOLE * length
             yield Stance(plate, foot, np.arange(len(time))[frames], along, left, expected)
 
@@ -208,6 +200,7 @@ def find_stances(evidence: Evidence) -> Iterator[Stance]:
 def pressure(wrench: Array, level: Array) -> Array:
     """Give the centre of pressure at a height, (F,) [m], of wrenches in the lab, (…, F, 3) [m]."""
     fx, fy, fz, mx, my, _ = np.moveaxis(wrench, -1, 0)
+    # where the moment about both horizontal axes is zero, at this height
     across = (level * fx - my) / fz, (level * fy + mx) / fz
     return np.stack([*across, np.broadcast_to(level, fz.shape)], axis=-1)
 
@@ -220,13 +213,17 @@ def weight_of_steps(evidence: Evidence) -> float | None:
     The mean vertical force is m (g + Δv/Δt) of the centre of mass over any stretch, Δv from the
     markers; over whole gait cycles Δv is zero.
     """
+    # vertical force of all plates, and that of the motion with the assumed mass
     load, need = evidence.wrenches[..., 2].sum(axis=0), evidence.needed[:, 2]
     weighing = np.zeros(len(load), bool)
     for start, stop in stretches(evidence.carried):
-        weighing[start:stop] = evidence.time[stop - 1] - evidence.time[start] >= MIN_WEIGHING_S
+        weighing[start:stop] = (
+            evidence.time[stop - 1] - evidence.time[start] >= LIMITS.shortest_weighing
+        )
     if not weighing.any():
         return None
     load, need = load[weighing], need[weighing]
+    # the motion needs forces in proportion to the mass
     factor = float(load.sum() / need.sum())
     apart = float(np.sqrt(np.mean(np.square(load - factor * need))) / load.mean())
-    return None if apart > MAX_APART else factor * evidence.weight_n / GRAVITY_MPS2
+    return None if apart > LIMITS.largest_difference else factor * evidence.weight_n / GRAVITY_MPS2

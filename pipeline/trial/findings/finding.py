@@ -3,19 +3,17 @@
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.trial.findings.raw import RawFault, RawKind
+
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "finding")
 
 JudgedKind = Literal[
     "gain", "reversed", "turned", "exchanged", "moved", "askew", "late", "all_late", "mass"
 ]
 """What may be wrong with plates that motion and feet judge, or with the body mass."""
 Kind = RawKind | JudgedKind | Literal["zero", "drift"]
-MAX_WORSE: Final = 1.05
-"""Of the RMS of an axis, that a correction may leave."""
-
-MOST_DRIFT_N: Final = 20.0
-"""3 % of the weight of a light adult: a zero that drifts by more changes what plates carry."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +54,7 @@ class Correction:
         )
         larger = [*map(max, kept, held_out)]
         text = self._of_axis(kept.index(min(kept)))
-        if not self.helps and max(larger) > MAX_WORSE:
+        if not self.helps and max(larger) > LIMITS.largest_growth:
             text += f"; but {self._of_axis(larger.index(max(larger)))}"
         return text
 
@@ -113,5 +111,5 @@ class Finding:
         """Whether the plate measures its load wrongly, beyond zero and single samples."""
         if self.kind == "drift":
             sizes = dict(zip(self.component.split(", "), self.size, strict=True))
-            return abs(sizes.get("Fz", 0.0)) > MOST_DRIFT_N
+            return bool(abs(sizes.get("Fz", 0.0)) > LIMITS.largest_drift)
         return self.kind not in ("zero", "lost")

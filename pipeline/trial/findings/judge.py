@@ -6,7 +6,7 @@ is uncertain in every comparison. A fault is named if correcting it lowers the s
 healthy recordings ever show; faults that lower it almost alike are named together.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -15,6 +15,7 @@ import numpy as np
 
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.coordinates import UP
+from hbm.numbers import read_numbers
 from hbm.spatial import (
     WRENCH_COMPONENTS,
     Array,
@@ -28,70 +29,7 @@ from pipeline.io.mended_plates import reversing, turning
 from pipeline.trial.findings.evidence import Evidence, Stance, find_stances, pressure
 from pipeline.trial.findings.finding import JudgedKind
 
-LIMIT: Final = 7.0
-"""Fall of the score that names a fault (twice a logarithm of odds): of 61 healthy recordings none
-exceeds it with all markers, and one with markers on the legs alone
-(`tests.campaign.planted_faults`)."""
-TIED: Final = 6.0
-"""Faults that are so near to the best one cannot be told from it."""
-INDEPENDENT_S: Final = 0.15
-"""Errors of the motion's forces are about independent after it."""
-MOST_INDEPENDENT: Final = 14.0
-"""Samples that count at most: bodies differ from tables in all frames alike."""
-MOST_FRAMES: Final = 150
-"""Frames at which the motion is compared: neighbours tell the same."""
-MOST_OF_STANCE: Final = 12
-MOST_STANCES: Final = 10
-"""Frames of a stance, and stances of a foot on a plate, that are compared."""
-FOOT_SD: Final = np.array([0.032, 0.024])
-"""Of the pressure from where it usually is, along and across a foot on a plate [m]."""
-DOWN_SD: Final = 0.035
-"""Of a downward pull on a foot, by body weight: there is none."""
-MOST_DEVIATIONS: Final = 30.0
-"""Of a foot from its pressure; a plate that reads nothing has its pressure anywhere."""
-MASS_SD: Final[Mapping[bool, float]] = {True: 0.03, False: 0.10}
-WRONG_MASS_SD: Final = 0.20
-"""Of body mass, by itself: where it is stated, where the plates weighed it, and where it is that of
-another person."""
-MIN_LOADED_S: Final = 0.15
-"""For which a plate has to carry to be judged."""
-SD: Final[Mapping[JudgedKind, tuple[float, ...]]] = {
-    "gain": (0.5,),
-    "moved": (0.06, 0.06),
-    "askew": (0.35,),
-    "late": (0.03,),
-    "all_late": (0.03,),
-}
-"""Kind of fault -> usual size where it is there: share, [m], [rad], [s]."""
-COST: Final[Mapping[JudgedKind, float]] = {
-    "gain": 4.0,
-    "reversed": 6.0,
-    "turned": 6.0,
-    "exchanged": 6.0,
-    "mass": 2.0,
-    "moved": 3.0,
-    "askew": 5.0,
-    "late": 7.0,
-    "all_late": 5.0,
-}
-"""How rare each kind is, on the scale of the score."""
-BODY_LAG_S: Final = 0.007
-"""By which the motion that skin markers show is early: plates on one clock with the cameras seem
-later in healthy walks, 5 to 11 ms in 12 of real and virtual people."""
-LEAST: Final[Mapping[JudgedKind, float]] = {
-    "gain": 0.05,
-    "moved": 0.015,
-    "askew": np.radians(5.0),
-    "late": 0.008,
-    "all_late": 0.008,
-}
-"""Smallest size that is named: share, [m], [rad], [s]."""
-MAX_MOVE_M: Final = 0.3
-"""Beyond it, a plate has the signal of another one."""
-FREEDOM: Final = 12.0
-"""Degrees of freedom of what healthy bodies leave, in one trial more than in another."""
-STEPS: Final = 3
-"""Of Gauss and Newton; nearly all faults are linear."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "judge")
 
 
 class Hypothesis(NamedTuple):
@@ -114,7 +52,7 @@ class Hypothesis(NamedTuple):
     @property
     def sd(self) -> Array:
         """Usual size of its numbers."""
-        return np.array(SD.get(self.kind, ()))
+        return np.array(LIMITS.usual_size.get(self.kind, ()))
 
 
 class Stances(NamedTuple):
@@ -205,29 +143,37 @@ class View:
     def of(cls, evidence: Evidence, *, mass_is_stated: bool, frames: Mask | None = None) -> "View":
         """Choose the frames, all that carry or some of them, (T,)."""
         frames = np.ones(len(evidence.time), bool) if frames is None else frames
+        # who stands has the same error in all frames: only frames of walking count
         use = evidence.carried & evidence.walking & frames
-        known: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & frames
-        stances = [*_spread_over([s for s in find_stances(evidence) if known[s.rows].all()])]
-        carried = _thinned(np.flatnonzero(use), MOST_FRAMES)
-        every = np.unique(np.concatenate([carried, *(s.rows for s in stances)]).astype(int))
-        independent = min(use.sum() * evidence.step_s / INDEPENDENT_S, MOST_INDEPENDENT)
+        measured: Mask = np.isfinite(evidence.wrenches).all(axis=(0, 2)) & frames
+        stances = [*_spread_over([s for s in find_stances(evidence) if measured[s.rows].all()])]
+        # more frames than these cost time and tell the same as their neighbours
+        carried = _thinned(np.flatnonzero(use), 150)
+        rows = np.unique(np.concatenate([carried, *(s.rows for s in stances)]).astype(int))
+        # samples that are about independent: one in each stretch of correlated errors
+        independent = min(
+            use.sum() * evidence.step_s / LIMITS.independent_after, LIMITS.most_independent
+        )
+        # residual @ whiten has unit variance: whiten whiten^T is the inverse covariance
         whiten = np.linalg.cholesky(np.linalg.inv(evidence.covariance))
         of_plates = [
-            Stances.joined([stance for stance in stances if stance.plate == k], every)
+            Stances.joined([stance for stance in stances if stance.plate == k], rows)
             for k in range(len(evidence.plates))
         ]
+        # all frames together weigh as much as the independent samples among them
         whiten *= np.sqrt(independent / max(len(carried), 1))
         places, pelvis = evidence.plates, evidence.pelvis[carried]
         # wrenches are rows, so that what is done to those of unit size is the matrix of it
         units = [rotate_wrench(np.eye(6), place.rotation) for place in places]
+        # residuals are about the pelvis, which moves from frame to frame
         to_pelvis = [
             shift_wrench(unit, (pelvis - place.center)[:, None])
             for unit, place in zip(units, places, strict=True)
         ]
         view = cls(
             evidence=evidence,
-            frames=every,
-            of_motion=np.searchsorted(every, carried),
+            frames=rows,
+            of_motion=np.searchsorted(rows, carried),
             stances=tuple(of_plates),
             signals=tuple(
                 rotate_wrench(shift_wrench(np.nan_to_num(w), p.center), p.rotation.T)
@@ -239,7 +185,7 @@ class View:
             to_channels=tuple(shift_wrench(np.eye(6), place.transducer) for place in places),
             from_channels=tuple(shift_wrench(np.eye(6), -place.transducer) for place in places),
             whiten=whiten,
-            mass_sd=MASS_SD[mass_is_stated],
+            mass_sd=LIMITS.stated_mass_spread if mass_is_stated else LIMITS.weighed_mass_spread,
             independent=6 * independent,
         )
         return replace(view, wrenches=tuple(view.at(k, np.zeros(1))[0] for k in range(len(places))))
@@ -247,12 +193,13 @@ class View:
     def at(self, plate: int, later_s: Array) -> Array:
         """Give what a plate that is later by N times measures at the frames, (N, U, 6)."""
         time, wrench = self.evidence.time, self.signals[plate]
-        times = (time[self.frames] + (BODY_LAG_S + later_s[:, None])).clip(time[0], time[-1])
+        # a late plate sends later what it carried at a frame, and the body seems early
+        times = (time[self.frames] + (LIMITS.body_lag + later_s[:, None])).clip(time[0], time[-1])
         # on straight lines, at once for all channels
         after = time.searchsorted(times).clip(1)
-        share = (times - time[after - 1]) / (time[after] - time[after - 1])
+        fraction = (times - time[after - 1]) / (time[after] - time[after - 1])
         before = wrench[after - 1]
-        return np.asarray(before + share[..., None] * (wrench[after] - before))
+        return np.asarray(before + fraction[..., None] * (wrench[after] - before))
 
     def measured(self, plate: int, wrench: Array) -> Array:
         """Give what a plate adds to the residual, in standard deviations, (H, 6 F).
@@ -273,6 +220,7 @@ class View:
         stances = self.stances[signal]
         if not len(stances.feet):
             return np.zeros((len(wrench), 0))
+        # centre of pressure at the height of the sole, and how far it is from its usual place [m]
         in_lab = wrench[:, stances.rows] @ self.to_lab[plate]
         apart = pressure(in_lab, stances.expected[:, 2]) - stances.expected
         # light loads have their pressure anywhere
@@ -280,14 +228,20 @@ class View:
         sums = [
             stances.sums(load * np.vecdot(apart, axis)) for axis in (stances.along, stances.left)
         ]
-        away = np.stack(sums, axis=1) / (stances.sums(load)[:, None] * FOOT_SD[:, None])
-        down = stances.sums(np.minimum(in_lab[..., 2] / self.evidence.weight_n, 0.0)) / DOWN_SD
+        # means of a stance, weighted by load, in standard deviations of healthy people
+        away = np.stack(sums, axis=1) / (stances.sums(load)[:, None] * LIMITS.foot_spread[:, None])
+        # mean downward pull of a stance, which no foot exerts
+        down = (
+            stances.sums(np.minimum(in_lab[..., 2] / self.evidence.weight_n, 0.0))
+            / LIMITS.pull_spread
+        )
         count = np.diff(stances.starts, append=len(stances.rows))
         away = np.concatenate([away, (down / count)[:, None]], axis=1)
+        # a median over stances, since a foot may land half beside a plate
         of_foot = (away[..., stances.feet == k] for k in np.unique(stances.feet))
-        medians = [np.median(each, axis=-1) for each in of_foot]
+        medians = [np.median(stances_of_foot, axis=-1) for stances_of_foot in of_foot]
         deviations = np.nan_to_num(np.concatenate(medians, axis=1))
-        return np.asarray(np.clip(deviations, -MOST_DEVIATIONS, MOST_DEVIATIONS))
+        return np.asarray(np.clip(deviations, -LIMITS.most_deviations, LIMITS.most_deviations))
 
 
 class Fitted(NamedTuple):
@@ -309,8 +263,9 @@ class Fitted(NamedTuple):
     @property
     def matters(self) -> bool:
         """Whether it is as large as what is named."""
-        most = MAX_MOVE_M if self.hypothesis.kind == "moved" else np.inf
-        return LEAST.get(self.hypothesis.kind, 0.0) <= float(np.linalg.norm(self.size)) <= most
+        most = LIMITS.longest_move if self.hypothesis.kind == "moved" else np.inf
+        least = LIMITS.least_size.get(self.hypothesis.kind, 0.0)
+        return bool(least <= float(np.linalg.norm(self.size)) <= most)
 
 
 def _thinned(rows: Indices, most: int) -> Indices:
@@ -322,8 +277,9 @@ def _spread_over(stances: Sequence[Stance]) -> Iterator[Stance]:
     """Give some stances of each foot on each plate, with some of their frames."""
     for key in sorted({(s.plate, s.foot) for s in stances}):
         same = [stance for stance in stances if (stance.plate, stance.foot) == key]
-        for k in _thinned(np.arange(len(same)), MOST_STANCES):
-            at = _thinned(np.arange(len(same[k].rows)), MOST_OF_STANCE)
+        # ten stances of twelve frames each tell what all would
+        for k in _thinned(np.arange(len(same)), 10):
+            at = _thinned(np.arange(len(same[k].rows)), 12)
             yield same[k].some(at)
 
 
@@ -336,7 +292,7 @@ def judge_plates(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted, .
     likely = _likely(view)
     if likely and likely[0].hypothesis.kind == "mass":
         # it is said where masses are compared; plates are judged whatever it is
-        likely = _likely(replace(view, mass_sd=WRONG_MASS_SD))
+        likely = _likely(replace(view, mass_sd=LIMITS.wrong_mass_spread))
     return likely
 
 
@@ -346,34 +302,42 @@ def instead_of_mass(evidence: Evidence, *, mass_is_stated: bool) -> tuple[Fitted
     Gains of vertical forces that explain almost as much, and whatever explains far more.
     """
     plain = _Comparison.of(View.of(evidence, mass_is_stated=mass_is_stated))
+    # how well another body mass alone explains the same
     one_mass = plain.fit([Hypothesis("mass", ())])[0].evidence
-    fitted = plain.fit([each for each in hypotheses(plain.view) if each.plates])
+    fitted = plain.fit([fault for fault in hypotheses(plain.view) if fault.plates])
     return tuple(
-        each
-        for each in fitted
-        if each.matters
-        and each.evidence
-        > (one_mass - TIED if each.hypothesis.weighs else max(one_mass + TIED, 0.0))
+        fault
+        for fault in fitted
+        if fault.matters
+        and fault.evidence
+        > (one_mass - LIMITS.tied if fault.hypothesis.weighs else max(one_mass + LIMITS.tied, 0.0))
     )
 
 
 def _likely(view: View) -> tuple[Fitted, ...]:
     """Give the most likely fault, and those that are almost as likely."""
+    # nothing to judge by: no frame under load, and no single foot on a plate
     if not (len(view.of_motion) or any(len(stances.feet) for stances in view.stances)):
         return ()
     plain = _Comparison.of(view)
-    fitted = [each for each in plain.fit([*hypotheses(view)]) if each.matters]
-    fitted.sort(key=lambda each: -each.evidence)
+    fitted = [fault for fault in plain.fit([*hypotheses(view)]) if fault.matters]
+    fitted.sort(key=lambda fault: -fault.evidence)
     best = fitted[0].evidence if fitted else 0.0
-    return tuple(each for each in fitted if best > LIMIT and each.evidence > best - TIED)
+    return tuple(
+        fault
+        for fault in fitted
+        if best > LIMITS.least_evidence and fault.evidence > best - LIMITS.tied
+    )
 
 
 def hypotheses(view: View) -> Iterator[Hypothesis]:
     """Give what may be wrong with plates that carry."""
     numbers = range(len(view.evidence.plates))
-    if view.mass_sd < WRONG_MASS_SD:
+    # once the mass is taken as wrong it is fitted in every comparison
+    if view.mass_sd < LIMITS.wrong_mass_spread:
         yield Hypothesis("mass", ())
-    loaded = (k for k in numbers if view.evidence.loaded_s(k) > MIN_LOADED_S)
+    # plates on which somebody was for long enough, or a single foot
+    loaded = (k for k in numbers if view.evidence.loaded_s(k) > LIMITS.shortest_load)
     judged = sorted({*loaded, *(k for k in numbers if len(view.stances[k].feet))})
     for k in judged:
         yield from (Hypothesis("gain", (k,), name) for name in WRENCH_COMPONENTS)
@@ -381,14 +345,11 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
         yield from (Hypothesis("turned", (k,), degrees) for degrees in ("90", "180", "270"))
         yield Hypothesis("moved", (k,))
         yield Hypothesis("askew", (k,))
+        # a single plate that is late is the same as all plates that are late
         if len(judged) > 1:
             yield Hypothesis("late", (k,))
     yield from (Hypothesis("exchanged", pair) for pair in combinations(judged, 2))
     yield Hypothesis("all_late", tuple(numbers))
-
-
-ONE_CHANNEL: Final = dict(zip(WRENCH_COMPONENTS, np.eye(6)[:, None] * np.eye(6), strict=True))
-"""Channel -> what takes it alone, (6, 6)."""
 
 
 def corrected(view: View, hypothesis: Hypothesis, sizes: Array) -> dict[tuple[int, int], Array]:
@@ -416,14 +377,18 @@ def correcting(view: View, hypothesis: Hypothesis, sizes: Array) -> Array:
             # the same wrench acts at another place: its moment about the old one
             return shift_wrench(np.eye(6), -(sizes @ np.eye(2, 3))[:, None])
         case "askew":
+            # about the vertical, as the plate's axes see it
             upright = view.evidence.plates[k].rotation.T @ UP
             return rotate_wrench(np.eye(6), rotation_about(upright, sizes))
         case "gain":
-            channels = np.eye(6) + sizes[..., None] * ONE_CHANNEL[what]
+            # (1 + size) × one channel, the others as they are
+            alone = np.diag(np.eye(6)[WRENCH_COMPONENTS.index(what)])
+            channels = np.eye(6) + sizes[..., None] * alone
         case "reversed":
             channels = reversing(what)[None]
         case _:
             channels = turning(what)[None]
+    # rows: about the transducer, where channels are, then corrected, then back to the centre
     return np.asarray(view.to_channels[k] @ channels.mT @ view.from_channels[k])
 
 
@@ -458,43 +423,52 @@ class _Comparison:
         ends = np.cumsum([len(needed), *map(len, feet)]).tolist()
         # a body that is heavier by a share needs as much more; the feet stay
         heavier = np.pad(needed, (0, ends[-1] - len(needed)))
+        # residual: what the motion needs less what all plates measure
         row = np.concatenate([needed - np.sum(measured, axis=0), *feet])
         plain = cls(view, row, heavier, measured, tuple(map(slice, ends[:-1], ends[1:])))
+        # even without a fault, the body mass is fitted
         _, _, (score,), (spread,) = plain._least([Hypothesis("mass", ())], [view.mass_sd])
         return replace(plain, score=score, spread=spread)
 
     def fit(self, hypotheses: Sequence[Hypothesis]) -> list[Fitted]:
         """Fit hypotheses, and compare what they leave; those with as many sizes at once."""
         fitted, alike = dict[Hypothesis, Fitted](), dict[int, list[Hypothesis]]()
-        for each in hypotheses:
-            alike.setdefault(len(each.sd), []).append(each)
+        for hypothesis in hypotheses:
+            alike.setdefault(len(hypothesis.sd), []).append(hypothesis)
         for group in alike.values():
-            mass_sd = [self.view.mass_sd if each.plates else WRONG_MASS_SD for each in group]
+            # only where the mass is the fault may it be far off
+            mass_sd = [
+                self.view.mass_sd if fault.plates else LIMITS.wrong_mass_spread for fault in group
+            ]
             size, covariance, score, spread = self._least(group, mass_sd)
+            # twice the logarithm of the odds: fit, less freedom to fit, less rarity
             fall = self._unlikely(self.score) - self._unlikely(score)
-            gained = fall - (spread - self.spread) - [COST[each.kind] for each in group]
+            gained = fall - (spread - self.spread) - [LIMITS.rarity[fault.kind] for fault in group]
             fitted |= zip(group, map(Fitted, group, size, covariance, gained.tolist()), strict=True)
-        return [fitted[each] for each in hypotheses]
+        return [fitted[hypothesis] for hypothesis in hypotheses]
 
     def _unlikely(self, score: Array | float) -> Array:
         """Give how unlikely a sum of squares is that has a scale of its own, after Student."""
+        # number of values: of the motion and of the feet
         values = self.view.independent + len(self.plain) - self.feet[0].start
-        return np.asarray((values + FREEDOM) * np.log1p(score / FREEDOM))
+        return np.asarray((values + LIMITS.freedom) * np.log1p(score / LIMITS.freedom))
 
     def _left(self, alike: Sequence[Hypothesis], sizes: Array) -> Array:
         """Give residual and feet, (H, N, R), without each of H faults of N sizes, (H, N, S)."""
+        # hypotheses that change the same plate are computed together
         of_plates = dict[tuple[int, int], dict[int, Array]]()
-        for row, each in enumerate(zip(alike, sizes, strict=True)):
-            for places, wrench in corrected(self.view, *each).items():
+        for row, fault in enumerate(zip(alike, sizes, strict=True)):
+            for places, wrench in corrected(self.view, *fault).items():
                 of_plates.setdefault(places, {})[row] = wrench
         rows = np.tile(self.plain, (*sizes.shape[:2], 1))
         for (k, signal), of_rows in of_plates.items():
-            at, wrenches = [*of_rows], np.concatenate([*of_rows.values()])
+            faults, wrenches = [*of_rows], np.concatenate([*of_rows.values()])
+            # residual without the fault: what the plate added, less what it should add
             change = self.measured[k] - self.view.measured(k, wrenches)
             feet = self.view.feet(k, wrenches, signal)
-            of_sizes = len(at), rows.shape[1]
-            rows[at, :, : change.shape[1]] += change.reshape(*of_sizes, change.shape[1])
-            rows[at, :, self.feet[signal]] = feet.reshape(*of_sizes, feet.shape[1])
+            of_sizes = len(faults), rows.shape[1]
+            rows[faults, :, : change.shape[1]] += change.reshape(*of_sizes, change.shape[1])
+            rows[faults, :, self.feet[signal]] = feet.reshape(*of_sizes, feet.shape[1])
         return rows
 
     def _least(
@@ -504,13 +478,16 @@ class _Comparison:
 
         Of H faults with as many sizes, S: (H, S), (H, S, S), (H,) and (H,).
         """
-        sd = np.array([[mass, *each.sd] for mass, each in zip(mass_sd, alike, strict=True)])
+        # prior of body mass and sizes; a size starts from none
+        sd = np.array([[mass, *fault.sd] for mass, fault in zip(mass_sd, alike, strict=True)])
         x, small = np.zeros(sd.shape), 1e-3 * sd[:, 1:]
         # a fault as it is, and larger along each of its sizes
         larger = np.eye(small.shape[1] + 1)[:, 1:] * small[:, None]
         heavier = np.broadcast_to(self.heavier, (len(sd), 1, len(self.heavier)))
-        for _ in range(STEPS if small.size else 1):
+        # nearly all faults are linear in their sizes: three steps are enough
+        for _ in range(3 if small.size else 1):
             at_once = self._left(alike, x[:, None, 1:] + larger)
+            # derivatives of residual and feet by each size, by differences
             plain, changed = at_once[:, 0], at_once[:, 1:] - at_once[:, :1]
             rows = np.concatenate([heavier, changed / small[..., None]], axis=1)
             here = plain + x[:, :1] * self.heavier
@@ -519,10 +496,12 @@ class _Comparison:
             step = np.linalg.solve(
                 information, (np.vecdot(rows, here[:, None]) + x / sd**2)[..., None]
             )
+            # no step beyond three standard deviations, where a fault is no longer linear
             x = x - np.clip(step[..., 0], -3 * sd, 3 * sd)
         plain = self._left(alike, x[:, None, 1:])[:, 0] if small.size else plain
-        left = plain + x[:, :1] * self.heavier
-        score = np.vecdot(left, left) + np.sum((x / sd) ** 2, axis=1)
+        rest = plain + x[:, :1] * self.heavier
+        # sum of squares of what is left, and of sizes by their prior
+        score = np.vecdot(rest, rest) + np.sum((x / sd) ** 2, axis=1)
         # a fault that may have many sizes is less likely to have this one
         spread = np.linalg.slogdet(information * sd[:, None] * sd[:, :, None])[1]
         return x[:, 1:], np.linalg.inv(information)[:, 1:, 1:], score, spread

@@ -6,11 +6,14 @@ from typing import Final, Literal
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.signals.converters import find_jumps, find_limits
 from hbm.signals.samples import stretches, without_short_gaps
 from hbm.spatial import WRENCH_COMPONENTS, Array, Indices, Mask, shift_wrench
 from pipeline.io.mended_plates import channels_about, find_overflows
 from pipeline.io.recording import Plate
+
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "raw")
 
 RawKind = Literal["dead", "wraps", "clipped", "jumps", "lost"]
 
@@ -50,27 +53,6 @@ class RawFault:
         return self.spans_s[0][0]
 
 
-LEAST_LIMIT: Final = (10.0, 10.0, 30.0, 1.0, 1.0, 1.0)
-"""Of a channel that is clipped [N, N·m]."""
-LEAST_JUMP: Final = np.array([0.065, 0.065, 0.12, 0.01, 0.01, 0.01])
-"""Of the largest vertical force; of it × 1 m for moments: smaller ones hardly change a residual."""
-FAST_S: Final = 0.002
-STRIKES: Final = 2000.0
-"""Between samples farther apart, heels strike: a jump is larger by as much, in a second."""
-LEAST_LOAD_N: Final = 200.0
-"""On a plate that somebody is on, of a small child; where nobody is, jumps change no residual."""
-MERGED_S: Final = 0.02
-"""Between spans that are given as one."""
-MIN_LOADED: Final = 0.05
-"""Of the largest load: below it a foot lands or leaves, and a plate with a dead band reads zero."""
-MAX_LOST_S: Final = 0.005
-MIN_BESIDE: Final = 0.05
-"""Of a channel's largest value, on both sides of samples that are exactly zero for so short a time:
-a foot lands and leaves slowly enough for a plate to read what is in between."""
-BEYOND_NOISE: Final = 8.0
-"""By the usual change from sample to sample: nearer to zero, noise passes through it."""
-
-
 def raw_faults(plates: Sequence[Plate]) -> tuple[RawFault, ...]:
     """Find what raw samples of plates show, in order of plates and channels.
 
@@ -90,6 +72,7 @@ def raw_faults(plates: Sequence[Plate]) -> tuple[RawFault, ...]:
     Channels that a laboratory's program computes from other ones, as from eight of a plate, do not
     stay at a limit where one of these does, and nothing is found.
     """
+    # what is large is told by the largest load on any plate of the recording
     loads = [np.abs(p.wrench_in_plate[:, 2]).max() for p in plates if len(p.time)]
     largest_n = max(loads, default=0.0)
     return tuple(fault for plate in plates for fault in _of_plate(plate, largest_n))
@@ -99,12 +82,19 @@ def _of_plate(plate: Plate, largest_n: float) -> Iterator[RawFault]:
     if len(plate.time) < 2 or not np.isfinite(plate.wrench_in_plate).all():
         return
     time, step_s = plate.time, 1 / plate.rate_hz
+    # converters limit each channel, so that moments are about the transducer
     limits, overflows = _limits(plate, step_s), find_overflows(plate)[1]
     channels = shift_wrench(plate.wrench_in_plate, plate.transducer)
     dead, lost = _dead(channels), _lost(plate, largest_n, step_s)
     for axis, name in enumerate(WRENCH_COMPONENTS):
         channel, of = channels[:, axis], (plate.number, name)
-        least = LEAST_JUMP[axis] * largest_n * (STRIKES * step_s if step_s > FAST_S else 1.0)
+        # heel strikes of plates with slow samples rise within one step
+        least = (
+            LIMITS.least_jump[axis]
+            * largest_n
+            * (LIMITS.jump_growth * step_s if step_s > LIMITS.fast_step else 1.0)
+        )
+        # one fault for each channel, that which explains the others first
         if dead[axis]:
             span = ((float(time[0]), float(time[-1])),)
             yield RawFault(*of, "dead", float(np.median(channel)), len(channel), span)
@@ -113,13 +103,13 @@ def _of_plate(plate: Plate, largest_n: float) -> Iterator[RawFault]:
             yield RawFault(*of, "wraps", wraps.period, len(wraps.at), _at(time, wraps.at))
         elif axis in limits:
             level, at = limits[axis]
-            spans = stretches(without_short_gaps(at, time, MERGED_S))
+            spans = stretches(without_short_gaps(at, time, LIMITS.merged_gap))
             count = int(np.count_nonzero(at))
             yield RawFault(*of, "clipped", level, count, _spans(time, spans))
         elif len(lost[axis]):
             spans, count = lost[axis], int(np.diff(lost[axis]).sum())
             yield RawFault(*of, "lost", 0.0, count, _spans(time, spans))
-        elif largest_n > LEAST_LOAD_N and len((jumps := find_jumps(channel, least)).at):
+        elif largest_n > LIMITS.least_load and len((jumps := find_jumps(channel, least)).at):
             size = float(np.abs(jumps.size).max())
             yield RawFault(*of, "jumps", size, len(jumps.at), _at(time, jumps.at))
 
@@ -135,69 +125,67 @@ def _spans(time: Array, runs: Indices) -> tuple[tuple[float, float], ...]:
 
 def _lost(plate: Plate, largest_n: float, step_s: float) -> list[Indices]:
     """Find the runs of samples of each channel that are zero between loaded ones, (N, 2) each."""
-    loaded = np.abs(plate.wrench_in_plate[:, 2]) > MIN_LOADED * largest_n
-    every = []
+    # samples in which a foot is on the plate
+    loaded = np.abs(plate.wrench_in_plate[:, 2]) > LIMITS.landing * largest_n
+    runs_of_channels = []
     for channel in plate.wrench_in_plate.T:
+        # exactly zero, between two samples, and for a short time
         runs = stretches(channel == 0)
         inside = (runs[:, 0] > 0) & (runs[:, 1] < len(channel))
-        runs = runs[inside & (np.diff(runs)[:, 0] <= round(MAX_LOST_S / step_s))]
+        runs = runs[inside & (np.diff(runs)[:, 0] <= round(LIMITS.longest_loss / step_s))]
         runs = runs[loaded[runs - (1, 0)].all(axis=1)]  # samples before and after
         if len(runs):
             beside, change = channel[runs - (1, 0)], np.abs(np.diff(channel))
-            least = max(MIN_BESIDE * np.abs(channel).max(), BEYOND_NOISE * np.median(change))
+            least = max(
+                LIMITS.least_neighbour * np.abs(channel).max(),
+                LIMITS.beyond_noise * np.median(change),
+            )
             # else it passes zero
             runs = runs[(np.abs(beside) > least).all(axis=1) & (beside.prod(axis=1) > 0)]
-        every.append(runs)
-    return every
+        runs_of_channels.append(runs)
+    return runs_of_channels
 
 
 def _limits(plate: Plate, step_s: float) -> dict[int, tuple[float, Mask]]:
     """Give the channels that are clipped: the limit of the larger side, and where, (N,)."""
     axes = range(6)
     for _, channels in channels_about(plate):
-        found = {}
+        clipped = {}
         for axis in axes:
             sides = [
                 limit
                 for limit in find_limits(channels[:, axis], step_s)
-                if abs(limit.level) >= LEAST_LIMIT[axis]
+                if abs(limit.level) >= LIMITS.least_clip[axis]
             ]
             if sides:
+                # a channel may be clipped at both ends of its range; the larger one is named
                 level = max((side.level for side in sides), key=abs)
-                found[axis] = level, np.any([side.at for side in sides], axis=0)
-        if found:
-            return found
+                clipped[axis] = level, np.any([side.at for side in sides], axis=0)
+        if clipped:
+            return clipped
         axes = range(3, 6)  # forces are the same about any point
     return {}
 
 
-MIN_LOAD: Final = 50.0
-"""Of a plate that carries somebody [N]; by `LEVER_M`, also of moments."""
-LEVER_M: Final = 0.15
-LOADED: Final = 0.5
-UNLOADED: Final = 0.05
-"""Of the largest load of a plate."""
-MIN_SAMPLES: Final = 50
-ALIVE: Final = 1.5
-"""Spread or change of a channel under load, by its spread without: healthy ones reach 4 and
-more."""
-
-
 def _dead(channels: Array) -> Mask:
     """Find channels that are constant, or show noise alone while others are loaded, (6,)."""
+    # a channel that never changes
     constant = np.ptp(channels, axis=0) == 0
-    load = np.abs(channels) / [1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M]
+    # moments as forces at a usual lever, to be compared with forces
+    load = np.abs(channels) / [1.0, 1.0, 1.0, LIMITS.lever, LIMITS.lever, LIMITS.lever]
     load[:, constant] = 0.0
     dead = constant.copy()
     for axis in np.flatnonzero(~constant):
+        # the largest of the other channels shows when the plate is loaded
         others = load[:, np.arange(6) != axis].max(axis=1)
         largest = others.max()
-        with_load = channels[others > LOADED * largest, axis]
-        without = channels[others < UNLOADED * largest, axis]
-        if largest > MIN_LOAD and min(len(with_load), len(without)) > MIN_SAMPLES:
-            noise = ALIVE * without.std()
+        with_load = channels[others > LIMITS.loaded * largest, axis]
+        without = channels[others < LIMITS.unloaded * largest, axis]
+        if largest > LIMITS.dead_load and min(len(with_load), len(without)) > LIMITS.fewest_samples:
+            # dead: neither its spread nor its level changes with the load of the others
+            noise = LIMITS.alive * without.std()
             dead[axis] = with_load.std() < noise and (
                 abs(np.median(with_load) - np.median(without)) < noise
             )
     # a plate that nobody is on is silent; one that is constant does not measure
-    return dead if load.max() > MIN_LOAD or constant.all() else np.zeros(6, bool)
+    return dead if load.max() > LIMITS.dead_load or constant.all() else np.zeros(6, bool)

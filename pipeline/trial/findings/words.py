@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +12,6 @@ from hbm.spelling import written
 from pipeline.io.recording import Plate
 from pipeline.io.stated import correction
 from pipeline.trial.findings.finding import Correction, Finding
-
-AXES: Final = ("forward", "sideways", "vertical")
-CHANNELS_OF: Final = "force", "moment"
-FORCES: Final = WRENCH_COMPONENTS[:3]
 
 
 class Row(NamedTuple):
@@ -51,6 +47,7 @@ def note_of(
 
 def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
     """Put a finding in the cells of a table; what cannot be told apart in one row."""
+    # a correction that helps is advice; what does not help stands in the column of effects
     tried = finding.correction
     typed = _typed(tried) + "." if tried is not None and tried.helps else ""
     advice = " ".join(note_of(finding, plates, time, typed).advice.split())
@@ -59,6 +56,7 @@ def row_of(finding: Finding, plates: Sequence[Plate], time: Array) -> Row:
         effect = "not tried: which one is unknown"
     elif tried is not None and not tried.helps:
         effect = f"not advised: {effect}"
+    # what the trial cannot tell apart shares a row
     _, what, sizes = zip(*(_said(one, plates, time) for one in _rivals(finding)), strict=True)
     if finding.kind in ("zero", "drift"):
         evidence = "readings without load"
@@ -125,9 +123,10 @@ def _said(
             forces = (f"{k} Fz {written(force, '+.0f')} N" for k, force in rest_n.items())
             return note, "plates: not zero without load", "\n".join([*forces, *name.split(", ")])
         case "drift":
-            each = zip(name.split(", "), size, interval, strict=True)
+            channels_changed = zip(name.split(", "), size, interval, strict=True)
             drifts = [
-                f"{k} {written(n, '+.1f')} ± {_with_unit((k, half), '.2g')}" for k, n, half in each
+                f"{k} {written(n, '+.1f')} ± {_with_unit((k, half), '.2g')}"
+                for k, n, half in channels_changed
             ]
             first_s, last_s = finding.span_s or (0.0, 0.0)
             span = {"first_s": first_s, "last_s": last_s}
@@ -137,11 +136,11 @@ def _said(
             note = of_jumps("plate_jumps", sizes=sizes)
             return note, f"{plate}: {channels} jumps", f"by {larger}"
         case "gain":
-            share, low, high = _share(finding)
+            fraction, low, high = _share(finding)
             direction = _direction(finding, plates)
-            gain = partial(of_plate, share=share, low=low, high=high, component=name)
+            gain = partial(of_plate, share=fraction, low=low, high=high, component=name)
             note = gain("plate_gain", direction=direction, remedy=remedy)
-            percent = f"{100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %"
+            percent = f"{100 * fraction:.0f} %, {100 * low:.0f} to {100 * high:.0f} %"
             return note, f"{plate}: gain of {name}, {direction}", percent
         case "reversed":
             note = of_plate("plate_reversed", what=name, remedy=remedy)
@@ -173,7 +172,7 @@ def _said(
 
 
 def _with_unit(channel: tuple[str, float], spec: str = ".0f") -> str:
-    return f"{channel[1]:{spec}} {'N' if channel[0] in FORCES else 'N·m'}"
+    return f"{channel[1]:{spec}} {'N' if channel[0].startswith('F') else 'N·m'}"
 
 
 def _share(finding: Finding) -> tuple[float, float, float]:
@@ -187,12 +186,15 @@ def _share(finding: Finding) -> tuple[float, float, float]:
 def _direction(finding: Finding, plates: Sequence[Plate]) -> str:
     """Name a channel by the axis of the lab that is nearest to it."""
     k = WRENCH_COMPONENTS.index(finding.component)
+    # direction of the channel in the lab
     column = _plate_of(finding, plates).rotation[:, k % 3]
-    return f"{AXES[int(np.argmax(np.abs(column)))]} {CHANNELS_OF[k // 3]}"
+    axis = ("forward", "sideways", "vertical")[int(np.argmax(np.abs(column)))]
+    return f"{axis} {'force' if k < 3 else 'moment'}"
 
 
 def _off_m(finding: Finding, plates: Sequence[Plate]) -> dict[str, float]:
     """Give where a plate is from where it is said to be, in the axes of the lab."""
+    # what corrects the place is the opposite of where it is; from the plate's axes to the lab
     off = _plate_of(finding, plates).rotation @ -np.array([*finding.size, 0.0])
     return {"forward": float(off[0]), "left": float(off[1])}
 

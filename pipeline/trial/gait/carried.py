@@ -5,31 +5,22 @@ those of the plates, and one that is loaded has to be under it wherever the plat
 the motion needs, m(g + a) of the centre of mass.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from compensation import center_of_pressure
 from hbm.body import BALL_ABOVE_SOLE, Body
+from hbm.numbers import read_numbers
 from hbm.poses import joint_positions
-from hbm.signals.filtering import Method
 from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, transform_wrench
 from pipeline.config.schema import Settings
 from pipeline.trial.gait.events import SIDES
 
-MAX_SPEED: Final = 0.8
-"""Of an ankle or a tip above the ground that its foot stands on, by the speed of the pelvis above
-it: the ankle still moves when the heel lands."""
-MIN_SPEED_MPS: Final = 0.3
-"""Up to it, a foot stands also where the pelvis does not move: a stumble is faster."""
-MAX_RESTING_MPS: Final = 0.1
-"""Vertical, of the ball of a foot that carries the subject and shows the speed of the ground."""
-MARGIN_M: Final = 0.03
-"""By which the outline of a foot may stick out of a plate: half a foot is 5 cm to the side."""
-MAX_LEVEL_M: Final = 0.08
-"""Between the sole and the surface that it stands on; the next step is twice as high."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "carried")
+
 HEEL, TIP, HALF_WIDTH = -0.23, 0.77, 0.19
 """Of a foot by its length: places of heel and tip from the ankle, half its width at the ball."""
 OUTLINE: Final = np.array(
@@ -38,27 +29,11 @@ OUTLINE: Final = np.array(
 """Heel, tip, both sides of the ball and middle, from ankle, ball, tip, along and across."""
 HEIGHTS: Final = np.array([0.3, BALL_ABOVE_SOLE, 0.0])
 """Of ankle, ball and tip above the sole, by the length of the foot."""
-MIN_NEED: Final = 0.3
-"""Of body weight: in flight there is nothing to carry."""
-MAX_LACKING: Final = 0.85
-"""Of what the motion needs, measured: from there on, a foot may rest on its plate without load."""
-MIN_MEASURED: Final = 0.25
-"""Of what the motion needs: below, something else carries the subject. No gain or mass errs so."""
-LASTING_S: Final = 0.1
-"""For which that may last, as errors of timing do, and for which a tip that leaves may touch."""
 ACROSS, LEVEL = HALF_WIDTH * np.array([-1.0, 1.0]), np.array([1.0, 1.0, 0.0])
 LEFT_AND_RIGHT: Final = np.arange(2)
 """Numbers of the feet."""
 ROUNDING_S: Final = 1e-6
 """Of times."""
-SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
-    "zero_phase": (0.8, 0.6),
-    "realtime": (0.0, 1.0),
-}
-"""Periods of the cut-off before and after, over which the low-pass brings a force that is not there
-into frames where it is: on a treadmill, a missing step leaves 2 N beyond them."""
-
-
 PLACES: Final = ("pelvis", *(f"{side}_{part}" for part in ("foot", "toes") for side in SIDES))
 """Segments at whose proximal joints pelvis, ankles and balls are."""
 
@@ -99,10 +74,13 @@ def plate_edges(corner: Array) -> tuple[Array, Array]:
 
     A point over a plate, of whose corners (P, 4, 3) are known, is further along all four normals.
     """
+    # edges from corner to corner, and their normals, of either sense
     edge = np.roll(corner, -1, axis=1)[..., :2] - corner[..., :2]
     inward = np.stack([-edge[..., 1], edge[..., 0]], axis=-1)
+    # the centre of the plate is on the inner side of each edge
     middle = corner[..., :2].mean(axis=1)[:, None]
     inward *= np.sign(np.sum(inward * (middle - corner[..., :2]), axis=-1, keepdims=True))
+    # plates without an area have no edges
     size = np.linalg.norm(inward, axis=-1, keepdims=True)
     inward = inward / np.where(size > 0, size, np.nan)
     return inward, np.sum(inward * corner[..., :2], axis=-1)
@@ -125,17 +103,17 @@ class Support:
 
     Notes
     -----
-    A foot is on the ground where its ankle or its tip is slower than `MAX_SPEED` against it. The
-    ground's velocity is that of the ball at rest of the foot that carried most, last. The plates do
-    not carry the subject
+    Numbers are in thresholds.toml, section carried. A foot is on the ground where its ankle or its
+    tip is slower against it than ``standing_speed``. The ground's velocity is that of the ball at
+    rest of the foot that carried most, last. The plates do not carry the subject
 
     1. where heel, tip or a side of the ball of a foot on the ground is outside all plates by more
-       than `MARGIN_M`;
-    2. where for `LASTING_S` they measure less than `MAX_LACKING` of the need, while the plate under
-       the middle of a foot on the ground is not loaded;
-    3. where for `LASTING_S` they measure less than `MIN_MEASURED` of the need;
+       than ``overhang``;
+    2. where for the time ``lasting`` they measure less than ``lacking`` of the need, while the
+       plate under the middle of a foot on the ground is not loaded;
+    3. where for that time they measure less than ``least_measured`` of the need;
 
-    and as far as the filter spreads it. A foot above the highest plate by more than `MAX_LEVEL_M`
+    and as far as the filter spreads it. A foot above the highest plate by more than ``level``
     hangs in the air; where plates are steps, part of a foot may hang over the edge. The first rule
     says nothing where a loaded plate has no corners, or its centre of pressure is outside them.
     """
@@ -147,15 +125,15 @@ class Support:
         inward, begins = plate_edges(corner)
         self.begins, self.inward = begins.ravel(), inward.reshape(-1, 2).T
         self.level = corner[..., 2].mean(axis=1)
-        self.steps = bool(np.ptp(self.level) > MAX_LEVEL_M)
-        self.highest = np.max(self.level) + MAX_LEVEL_M
+        self.steps = bool(np.ptp(self.level) > LIMITS.level)
+        self.highest = np.max(self.level) + LIMITS.level
         self.length = np.array([body.lengths[f"{side}_foot"] for side in SIDES])[:, None]
         self.heights = HEIGHTS * self.length
         self.weight_n, self.threshold_n = body.mass * GRAVITY_MPS2, settings.contact_threshold_n
         self.rest_n = np.zeros(len(corner)) if rest_n is None else rest_n
         self.method = settings.filter
-        self.reach_s = np.array(SPREAD_PERIODS[self.method]) / settings.cutoff_hz
-        self.reach_s[1] += LASTING_S
+        self.reach_s = np.array(LIMITS.spread_periods[self.method]) / settings.cutoff_hz
+        self.reach_s[1] += LIMITS.lasting
         self.time, self.points = np.full(1, -np.inf), np.full((1, 7, 3), np.nan)
         self.ground: Array = np.full((1, 2, 3), np.nan)
         self.supported_s, self.missing_s = np.full((1, 3), np.inf), np.full(1, -np.inf)
@@ -172,18 +150,22 @@ class Support:
         pose
             Of the platform at these times.
         """
+        # in the frame of the platform, in which the plates do not move
         if pose is not None:
             places = (places - pose[1][:, None]) @ pose[0]
         ankle, ball = places[:, 1:3], places[:, 3:]
+        # along the foot by its joints, with the length that the foot has in the body
         along = ball - ankle
         # along the foot, level and in space, with its whole length
         size = self.length / np.sqrt(np.cumsum(along * along, axis=2)[..., 1:])
         flat, tip = size[..., :1] * along[..., :2], ankle + TIP * size[..., 1:] * along
         points = np.concatenate([places, tip], axis=1)
-        every, times = np.concatenate([self.points, points]), np.concatenate([self.time, time])
-        velocity = (every[1:] - every[:-1]) / (times[1:] - times[:-1])[:, None, None]
+        path, times = np.concatenate([self.points, points]), np.concatenate([self.time, time])
+        # from the frame before, so that a live frame needs no later one
+        velocity = (path[1:] - path[:-1]) / (times[1:] - times[:-1])[:, None, None]
         self.time, self.points = time[-1:], points[-1:]
         heights = points[:, 1:, 2].reshape(-1, 3, 2).transpose(0, 2, 1)
+        # the lowest of ankle, ball and tip, each less its height in a foot that is flat
         sole = (heights - self.heights).min(axis=2)
         of_foot = ankle[..., :2], ball[..., :2], tip[..., :2], flat, flat[..., ::-1] * ACROSS
         outline = OUTLINE @ np.array(of_foot).transpose(1, 2, 0, 3)
@@ -214,25 +196,31 @@ class Support:
             As for `feet`.
         """
         time, load = feet.time, wrenches[..., 2] - self.rest_n
+        # vertical force under each foot, without what plates read at rest
         of_foot = (load[:, None] * (on[:, None] == LEFT_AND_RIGHT[:, None])).sum(axis=2)
         ground = self._ground(feet, of_foot)
-        lacking = (need > MIN_NEED * self.weight_n) & (measured < MAX_LACKING * need)
+        # there is something to carry, and the plates measure less
+        lacking = (need > LIMITS.least_need * self.weight_n) & (measured < LIMITS.lacking * need)
         if self.method == "realtime" and not lacking.any() and _within(feet).all():
             self.supported_s = np.full((1, 3), time[-1])  # in a live frame the rest takes long
             return np.asarray(time - self.missing_s > self.reach_s[1] + ROUNDING_S)
         grounded = _grounded(feet, ground)
         outside, idle = self._places(feet, wrenches, of_foot, pose)
+        # rule 1: a foot on the ground that is beside the plates
         beside = (grounded & outside).any(axis=1)
-        standing = np.column_stack([grounded & idle, measured < MIN_MEASURED * need])
+        # rules 2 and 3: over a plate without load, or carried by something else
+        standing = np.column_stack([grounded & idle, measured < LIMITS.least_measured * need])
         doubtful = standing & lacking[:, None]
+        # last time at which each of them was not so; the state of the frames before comes first
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
-        lasting = doubtful & (time[:, None] - ok_s > LASTING_S + ROUNDING_S)
+        lasting = doubtful & (time[:, None] - ok_s > LIMITS.lasting + ROUNDING_S)
         missing: Mask = np.asarray(beside | lasting.any(axis=1))
         if self.method == "realtime":
             last_s = np.maximum.accumulate(np.where(missing, time, self.missing_s))
             self.supported_s, self.missing_s = ok_s[-1:], last_s[-1:]
             return np.asarray(time - last_s > self.reach_s[1] + ROUNDING_S)
+        # afterwards all of a stretch counts as missing, from its first frame on
         for channel, long in zip(standing.T, lasting.T, strict=True):
             for start, stop in stretches(channel):
                 missing[start:stop] |= bool(long[start:stop].any())
@@ -241,11 +229,13 @@ class Support:
     def _ground(self, feet: Feet, of_foot: Array) -> Array:
         """Give the velocity of the ground under each foot, (T, 2, 3) [m/s]; NaN where unseen."""
         ball = feet.velocity[:, 3:5]
+        # the foot that carries more, while its ball does not rise or sink
         shows = (of_foot > self.threshold_n) & (of_foot >= of_foot[:, ::-1])
-        shows &= np.abs(ball[..., 2]) < MAX_RESTING_MPS
+        shows &= np.abs(ball[..., 2]) < LIMITS.resting_speed
+        # until another frame shows it, the ground keeps its velocity
         last = np.maximum.accumulate(np.where(shows, np.arange(1, len(of_foot) + 1)[:, None], 0))
-        seen = np.concatenate([self.ground, ball * LEVEL])
-        ground = seen[last, LEFT_AND_RIGHT]
+        velocities = np.concatenate([self.ground, ball * LEVEL])
+        ground = velocities[last, LEFT_AND_RIGHT]
         self.ground = ground[-1:]
         return ground
 
@@ -258,22 +248,26 @@ class Support:
         """
         loaded = wrenches[..., 2] - self.rest_n > self.threshold_n
         if pose is not None:
+            # from the lab to the frame of the platform: the inverse of its pose
             back = np.swapaxes(pose[0], -1, -2)
             origin = -(back @ pose[1][..., None])[..., 0]
             wrenches = transform_wrench(wrenches, back[:, None], origin[:, None])
-        near = ~(np.abs(feet.sole[..., None] - self.level) >= MAX_LEVEL_M)
+        # plates at about the height of the sole; those of unknown height may be
+        near = ~(np.abs(feet.sole[..., None] - self.level) >= LIMITS.level)
         over = (feet.depth[:, :, -1] > 0) & near
         over_loaded, loads = (over & loaded[:, None]).any(axis=2), of_foot > self.threshold_n
+        # a foot that should load a plate and does not
         idle = near.any(axis=2) & ~np.where(over.any(axis=2), over_loaded, loads)
         outside = ~_within(feet)
         if self.steps:
-            outside &= ~(np.any(feet.depth > -MARGIN_M, axis=2) & near).any(axis=2)
+            outside &= ~(np.any(feet.depth > -LIMITS.overhang, axis=2) & near).any(axis=2)
         else:
             outside &= feet.sole < self.highest
         surface = np.repeat(feet.sole.min(axis=1), wrenches.shape[1])
+        # a loaded plate with its pressure outside has wrong or unknown corners
         pressure = center_of_pressure(wrenches.reshape(-1, 6), self.threshold_n, surface)[:, :2]
         depth = np.diagonal(self._depth(pressure.reshape(*loaded.shape, 2)), axis1=1, axis2=2)
-        unknown = (loaded & ~(depth > -MARGIN_M)).any(axis=1) | np.isnan(self.level).any()
+        unknown = (loaded & ~(depth > -LIMITS.overhang)).any(axis=1) | np.isnan(self.level).any()
         return outside & ~unknown[:, None], idle
 
     def _depth(self, points: Array) -> Array:
@@ -284,16 +278,18 @@ class Support:
 
 def _within(feet: Feet) -> Mask:
     """Whether the outline of each foot is within those of the plates, (T, 2)."""
-    inside = (feet.depth[:, :, :-1] > -MARGIN_M).any(axis=3)
+    inside = (feet.depth[:, :, :-1] > -LIMITS.overhang).any(axis=3)
     return np.asarray(np.all(inside, axis=2))
 
 
 def _grounded(feet: Feet, ground: Array) -> Mask:
     """Find which feet are on the ground, (T, 2), whose velocity is (T, 2, 3) [m/s]."""
     velocity = feet.velocity
+    # a foot whose ground was never seen stands on that of the other one
     ground = np.nan_to_num(np.where(np.isnan(ground), ground[:, ::-1], ground))
+    # walking speed: the pelvis above the ground under each foot
     walking = velocity[:, :1, :2] - ground[..., :2]
-    most = np.maximum(MAX_SPEED * np.sqrt((walking**2).sum(axis=2)), MIN_SPEED_MPS)
+    most = np.maximum(LIMITS.standing_speed * np.sqrt((walking**2).sum(axis=2)), LIMITS.least_speed)
     ankle_and_tip = velocity[:, [1, 2, 5, 6]].reshape(-1, 2, 2, 3) - ground[:, None]
     return np.asarray(((ankle_and_tip**2).sum(axis=3) < most[:, None] ** 2).any(axis=1))
 

@@ -7,24 +7,14 @@ import numpy as np
 
 from compensation import center_of_pressure
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.events import SIDES
 
-MIN_DISTANCE_DIFFERENCE_M: Final = 0.1
-"""How much nearer a foot must be: one that swings may pass a shoe's length from the pressure."""
-MAX_PRESSURE_DISTANCE_M: Final = 0.2
-"""Farther from the middle of a foot, ankle to toes, there is no pressure under it."""
-MAX_HEIGHT_DIFFERENCE_M: Final = 0.03
-"""Two feet that both stand are level; one that swings past is not."""
-MAX_STANDING: Final = 0.2
-"""Speed of a foot by the other's, of the fastest: above it one of both swings."""
-MIN_SWINGING_MPS: Final = 0.3
-"""Below, neither foot swings, however slow the fastest is."""
-FOOT_RADIUS_M: Final = 0.13
-"""Half of an adult's foot: a load on one foot alone has its pressure nearer to the middle."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "contact")
 
 
 class Pressure(NamedTuple):
@@ -72,6 +62,7 @@ def pressure_beside(
     Pressure
         Frames in which wrench or feet are unknown are not loaded.
     """
+    # pressure at the height of the lower foot
     surface = feet[..., 2].min(axis=1)
     pressure = center_of_pressure(wrench, threshold_n, surface)[:, :2]
     away = feet[..., :2] - pressure[:, None]
@@ -79,24 +70,18 @@ def pressure_beside(
     loaded: Mask = np.isfinite(distance).all(axis=1)
     distance = np.where(loaded[:, None], distance, 0.0)
     left, right = distance.T
-    undecided = np.abs(left - right) < MIN_DISTANCE_DIFFERENCE_M
+    # the nearer foot has to be nearer by far: one that swings past is near, too
+    undecided = np.abs(left - right) < LIMITS.least_difference
     if standing is None:
-        standing = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < MAX_HEIGHT_DIFFERENCE_M
-    under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
+        standing = np.abs(feet[:, 1, 2] - feet[:, 0, 2]) < LIMITS.level_feet
+    # under neither foot: somebody else, or wrong moments
+    under_none = np.minimum(left, right) > LIMITS.largest_distance
     uncertain = loaded & (under_none | (undecided & standing))
     return Pressure(loaded, distance, (right < left).astype(int), loaded & ~undecided, uncertain)
 
 
 Foot = Literal["left_foot", "right_foot"]
 FEET: Final[tuple[Foot, Foot]] = ("left_foot", "right_foot")
-MIN_STANCE_S: Final = 0.1
-"""No foot stands for less: a shorter stretch of pressure near it is noise of a light load."""
-MAX_DOUBTFUL_SHARE: Final = 0.5
-"""Of a contact: where more of it is uncertain, all of it is."""
-FAR_M: Final = 0.5
-"""No centre of pressure is so far from the feet: corners, units or moments are wrong."""
-MAX_CONTACTS_NAMED: Final = 8
-"""In a note; the frames of all are marked."""
 
 
 class Contact(NamedTuple):
@@ -157,8 +142,9 @@ def both_stand(places: Array, time: Array) -> Mask:
     # ankle and ball of the left foot against both of the right one, wherever the ground moves
     apart = velocity[:, [0, 2], None] - velocity[:, None, [1, 3]]
     slowest = np.sqrt(np.square(apart).sum(axis=-1)).min(axis=(1, 2))
+    # walking speed differs from trial to trial: a fraction of the fastest swing
     fastest = np.nanquantile(slowest, 0.95) if np.isfinite(slowest).any() else np.nan
-    return np.asarray(slowest < max(MAX_STANDING * fastest, MIN_SWINGING_MPS))
+    return np.asarray(slowest < max(LIMITS.standing_fraction * fastest, LIMITS.swinging_speed))
 
 
 def share_between_feet(
@@ -208,14 +194,14 @@ def share_between_feet(
 
     Notes
     -----
-    A loaded frame belongs to the foot whose middle is nearer to the centre of pressure by
-    ``MIN_DISTANCE_DIFFERENCE_M`` at least. Within a contact, stretches of one foot that are shorter
-    than ``MIN_STANCE_S`` do not count beside longer ones. Of the frames between two stretches,
-    unloaded or undecided, each half belongs to the nearer one's foot. Where both feet bear more
-    than the threshold on one plate, as its pressure lies between them, it is uncertain from when
-    the second one stands until one of them swings. In real time no stretch is
-    too short, all frames between two belong to the first one's foot, and frames alone are doubtful,
-    not whole contacts. Residuals do not depend on this choice, joint moments do.
+    A loaded frame belongs to the foot whose middle is nearer to the centre of pressure by 0.1 m at
+    least. Within a contact, stretches of one foot that are shorter than 0.1 s do not count beside
+    longer ones. Of the frames between two stretches, unloaded or undecided, each half belongs to
+    the nearer one's foot. Where both feet bear more than the threshold on one plate, as its
+    pressure lies between them, it is uncertain from when the second one stands until one of them
+    swings. In real time no stretch is too short, all frames between two belong to the first one's
+    foot, and frames alone are doubtful, not whole contacts. Residuals do not depend on this choice,
+    joint moments do.
     """
     numbers = numbers or range(1, len(wrenches) + 1)
     require_contacts(stated, numbers, time)
@@ -226,7 +212,9 @@ def share_between_feet(
         loaded = stretches(pressure.loaded).tolist()
         if not live:
             _drop_brief(pressure, loaded, time)
-        _overrule(pressure, loaded, time, [each for each in stated if each.plate == number])
+        _overrule(
+            pressure, loaded, time, [contact for contact in stated if contact.plate == number]
+        )
         on.append(_foot_of_frames(pressure, live))
         of_plate = _contacts(number, pressure, loaded, time, on[-1])
         contacts += of_plate
@@ -243,9 +231,10 @@ def share_between_feet(
 
 def _bears_both(pressure: Pressure, feet: Array, load: Array, threshold_n: float) -> Mask:
     """Find the frames in which a plate bears more than the threshold of either foot, (T,)."""
-    between = np.linalg.norm(feet[:, 1, :2] - feet[:, 0, :2], axis=1) - 2 * FOOT_RADIUS_M
+    # free space between the outlines of both feet
+    between = np.linalg.norm(feet[:, 1, :2] - feet[:, 0, :2], axis=1) - 2 * LIMITS.foot_radius
     # the foot farther away bears at least as much as moves the pressure beyond the nearer one
-    beyond = np.clip(pressure.distance.min(axis=1) - FOOT_RADIUS_M, 0, None)
+    beyond = np.clip(pressure.distance.min(axis=1) - LIMITS.foot_radius, 0, None)
     return np.asarray(pressure.loaded & (load * beyond > threshold_n * np.maximum(between, 0)))
 
 
@@ -254,6 +243,7 @@ def by_foot(wrenches: Array, on: Indices) -> Array:
 
     ``on`` is the foot that each plate carries, 0 left and 1 right, (..., P).
     """
+    # a plate is added to the foot that it carries, 0 to the other one
     under = (on[..., None, :] == np.arange(2)[:, None])[..., None]
     return np.asarray(np.where(under, wrenches[..., None, :, :], 0.0).sum(axis=-2))
 
@@ -276,19 +266,19 @@ def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], tim
         With the first such contact.
     """
     feet: dict[tuple[int, int], PlateContact] = {}
-    for each in stated:
-        if each.plate not in numbers:
+    for contact in stated:
+        if contact.plate not in numbers:
             raise ValueError(
-                f"contacts: there is no plate {each.plate}; plates are {numbers[0]} to "
+                f"contacts: there is no plate {contact.plate}; plates are {numbers[0]} to "
                 f"{numbers[-1]}"
             )
-        if not time[0] <= each.time_s <= time[-1]:
+        if not time[0] <= contact.time_s <= time[-1]:
             raise ValueError(
-                f"contacts: {each.time_s:g} s is not in the recording, which lasts from "
+                f"contacts: {contact.time_s:g} s is not in the recording, which lasts from "
                 f"{time[0]:.2f} to {time[-1]:.2f} s"
             )
-        frame = int(np.argmin(np.abs(time - each.time_s)))
-        _require_one_foot(feet.setdefault((each.plate, frame), each), each)
+        frame = int(np.argmin(np.abs(time - contact.time_s)))
+        _require_one_foot(feet.setdefault((contact.plate, frame), contact), contact)
 
 
 def _require_one_foot(before: PlateContact, each: PlateContact) -> None:
@@ -306,7 +296,7 @@ def far_from_feet(shared: SharedPlates) -> tuple[Note, ...]:
     notes = []
     for plate in sorted({contact.plate for contact in shared.contacts}):
         distance_m = float(np.median([c.distance_m for c in shared.contacts if c.plate == plate]))
-        if distance_m > FAR_M:
+        if distance_m > LIMITS.far:
             notes.append(Note.of("pressure_far_from_feet", plate=plate, distance_m=distance_m))
     return tuple(notes)
 
@@ -324,13 +314,15 @@ def _drop_brief(pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array
     """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
     for start, stop in loaded:
         decided = start + np.flatnonzero(pressure.decided[start:stop])
+        # stretches of frames that belong to one foot without a doubt
         runs = np.split(decided, np.flatnonzero(np.diff(pressure.nearer[decided])) + 1)
         lasting = [np.ptp(time[run]) if len(run) else 0.0 for run in runs]
-        if max(lasting) < MIN_STANCE_S:
+        if max(lasting) < LIMITS.shortest_stance:
             continue
         for run, duration in zip(runs, lasting, strict=True):
+            # a stretch that the recording cuts may have been longer
             cut_off = run[0] == 0 or run[-1] == len(time) - 1
-            if duration < MIN_STANCE_S and not cut_off:
+            if duration < LIMITS.shortest_stance and not cut_off:
                 pressure.decided[run] = False
 
 
@@ -338,37 +330,40 @@ def _overrule(
     pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array, stated: Sequence[PlateContact]
 ) -> None:
     """Take the foot of a contact from a person."""
-    said: dict[int, PlateContact] = {}
-    for each in stated:
-        frame = int(np.argmin(np.abs(time - each.time_s)))
+    feet: dict[int, PlateContact] = {}
+    for contact in stated:
+        frame = int(np.argmin(np.abs(time - contact.time_s)))
         inside = [(a, b) for a, b in loaded if a <= frame < b]
         if not inside:
             raise ValueError(
-                f"contacts: nobody is on plate {each.plate} at {each.time_s:g} s; it is "
+                f"contacts: nobody is on plate {contact.plate} at {contact.time_s:g} s; it is "
                 f"loaded: {_listed(time, loaded) or 'never'}"
             )
         start, stop = inside[0]
-        if np.mean(pressure.uncertain[start:stop]) <= MAX_DOUBTFUL_SHARE:
+        if np.mean(pressure.uncertain[start:stop]) <= LIMITS.doubtful_fraction:
             # the part of the contact around this frame in which the foot does not change
             foot = _foot_of_frames(pressure)
             same = stretches(foot == foot[frame]).tolist()
             first, last = next((a, b) for a, b in same if a <= frame < b)
             start, stop = max(start, first), min(stop, last)
-        _require_one_foot(said.setdefault(start, each), each)
-        pressure.nearer[start:stop] = SIDES.index(each.foot)
+        _require_one_foot(feet.setdefault(start, contact), contact)
+        pressure.nearer[start:stop] = SIDES.index(contact.foot)
         pressure.decided[start:stop] = True
         pressure.uncertain[start:stop] = False
 
 
 def _foot_of_frames(pressure: Pressure, live: bool = False) -> Indices:
     """Give the foot that was decided nearest or, in real time, last, 0 left and 1 right, (T,)."""
-    frames, known = np.arange(len(pressure.nearer)), np.flatnonzero(pressure.decided)
+    frames, decided = np.arange(len(pressure.nearer)), np.flatnonzero(pressure.decided)
     if live:
+        # in real time the foot that was decided last goes on
         last = np.maximum.accumulate(np.where(pressure.decided, frames, -1))
         return np.asarray(pressure.nearer[np.where(last < 0, frames, last)])
-    if not len(known):
+    # without any decided frame the nearer foot has the load
+    if not len(decided):
         return pressure.nearer
-    nearest = known[np.searchsorted((known[1:] + known[:-1]) / 2, frames)]
+    # each half of the frames between two decided ones belongs to the nearer one
+    nearest = decided[np.searchsorted((decided[1:] + decided[:-1]) / 2, frames)]
     return np.asarray(pressure.nearer[nearest])
 
 
@@ -376,20 +371,22 @@ def _contacts(
     number: int, pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array, on: Indices
 ) -> list[Contact]:
     """List the contacts of a plate with their feet."""
-    found, nearest = [], pressure.distance.min(axis=1)
+    contacts, nearest = list[Contact](), pressure.distance.min(axis=1)
     for start, stop in loaded:
-        if time[stop - 1] - time[start] < MIN_STANCE_S:
+        if time[stop - 1] - time[start] < LIMITS.shortest_stance:
             continue
+        # first frame of each foot within the contact
         first = start + np.flatnonzero(np.diff(on[start:stop], prepend=-1))
         feet, changes = tuple(FEET[k] for k in on[first]), tuple(first[1:].tolist())
-        doubtful = bool(np.mean(pressure.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE)
+        doubtful = bool(np.mean(pressure.uncertain[start:stop]) > LIMITS.doubtful_fraction)
         nearest_m = median_of(nearest[start:stop])
-        found.append(Contact(number, start, stop, feet, doubtful, nearest_m, changes))
-    return found
+        contacts.append(Contact(number, start, stop, feet, doubtful, nearest_m, changes))
+    return contacts
 
 
 def _listed(time: Array, stretches: Sequence[Sequence[int]]) -> str:
     """Name the times of stretches, the first ones of many."""
-    named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:MAX_CONTACTS_NAMED]]
-    more = ["…"] if len(stretches) > MAX_CONTACTS_NAMED else []
+    # eight fill a line of a note; the frames of all are marked
+    named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:8]]
+    more = ["…"] if len(stretches) > 8 else []
     return ", ".join([*named, *more])

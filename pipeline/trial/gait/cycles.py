@@ -1,6 +1,7 @@
 """Gait cycles: which there are, which a condition asks for, and signals over 0–100 %."""
 
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import Final, Literal
 
 import numpy as np
@@ -8,26 +9,19 @@ from numpy.typing import ArrayLike
 
 from compensation.platform import PlatformPose
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate
 from hbm.signals.samples import stretches
 from hbm.spatial import Array, Indices, Mask
 from pipeline.config.schema import Condition, Unit
 from pipeline.io.recording import Event, Recording
-from pipeline.trial.gait.events import MIN_SWING_M, OTHER_SIDE, SIDES, event_times
+from pipeline.trial.gait.events import LIMITS as EVENTS
+from pipeline.trial.gait.events import OTHER_SIDE, SIDES, event_times
 from pipeline.trial.ground.accelerometers import read_channel
 from pipeline.trial.quality import NO_SUPPORT, Quality, free_of
 
-MIN_ONSET_INTERVAL_S: Final = 1.0
-"""What follows sooner belongs to the same perturbation; perturbations are strides apart."""
-MIN_PLATFORM_SPEED_MPS: Final = 0.1
-"""A third of the perturbation's 0.3 m/s; the slow return, and 10° of pitch in 30 s, stay below."""
-CORNERS_M: Final = tuple((x, y, 0.0) for x in (-0.8, 0.8) for y in (-0.5, 0.5))
-"""About those of a treadmill's surface, in the platform's frame: where a rotation shows."""
-MOTION_CUTOFF_HZ: Final = 6.0
-"""Low-pass on their paths before their speed is taken."""
-MIN_PULSE_TO_NOISE: Final = 10.0
-"""Largest by median excursion: a channel that never pulses has only noise."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "cycles")
 
 
 def perturbation_onsets(
@@ -91,10 +85,11 @@ def pulse_onsets(recording: Recording, channel: str) -> Array:
         If the channel is not there.
     """
     time, signal = read_channel(recording, channel, lambda unit: 1.0)
+    # from the level at which the channel mostly is, up or down
     excursion = np.abs(signal - float(np.nanmedian(signal)))
     peak = float(np.nanmax(excursion, initial=0.0))
     noise = float(np.nanmedian(excursion))
-    if peak <= MIN_PULSE_TO_NOISE * noise or peak == 0:
+    if peak <= LIMITS.pulse_to_noise * noise or peak == 0:
         return np.empty(0)
     return _onsets(time, excursion > peak / 2)
 
@@ -145,38 +140,40 @@ def motion_stops(onsets: Array, time: Array, platform: PlatformPose) -> Array:
     >>> [f"{stop:.2f}" for stop in motion_stops(np.array([2.0, 6.0]), time, platform)]
     ['2.18', 'nan']
     """
+    # stretches of fast motion; the one that lasts at the onset, or begins soon after it
     moving = stretches(_moves_fast(time, platform))
     begins, ends = time[moving[:, 0]], np.append(time, time[-1])[moving[:, 1]]
     onset = onsets[:, None]
-    after = np.where((ends > onset) & (begins < onset + MIN_ONSET_INTERVAL_S), ends, np.nan)
+    after = np.where((ends > onset) & (begins < onset + LIMITS.shortest_interval), ends, np.nan)
     return np.asarray(np.fmin.reduce(after, axis=1, initial=np.nan))
 
 
 def _moves_fast(time: Array, platform: PlatformPose) -> Mask:
     """Give whether any corner of the platform's surface moves fast, (T,); straight over gaps."""
     rate_hz, fast = 1 / np.median(np.diff(time)), np.zeros(len(time), bool)
-    known = np.isfinite(platform.position[:, 0])
-    if not known.any():
+    is_known = np.isfinite(platform.position[:, 0])
+    if not is_known.any():
         return fast
-    for corner in CORNERS_M:
-        place = platform.to_lab(corner)
-        bridged = np.column_stack([np.interp(time, time[known], x) for x in place[known].T])
-        path = low_pass(bridged, rate_hz, MOTION_CUTOFF_HZ, "zero_phase")
+    # about the corners of a treadmill's surface, in the platform's frame: where a rotation shows
+    for x, y in product((-0.8, 0.8), (-0.5, 0.5)):
+        place = platform.to_lab((x, y, 0.0))
+        # the low-pass needs a path without gaps
+        bridged = np.column_stack(
+            [np.interp(time, time[is_known], axis) for axis in place[is_known].T]
+        )
+        path = low_pass(bridged, rate_hz, LIMITS.motion_cutoff, "zero_phase")
         speed = np.linalg.norm(np.gradient(path, time, axis=0), axis=1)
-        fast |= speed > MIN_PLATFORM_SPEED_MPS
+        fast |= speed > LIMITS.platform_speed
     return fast
 
 
 def _onsets(time: Array, high: Mask) -> Array:
     """Give when a signal becomes high, the first of times that follow one another closely."""
+    # where the signal rises; what follows closely belongs to the same perturbation
     begins = time[1:][high[1:] & ~high[:-1]]
-    return begins[np.diff(begins, prepend=-np.inf) > MIN_ONSET_INTERVAL_S]
+    return np.asarray(begins[np.diff(begins, prepend=-np.inf) > LIMITS.shortest_interval])
 
 
-MIN_DURATION: Final = 0.6
-MAX_DURATION: Final = 1.5
-"""Of a gait cycle, in medians of the trial: a missed or surplus foot strike makes 2 or 0.5."""
-FAR_DURATION: Final = "a duration far from the median"
 NOT_ALTERNATING: Final = "events that do not alternate"
 NO_SWING: Final = "feet that do not leave the ground"
 
@@ -200,11 +197,13 @@ def gait_cycles(events: Sequence[Event], side: str) -> tuple[Array, tuple[str, .
         not alternate (the foot does not leave the ground once, or the other foot does not strike
         once), judged where the trial has events of that kind at all.
     """
+    # half-open: the strike at the end belongs to the next cycle
     strikes = event_times(events, "foot_strike", side)
     spans = np.column_stack([strikes[:-1], strikes[1:]])
     alternate = np.ones(len(spans), bool)
     for kind in (("foot_off", side), ("foot_strike", OTHER_SIDE[side])):
         times = event_times(events, *kind)
+        # how many events of this kind lie within each cycle: one in walking
         within = np.searchsorted(times, spans[:, 1]) - np.searchsorted(times, spans[:, 0], "right")
         alternate &= (within == 1) | (not len(times))
     return _of_usual_duration(spans, alternate)
@@ -238,9 +237,11 @@ def steps(
     starts = event_times(events, "foot_strike", side)
     last = ("foot_strike", OTHER_SIDE[side]) if unit == "step" else ("foot_off", side)
     ends = event_times(events, *last)
+    # the first end after each start
     following = np.searchsorted(ends, starts, "right")
     ended = following < len(ends)
     spans = np.column_stack([starts[ended], ends[following[ended]]])
+    # the foot must not strike again before
     alternate = spans[:, 1] < np.append(starts[1:], np.inf)[ended]
     kept, left_out = _of_usual_duration(spans[alternate], np.ones(alternate.sum(), bool))
     return kept, (*left_out, *(NOT_ALTERNATING,) * np.count_nonzero(~alternate))
@@ -249,10 +250,15 @@ def steps(
 def _of_usual_duration(spans: Array, alternate: Mask) -> tuple[Array, tuple[str, ...]]:
     """Keep the spans, (C, 2), whose events alternate and whose duration is near the median."""
     duration = np.diff(spans, axis=1)[:, 0]
+    # of the trial itself, since speeds and people differ
     typical = np.median(duration) if len(duration) else np.nan
-    usual = (duration >= MIN_DURATION * typical) & (duration <= MAX_DURATION * typical)
+    usual = (duration >= LIMITS.shortest_duration * typical) & (
+        duration <= LIMITS.longest_duration * typical
+    )
     far, wrong = np.count_nonzero(~usual), np.count_nonzero(usual & ~alternate)
-    return spans[usual & alternate], (FAR_DURATION,) * far + (NOT_ALTERNATING,) * wrong
+    return spans[usual & alternate], ("a duration far from the median",) * far + (
+        NOT_ALTERNATING,
+    ) * wrong
 
 
 def cut_cycles(
@@ -316,8 +322,9 @@ def is_standing(feet: Array) -> bool:
     >>> is_standing(sway)
     True
     """
+    # path of each foot against the pelvis over the cycle, NaN where a foot is unknown
     extent = np.ptp(feet, axis=0) if len(feet) else np.full((2, 3), np.nan)
-    return bool((np.linalg.norm(extent, axis=1) < MIN_SWING_M).all())
+    return bool((np.linalg.norm(extent, axis=1) < EVENTS.least_swing).all())
 
 
 def shortage(quality: Indices, min_valid_share: float) -> str:
@@ -370,8 +377,9 @@ def mean_and_sd(curves: Array) -> tuple[Array, Array]:
 
     NaN where no cycle is known; the SD where only one is.
     """
-    known = np.ma.masked_invalid(curves)
-    mean, sd = (np.ma.filled(x, np.nan) for x in (known.mean(axis=0), known.std(axis=0, ddof=1)))
+    # each instant over the cycles in which it is known
+    values = np.ma.masked_invalid(curves)
+    mean, sd = (np.ma.filled(x, np.nan) for x in (values.mean(axis=0), values.std(axis=0, ddof=1)))
     return np.asarray(mean), np.asarray(sd)
 
 
@@ -414,16 +422,16 @@ def select_cycles(
     else:
         later = {side: spans[spans[:, 0] >= condition.skip_s] for side, spans in cycles.items()}
         counted = COUNTED_SIDE, *SIDES
-        side = next((each for each in counted if len(later[each])), COUNTED_SIDE)
+        side = next((foot for foot in counted if len(later[foot])), COUNTED_SIDE)
         selected = {side: later[side]}
         if side != COUNTED_SIDE:
             notes = (Note.of("cycles_of_left"),)
-    wanted, starts = condition.cycles, np.sort(np.concatenate([*selected.values()])[:, 0])
-    if wanted is None:
+    count, starts = condition.cycles, np.sort(np.concatenate([*selected.values()])[:, 0])
+    if count is None:
         return selected, notes
-    if len(starts) < wanted:
-        return selected, (*notes, Note.of("cycles_missing", found=len(starts), wanted=wanted))
-    last = starts[wanted - 1]
+    if len(starts) < count:
+        return selected, (*notes, Note.of("cycles_missing", found=len(starts), wanted=count))
+    last = starts[count - 1]
     return {side: spans[spans[:, 0] <= last] for side, spans in selected.items()}, notes
 
 
@@ -432,6 +440,7 @@ def _perturbed(cycles: dict[str, Array], onsets: Array) -> tuple[dict[str, Array
     every, sizes = np.concatenate([*cycles.values()]), [len(spans) for spans in cycles.values()]
     chosen, without = np.zeros(len(every), bool), []
     for onset in onsets:
+        # cycles of both feet overlap: the one that began last
         containing = np.flatnonzero((every[:, 0] <= onset) & (onset < every[:, 1]))
         if len(containing):
             chosen[containing[np.argmax(every[containing, 0])]] = True

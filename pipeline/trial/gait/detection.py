@@ -8,15 +8,16 @@ import numpy as np
 
 from compensation.platform import PlatformPose
 from hbm.markers import Markers, MarkerSet
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
-from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact
+from pipeline.trial.gait.contact import FEET, Contact
+from pipeline.trial.gait.contact import LIMITS as CONTACT
 from pipeline.trial.gait.events import (
     LABELS,
-    MIN_STRIDE_S,
     SIDES,
     FoundEvents,
     event_times,
@@ -25,18 +26,10 @@ from pipeline.trial.gait.events import (
     match_times,
     turns,
 )
+from pipeline.trial.gait.events import LIMITS as EVENTS
 from pipeline.trial.ground.wrenches import PlateLoad
 
-TURN_CUTOFF_HZ: Final = 6.0
-"""For when a foot swings forward and back: gait is below it."""
-SPEED_CUTOFF_HZ: Final = 12.0
-"""For the speed of a foot, which stops within a tenth of a second."""
-STRIKE_SHARE: Final = 0.6
-OFF_SHARE: Final = 0.8
-"""Of the walking speed, that an ankle has above the ground at foot strike and the ball of a foot at
-foot off: where the events of simulated walking are closest to those of the force."""
-MID_STANCE: Final = 0.3, 0.6
-"""Of the time in which a foot travels backwards against the pelvis: it rests on the ground."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "detection")
 
 
 def foot_motion(places: Array, pose: PlatformPose | None) -> Array:
@@ -57,6 +50,7 @@ def foot_motion(places: Array, pose: PlatformPose | None) -> Array:
     """
     if pose is None:
         return places[..., 0]
+    # first column of the rotation: the platform's forward axis in the lab
     relative = places - pose.position[:, None]
     return np.asarray(np.einsum("ti,tki->tk", pose.rotation[:, :, 0], relative))
 
@@ -87,28 +81,33 @@ def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
     A foot swings between the instants at which it is farthest behind and ahead of the pelvis (Zeni
     et al. 2008). In the middle of the stance between two swings the ball of the foot rests on the
     ground, whose speed it shows: a belt's, or none. A foot strikes when, after it was farthest
-    ahead, the speed of the ankle above the ground falls below `STRIKE_SHARE` of the walking speed,
-    that of the pelvis above the ground; it leaves when, before it was farthest behind, that of the
-    ball rises above `OFF_SHARE` of it. Belts may so differ from each other, change their speed, or
-    stand still, and the platform may move.
+    ahead, the speed of the ankle above the ground falls below 0.6 of the walking speed, that of the
+    pelvis above the ground; it leaves when, before it was farthest behind, that of the ball rises
+    above 0.8 of it. Belts may so differ from each other, change their speed, or stand still, and
+    the platform may move.
     """
     back, events = -time[::-1], list[Event]()
-    pelvis_speed = butterworth(motion[:, 0], time, TURN_CUTOFF_HZ, "zero_phase").velocity
+    # low-pass and derivative in one, so that speeds have no noise of differences
+    pelvis_speed = butterworth(motion[:, 0], time, LIMITS.turn_cutoff, "zero_phase").velocity
     # ankles ahead of the pelvis and balls behind it, and their speeds
     apart = (motion[:, 1:] - motion[:, :1]) * [1.0, 1.0, -1.0, -1.0]
-    apart = low_pass(apart, time, TURN_CUTOFF_HZ, "zero_phase")
-    speeds = butterworth(motion[:, 1:], time, SPEED_CUTOFF_HZ, "zero_phase").velocity
+    apart = low_pass(apart, time, LIMITS.turn_cutoff, "zero_phase")
+    speeds = butterworth(motion[:, 1:], time, LIMITS.speed_cutoff, "zero_phase").velocity
+    # a swing begins with the ball farthest behind and ends with the ankle farthest ahead
     for foot, side in enumerate(SIDES):
         ahead, behind = (turns(time, distance).tolist() for distance in apart.T[foot::2])
         ankle_speed, ball_speed = speeds.T[foot::2]
-        known = np.isfinite(ball_speed + pelvis_speed)
-        stances = [(a, b) for a, b in _stances(ahead, behind) if known[a:b].all()]
+        is_known = np.isfinite(ball_speed + pelvis_speed)
+        stances = [(a, b) for a, b in _stances(ahead, behind) if is_known[a:b].all()]
         if not stances:
             continue
+        # between stances, speeds of ground and walking change along lines
         middle, *of_stances = _ground(time, stances, ball_speed, pelvis_speed)
         ground, walking = (np.interp(time, middle, speed) for speed in of_stances)
-        strike = ankle_speed - ground - STRIKE_SHARE * walking
-        off = ball_speed - ground - OFF_SHARE * walking
+        # falls through zero when the foot has slowed down with the ground
+        strike = ankle_speed - ground - LIMITS.strike_fraction * walking
+        off = ball_speed - ground - LIMITS.off_fraction * walking
+        # foot offs are strikes of the recording backwards in time
         strikes = (_falls_through(time, strike, k) for k in ahead)
         offs = (_falls_through(back, off[::-1], len(time) - 1 - k) for k in behind)
         events += [Event(t, "foot_strike", side) for t in strikes if t is not None]
@@ -118,6 +117,7 @@ def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
 
 def _stances(ahead: list[int], behind: list[int]) -> list[tuple[int, int]]:
     """Pair each frame in which a foot is farthest ahead with the next in which it is behind."""
+    # the next turn behind, if it comes before the next turn ahead
     stops = np.searchsorted(behind, ahead, side="right")
     pairs = [(a, behind[k]) for a, k in zip(ahead, stops, strict=True) if k < len(behind)]
     following = [*ahead[1:], np.inf]
@@ -130,7 +130,8 @@ def _ground(
     """Give time, speed of the ground and walking speed in every stance, (3, S) [s], [m/s]."""
     of_stances = []
     for start, stop in stances:
-        first, last = (round(start + share * (stop - start)) for share in MID_STANCE)
+        first, last = (round(start + fraction * (stop - start)) for fraction in LIMITS.mid_stance)
+        # a ball at rest shows how fast the ground moves
         speed = median_of(ball_speed[first : last + 1])
         walking = float(np.mean(pelvis_speed[start:stop])) - speed
         of_stances.append(((time[first] + time[last]) / 2, speed, walking))
@@ -139,33 +140,15 @@ def _ground(
 
 def _falls_through(time: Array, value: Array, frame: int) -> float | None:
     """Give when a value first falls to zero from a frame on; None if not within a stride."""
-    after = value[frame : 1 + np.searchsorted(time, time[frame] + MIN_STRIDE_S)]
+    after = value[frame : 1 + np.searchsorted(time, time[frame] + EVENTS.shortest_stride)]
     below = np.flatnonzero(~(after > 0))
     if not len(below) or not np.isfinite(after[below[0]]):
         return None
     if below[0] == 0:
         return float(time[frame])
+    # the zero on a line between two frames
     k = frame + int(below[0]) - 1
     return float(time[k] + (time[k + 1] - time[k]) * value[k] / (value[k] - value[k + 1]))
-
-
-EVENT_THRESHOLD_N: Final = 20.0
-"""Of the vertical force at foot strike and foot off, above what the plate reads without load."""
-MAX_NOISE_SHARE: Final = 0.2
-"""Of the threshold that is noise of the unloaded plate, one standard deviation: of a plate that is
-noisier the threshold is higher, so that noise does not cross it."""
-MIN_STEP_SHARE: Final = 0.3
-"""Of body weight that a step carries at its peak; what a platform adds to its plates is less."""
-LANDED_SHARE: Final = 0.15
-"""Of body weight, beyond any noise: from there the crossing is looked for backwards."""
-LEVEL_S: Final = 0.2
-"""Before a contact and after it, of which the median is what the plate reads without load."""
-MIN_LEVEL_S: Final = 0.05
-"""With less time without load the level is unknown, and so is the event."""
-TOGETHER_S: Final = 0.1
-"""A foot that comes to a second plate later has landed on the first one."""
-MARGIN_S: Final = 0.04
-"""From a contact's start or stop at the markers' rate: a foot lands and leaves within it."""
 
 
 PLATE, FOOT, START, STOP, LANDS, LEAVES = range(6)
@@ -197,12 +180,13 @@ def plate_events(
 
     Notes
     -----
-    The event is where the load leaves, or falls to, ``EVENT_THRESHOLD_N`` above the level that the
-    plate has just before the strike, or just after the foot off: on a platform that moves, plates
-    that are not compensated read up to some tens of newtons without load. The loads of plates that
-    a foot steps on at the same time are added.
+    The event is where the load leaves, or falls to, 20 N above the level that the plate has just
+    before the strike, or just after the foot off: on a platform that moves, plates that are not
+    compensated read up to some tens of newtons without load. The loads of plates that a foot steps
+    on at the same time are added.
     """
     holds = _holds(contacts, len(time))
+    # what happens at foot off is a strike of the recording backwards in time
     back = holds[:, [PLATE, FOOT, STOP, START, LEAVES, LANDS]]
     back[:, [START, STOP]] = len(time) - back[:, [START, STOP]]
     loads_back = [PlateLoad(load.number, -load.time[::-1], load.force[::-1]) for load in loads]
@@ -221,11 +205,12 @@ def _holds(contacts: Sequence[Contact], frames: int) -> Indices:
     """
     rows = []
     for contact in contacts:
-        known = not contact.ambiguous
+        is_certain = not contact.ambiguous
         bounds = [contact.start, *contact.changes, contact.stop]
+        # where the foot changes the plate is never free: that is no event
         for foot, start, stop in zip(contact.feet, bounds[:-1], bounds[1:], strict=True):
-            lands = known and start == contact.start > 0
-            leaves = known and stop == contact.stop < frames
+            lands = is_certain and start == contact.start > 0
+            leaves = is_certain and stop == contact.stop < frames
             rows.append((contact.plate, FEET.index(foot), start, stop, lands, leaves))
     return np.array(rows, int).reshape(-1, 6)
 
@@ -245,16 +230,19 @@ def _landings(
     holds = holds[np.argsort(holds[:, START], kind="stable")]
     for foot in np.unique(holds[:, FOOT]).tolist():
         of_foot = holds[holds[:, FOOT] == foot]
+        # stances of one foot: stretches on several plates that overlap in time
         until = np.maximum.accumulate(of_foot[:, STOP])
         begins = 1 + np.flatnonzero(of_foot[1:, START] >= until[:-1])
         for stance in np.split(of_foot, begins):  # holds of several plates that overlap in time
             start, stop = stance[0, START], stance[:, STOP].max()
-            onto = stance[time[stance[:, START]] - time[start] < TOGETHER_S]
+            # plates that the foot comes to with the same step
+            onto = stance[time[stance[:, START]] - time[start] < LIMITS.together]
             if not onto[:, LANDS].all():
                 continue
+            # free since whoever was on these plates last has left
             of_plates = np.isin(holds[:, PLATE], onto[:, PLATE])
             before = holds[of_plates & (holds[:, STOP] <= start), STOP]
-            free_s = time[before.max() - 1] + MARGIN_S if len(before) else time[0]
+            free_s = time[before.max() - 1] + LIMITS.margin if len(before) else time[0]
             load = total(frozenset(onto[:, PLATE].tolist()))
             at = _crossing(load, free_s, time[start], time[stop - 1], weight_n)
             if at is not None:
@@ -268,36 +256,33 @@ def _crossing(
 
     None where the level without load is unknown, or what follows is no step.
     """
-    time, since = load.time, max(free_s, start_s - LEVEL_S - MARGIN_S)
-    before = load.force[time.searchsorted(since) : time.searchsorted(start_s - MARGIN_S, "right")]
+    # samples before the contact, while the plate is free
+    time, since = load.time, max(free_s, start_s - LIMITS.level_span - LIMITS.margin)
+    before = load.force[
+        time.searchsorted(since) : time.searchsorted(start_s - LIMITS.margin, "right")
+    ]
     at_rest = before[np.isfinite(before)]
-    if len(at_rest) * load.step_s < MIN_LEVEL_S or stop_s - start_s < MIN_STANCE_S:
+    if (
+        len(at_rest) * load.step_s < LIMITS.shortest_level
+        or stop_s - start_s < CONTACT.shortest_stance
+    ):
         return None
-    first, last = time.searchsorted([start_s - MARGIN_S, stop_s])
+    first, last = time.searchsorted([start_s - LIMITS.margin, stop_s])
+    # above the level without load, which drifts and moves with the platform
     above = load.force[first:last] - median_of(at_rest)
-    if not np.fmax.reduce(above, initial=0.0) >= MIN_STEP_SHARE * weight_n:
+    if not np.fmax.reduce(above, initial=0.0) >= LIMITS.step_fraction * weight_n:
         return None
-    landed = int(np.argmax(above > LANDED_SHARE * weight_n))
-    threshold_n = max(EVENT_THRESHOLD_N, float(at_rest.std()) / MAX_NOISE_SHARE)
+    landed = int(np.argmax(above > LIMITS.landed_fraction * weight_n))
+    # a noisier plate needs a higher threshold
+    threshold_n = max(LIMITS.event_threshold, float(at_rest.std()) / LIMITS.noise_fraction)
+    # backwards from a load that is no noise to the last sample below the threshold
     below = np.flatnonzero(above[:landed] <= threshold_n)
     if not len(below) or not np.isfinite(above[below[-1] + 1]):
         return None
     k = int(below[-1])
-    share = (threshold_n - above[k]) / (above[k + 1] - above[k])
-    return float(time[first + k] + share * (time[first + k + 1] - time[first + k]))
-
-
-NO_SWING: Final = "no foot swings against the pelvis in {:.2f} s; record two strikes of a foot"
-MAX_PLATES_APART_S: Final = 0.2
-"""Of a foot's motion and a plate's load that are the same event; the next one is a second away."""
-MIN_CLEAN: Final = 3
-"""Events of a kind and foot that plates see, for a median that one wrong contact does not move."""
-NEAREST: Final = 5
-"""Of these events, the nearest in time, tell how much an event is early or late: gait changes with
-the slope and the speed of the ground."""
-MAX_DEVIATION_S: Final = 0.05
-"""Of a plate's event from what the motion of the foot suggests; beyond, part of the foot was beside
-the plate."""
+    # on a line between two samples
+    fraction = (threshold_n - above[k]) / (above[k + 1] - above[k])
+    return float(time[first + k] + fraction * (time[first + k + 1] - time[first + k]))
 
 
 def detect_events(
@@ -337,9 +322,12 @@ def detect_events(
         return FoundEvents.none(str(error))
     events, corrections = combined_events(by_motion, of_plates)
     if not events:
-        known = np.isfinite(motion[:, :3].sum(axis=1))
-        longest_s = max((np.ptp(markers.time[a:b]) for a, b in stretches(known)), default=0.0)
-        return FoundEvents.none(NO_SWING.format(longest_s))
+        # how long pelvis and ankles are seen without a gap
+        is_known = np.isfinite(motion[:, :3].sum(axis=1))
+        longest_s = max((np.ptp(markers.time[a:b]) for a, b in stretches(is_known)), default=0.0)
+        return FoundEvents.none(
+            f"no foot swings against the pelvis in {longest_s:.2f} s; record two strikes of a foot"
+        )
     if not corrections:
         return FoundEvents.of(events, "events_uncalibrated")
     timed = len({*events} & {*of_plates})
@@ -367,14 +355,14 @@ def combined_events(
         by what they show of the nearest events of this kind and foot.
     corrections
         Kind of event, such as "left foot strikes" -> median of plate minus motion over all that
-        plates time [s]; of both feet where they time fewer than `MIN_CLEAN` of this one, and none
-        where there are too few of both: such events stay as the motion shows them.
+        plates time [s]; of both feet where they time fewer than three of this one, and none where
+        there are too few of both: such events stay as the motion shows them.
 
     Notes
     -----
-    The correction is the median of the `NEAREST` events in time. An event that the plates time
-    farther than `MAX_DEVIATION_S` from the corrected motion is taken from the motion. What plates
-    show without a step in the motion is none.
+    The correction is the median of the five nearest events in time. An event that the plates time
+    farther than 0.05 s from the corrected motion is taken from the motion. What plates show without
+    a step in the motion is none.
 
     Examples
     --------
@@ -386,19 +374,25 @@ def combined_events(
     """
     events, corrections = [], {}
     for label in LABELS:
+        # pairs of the same event, by the motion and by the plates
         moved = [event_times(by_motion, label, side) for side in SIDES]
         timed = [event_times(of_plates, label, side) for side in SIDES]
-        pairs = [match_times(*each, MAX_PLATES_APART_S) for each in zip(moved, timed, strict=True)]
+        pairs = [
+            match_times(*times, LIMITS.largest_difference)
+            for times in zip(moved, timed, strict=True)
+        ]
         # of each foot, what the motion shows and the plates time
-        seen = [(moved[k][first], timed[k][second]) for k, (first, second) in enumerate(pairs)]
-        both = tuple(np.concatenate(each) for each in zip(*seen, strict=True))
+        matched = [(moved[k][first], timed[k][second]) for k, (first, second) in enumerate(pairs)]
+        both = tuple(np.concatenate(of_feet) for of_feet in zip(*matched, strict=True))
         for k, side in enumerate(SIDES):
-            shown, true = seen[k] if len(seen[k][0]) >= MIN_CLEAN else both
+            # of both feet where plates time too few of this one
+            shown, true = matched[k] if len(matched[k][0]) >= LIMITS.fewest_timed else both
             times, offset = moved[k], true - shown
-            if len(shown) >= MIN_CLEAN:
+            if len(shown) >= LIMITS.fewest_timed:
                 corrections[f"{side} {label.replace('_', ' ')}s"] = float(np.median(offset))
                 times, (first, second) = _corrected(times, shown, offset), pairs[k]
-                near = np.abs(timed[k][second] - times[first]) <= MAX_DEVIATION_S
+                # a plate that times an event much later has missed part of the foot
+                near = np.abs(timed[k][second] - times[first]) <= LIMITS.largest_deviation
                 times[first[near]] = timed[k][second[near]]
             events += [Event(float(time), label, side) for time in times]
     return in_order(events), corrections
@@ -407,5 +401,6 @@ def combined_events(
 def _corrected(times: Array, known: Array, offset: Array) -> Array:
     """Move times (E,) by the median offset of the nearest of those (K,) whose offset is known."""
     apart = np.abs(known - times[:, None])
-    nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
+    # offsets change over a trial with slope and speed
+    nearest = np.argsort(apart, axis=1, kind="stable")[:, : LIMITS.nearest]
     return np.asarray(times + np.median(offset[nearest], axis=1))

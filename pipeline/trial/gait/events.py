@@ -9,32 +9,20 @@ import numpy as np
 
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
 
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "events")
+
 SIDES: Final = ("left", "right")
 LABELS: Final = ("foot_strike", "foot_off")
 
 BY_PLATES: Final[tuple[EventMethod, ...]] = ("plates", "auto")
 """Methods whose events need no comparison with the plates: it would be one with themselves."""
-EVENT_CUTOFF_HZ: Final = 6.0
-"""Gait is below it, marker noise above; as for the motion."""
-MIN_STRIDE_S: Final = 0.4
-"""Two strikes of one foot closer than this are one (running at 4 m/s takes about 0.7 s)."""
-MIN_EXCURSION_M: Final = 0.1
-"""Foot against sacrum along the walk: less than the slowest stride, more than standing sway."""
-
-NO_EVENT: Final = 'the file has none, and others are not looked for with events = "file"'
-
-SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"))
-HEEL: Final = "HEE"
-TOE: Final = ("MT2", "TOE", "MT5", "MTS")
-FACING: Final = "ASIS", "PSIS"
-"""Landmarks that show the sacrum, the heel and the front of a foot, the first that has a marker;
-and, left and right, where the pelvis faces."""
 
 
 class FoundEvents(NamedTuple):
@@ -88,7 +76,11 @@ def gait_events(
         None where neither the file nor the markers give any.
     """
     if method == "file":
-        return FoundEvents.of(of_file, "events_of_file") if of_file else FoundEvents.none(NO_EVENT)
+        if of_file:
+            return FoundEvents.of(of_file, "events_of_file")
+        return FoundEvents.none(
+            'the file has none, and others are not looked for with events = "file"'
+        )
     try:
         return FoundEvents.of(zeni_events(markers, marker_set), "events_from_markers")
     except ValueError as error:
@@ -130,17 +122,19 @@ def choose_method(
     method = wanted or ("file" if np.isfinite(_stride_s(of_file, SIDES)) else "auto")
     if method != "file" or not of_file:
         return method, ()
-    by_plates = {"the plates": of_plates} if carried >= MIN_CARRIED_SHARE else {}
+    # plates that miss many steps show other events than the feet
+    by_plates = {"the plates": of_plates} if carried >= LIMITS.carried_fraction else {}
     doubts = check_events(of_file, by_plates | {"the feet": swings.events})
     if not len(swings.seen):
         return method, doubts
     counts = counterparts(of_file, swings)
     _, _, compared, alone, detected, missing = counts.values()
-    many = alone > MAX_ALONE_SHARE * compared or missing > MAX_ALONE_SHARE * detected
+    # too many of the file without a swing, or swings without an event of the file
+    many = alone > LIMITS.alone_fraction * compared or missing > LIMITS.alone_fraction * detected
     # without every other strike, two strides would count as one
     of_side = ([_stride_s(e, [side]) for e in (of_file, swings.events)] for side in SIDES)
-    many |= any(by_file > MAX_STRIDE_RATIO * by_feet for by_file, by_feet in of_side)
-    if not many or alone + missing < MIN_EVENTS:
+    many |= any(by_file > LIMITS.stride_ratio * by_feet for by_file, by_feet in of_side)
+    if not many or alone + missing < LIMITS.fewest_events:
         return method, (Note.of("events_compared", **counts), *doubts)
     used = 'the file\'s are used, as events = "file" asks' if wanted else "detected ones are used"
     return wanted or "auto", (Note.of("events_contradicted", **counts, used=used),)
@@ -184,8 +178,10 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
     def of(*segments: str) -> Array:
         return middle(label for label, segment in shown.segment.items() if segment in segments)
 
-    names = [name for name in FACING if {"L" + name, "R" + name} <= shown.landmark.keys()]
+    # of both sides, they show where the pelvis faces
+    names = [name for name in ("ASIS", "PSIS") if {"L" + name, "R" + name} <= shown.landmark.keys()]
     with np.errstate(invalid="ignore"):  # 0 / 0 where no marker is visible
+        # middle of each foot against the middle of the pelvis
         feet = np.stack([of(f"{side}_foot", f"{side}_toes") for side in SIDES], axis=1)
         apart = feet - of("pelvis")[:, None]
         left, right = (middle(shown.landmark[side + name] for name in names) for side in "LR")
@@ -194,20 +190,21 @@ def foot_swings(markers: Markers, marker_set: MarkerSet) -> Swings:
         level = (apart[..., 0] + 1j * apart[..., 1]) * (1j * way.conj() / np.abs(way))[:, None]
     feet = np.stack([level.real, level.imag, apart[..., 2]], axis=2)
     try:
-        ahead, _, up = np.moveaxis(low_pass(feet, time, EVENT_CUTOFF_HZ, "zero_phase"), 2, 0)
+        ahead, _, up = np.moveaxis(low_pass(feet, time, LIMITS.cutoff, "zero_phase"), 2, 0)
     except ValueError:
         return Swings(time, feet, (), np.empty((0, 2)))
     # above its lowest place, a foot is higher while it goes ahead: by how far, not where it ends
     lift = up - np.fmin.reduce(up, axis=0)
+    # who walks backwards has the feet higher while they go backwards
     ahead = ahead * np.sign(np.nansum(lift * np.gradient(ahead, time, axis=0)))
     events = [
         Event(float(at), label, side)
         for side, place in zip(SIDES, ahead.T, strict=True)
         for label, sign in zip(LABELS, (1, -1), strict=True)
-        for at in time[turns(time, sign * place, MIN_SWING_M)]
+        for at in time[turns(time, sign * place, LIMITS.least_swing)]
     ]
-    seen = time[stretches(np.isfinite(ahead).all(axis=1)) - (0, 1)]
-    return Swings(time, feet, in_order(events), seen)
+    spans = time[stretches(np.isfinite(ahead).all(axis=1)) - (0, 1)]
+    return Swings(time, feet, in_order(events), spans)
 
 
 def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
@@ -224,8 +221,8 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
     -----
     Events that are all early or late by up to half a stride, or all of the other side, have
     counterparts where `check_events` names this fault. A file marks what it likes: kinds of events
-    that it has not, and pauses of `PAUSE_STRIDES` without any, lack nothing; but where many of its
-    events are outside the recording, it is compared with the whole recording.
+    that it has not, and pauses of more than a stride without any, lack nothing; but where many of
+    its events are outside the recording, it is compared with the whole recording.
     """
     recorded, by_feet = (swings.time[0], swings.time[-1]), swings.events
     stride_s = float(np.nan_to_num(_stride_s(by_feet, SIDES), nan=1.0))
@@ -237,20 +234,29 @@ def counterparts(of_file: Sequence[Event], swings: Swings) -> dict[str, int]:
         by_feet = _of_other_side(by_feet)
     offset_s = float(np.mean([kind.mean_ms / 1000 for kind in kinds] or [0.0]))
     inside = [replace(event, time=event.time - offset_s) for event in inside]
-    tolerance_s = MAX_DIFFERENCE_S * max(1.0, stride_s)
+    # in slow walking the same events may be farther apart
+    tolerance_s = LIMITS.largest_difference * max(1.0, stride_s)
+    # without half a stride at both ends of what is seen, in which a swing may be cut
     compared = _within(inside, swings.seen + np.array([0.5, -0.5]) * stride_s)
     alone = sum(kind.only_in_first for kind in compare_events(compared, by_feet, tolerance_s))
     # spans that the file marks, from pause to pause; events elsewhere may be those missing here
     times = np.array([event.time for event in inside])
-    pauses = 1 + np.flatnonzero(np.diff(times) > PAUSE_STRIDES * stride_s)
+    pauses = 1 + np.flatnonzero(np.diff(times) > LIMITS.pause * stride_s)
+    # from the first to the last event between two pauses
     marked = [(part[0], part[-1]) for part in np.split(times, pauses) if len(part)]
-    if outside and outside + alone > MAX_ALONE_SHARE * (outside + len(compared)):
+    if outside and outside + alone > LIMITS.alone_fraction * (outside + len(compared)):
         marked = [recorded]
     of_kinds = {(event.label, event.side) for event in of_file}
     detected = [e for e in _within(by_feet, marked) if (e.label, e.side) in of_kinds]
     missing = sum(kind.only_in_second for kind in compare_events(inside, detected, tolerance_s))
-    counts = len(of_file), outside, len(compared), alone, len(detected), missing
-    return dict(zip(COUNTS, counts, strict=True))
+    return {
+        "events": len(of_file),
+        "outside": outside,
+        "compared": len(compared),
+        "alone": alone,
+        "detected": len(detected),
+        "missing": missing,
+    }
 
 
 def _stride_s(events: Sequence[Event], sides: Iterable[str]) -> float:
@@ -291,20 +297,21 @@ def zeni_events(markers: Markers, marker_set: MarkerSet) -> tuple[Event, ...]:
     -----
     Zeni, Richards and Higginson 2008, Gait Posture 27:710. A foot strikes where heel − sacrum is
     largest along the walking direction and leaves where toe − sacrum is smallest. Trajectories pass
-    the zero-phase Butterworth filter at ``EVENT_CUTOFF_HZ`` first. Of two turning points closer
-    than ``MIN_STRIDE_S`` the more extreme counts. A turning point counts only where the foot is
-    seen to travel ``MIN_EXCURSION_M`` before and after it, so that one at the very ends may be left
-    out.
+    the zero-phase Butterworth filter at 6 Hz first. Of two turning points closer than 0.4 s
+    the more extreme counts. A turning point counts only where the foot is seen to travel 0.1 m
+    before and after it, so that one at the very ends may be left out.
 
     Deviations from the original
     ----------------------------
     - The instant is the zero of the filtered velocity, not the nearest frame.
     - Without a toe marker (Human Body Model 2), the second metatarsal head stands in for it.
     """
-    sacrum = _forward(markers, marker_set, SACRUM)
+    sacrum = _forward(markers, marker_set, [("SACR",), ("LPSIS", "RPSIS")])
+    # heel and front of a foot, of which the first landmark that has a marker counts
+    kinds = ("foot_strike", ("HEE",), 1), ("foot_off", ("MT2", "TOE", "MT5", "MTS"), -1)
     events = []
     for side, letter in (("left", "L"), ("right", "R")):
-        for label, names, sign in (("foot_strike", (HEEL,), 1), ("foot_off", TOE, -1)):
+        for label, names, sign in kinds:
             foot = _forward(markers, marker_set, [(letter + name,) for name in names])
             times = _turning_points(markers.time, sign * (foot - sacrum))
             events += [Event(float(t), label, side) for t in times]
@@ -319,14 +326,16 @@ def event_times(events: Iterable[Event], label: str, side: str) -> Array:
 
 def _turning_points(time: Array, distance: Array) -> Array:
     """Find when a distance (T,) is largest; in a gap nothing is found."""
-    filtered = butterworth(distance, time, EVENT_CUTOFF_HZ, "zero_phase")
+    filtered = butterworth(distance, time, LIMITS.cutoff, "zero_phase")
     frame = turns(time, filtered.value)
+    # Newton: the zero of the velocity, by the acceleration
     return np.asarray(time[frame] - filtered.velocity[frame] / filtered.acceleration[frame])
 
 
-def turns(time: Array, distance: Array, least_m: float = MIN_EXCURSION_M) -> Indices:
+def turns(time: Array, distance: Array, least_m: float = LIMITS.least_excursion) -> Indices:
     """Find the frames in which a filtered distance (T,) is largest; none in a gap."""
-    apart = max(1, round(MIN_STRIDE_S / median_of(np.diff(time))))
+    # in each stretch without a gap, since a gap may hide a turn
+    apart = max(1, round(LIMITS.shortest_stride / median_of(np.diff(time))))
     frames = [np.zeros(0, int)]
     for start, stop in stretches(np.isfinite(distance)):
         frames.append(start + find_peaks(distance[start:stop], apart, least_m))
@@ -341,13 +350,16 @@ def find_peaks(values: Array, apart: int, prominence: float) -> Indices:
     # a peak may be flat: of its samples, the middle one
     first = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
     last = np.append(first[1:], len(values)) - 1
+    # where values rise before, and fall after
     slope = np.sign(np.diff(values[first]))
     top = 1 + np.flatnonzero((slope[:-1] > 0) & (slope[1:] < 0))
     peaks = (first[top] + last[top]) // 2
+    # from the highest peak on, nearer ones are left out
     kept = np.ones(len(peaks), bool)
     for k in np.argsort(values[peaks])[::-1]:
         if kept[k]:
             kept &= (np.abs(peaks - peaks[k]) >= apart) | (peaks == peaks[k])
+    # prominence: height above the higher one of both lowest points beside it
     fenced = np.concatenate([[np.inf], values, [np.inf]])
     for k in np.flatnonzero(kept):
         height, sides = values[peaks[k]], (fenced[peaks[k] + 1 :: -1], fenced[peaks[k] + 1 :])
@@ -369,14 +381,10 @@ def _forward(markers: Markers, marker_set: MarkerSet, choices: Sequence[Sequence
         if shown.keys() >= {*landmarks}:
             columns = [markers.names.index(shown[landmark]) for landmark in landmarks]
             return np.asarray(markers.position[:, columns, 0].mean(axis=1))
-    wanted = " or ".join(" with ".join(landmarks) for landmarks in choices)
+    names = " or ".join(" with ".join(landmarks) for landmarks in choices)
     raise ValueError(
-        f"no marker of the set {marker_set.name!r} shows the landmark {wanted} in this recording"
+        f"no marker of the set {marker_set.name!r} shows the landmark {names} in this recording"
     )
-
-
-MAX_DIFFERENCE_S: Final = 0.2
-"""Of two events that may be the same; events of one kind and side are a second apart."""
 
 
 class EventAgreement(NamedTuple):
@@ -398,12 +406,12 @@ class EventAgreement(NamedTuple):
     @property
     def comparable(self) -> bool:
         """Whether enough events are the same, about equally far from each other."""
-        enough = max(MIN_EVENTS, min(self.only_in_first, self.only_in_second))
-        return self.matched >= enough and self.sd_ms < MAX_SD_MS
+        enough = max(LIMITS.fewest_events, min(self.only_in_first, self.only_in_second))
+        return bool(self.matched >= enough and self.sd_ms < LIMITS.largest_spread)
 
 
 def compare_events(
-    first: Iterable[Event], second: Iterable[Event], tolerance_s: float = MAX_DIFFERENCE_S
+    first: Iterable[Event], second: Iterable[Event], tolerance_s: float = LIMITS.largest_difference
 ) -> tuple[EventAgreement, ...]:
     """Match the events of two methods and give their differences per kind and side.
 
@@ -420,16 +428,16 @@ def compare_events(
         Left and right foot strikes, left and right foot offs. Two events match when each is the
         other's nearest.
     """
-    first, second, found = tuple(first), tuple(second), []
+    first, second, agreements = tuple(first), tuple(second), list[EventAgreement]()
     for label, side in product(LABELS, SIDES):
         here, there = event_times(first, label, side), event_times(second, label, side)
-        own, other = match_times(here, there, tolerance_s)
-        apart_ms, number = 1000 * (here[own] - there[other]), len(own)
+        in_first, in_second = match_times(here, there, tolerance_s)
+        apart_ms, number = 1000 * (here[in_first] - there[in_second]), len(in_first)
         mean_ms = float(apart_ms.mean()) if number else np.nan
         sd_ms = float(apart_ms.std(ddof=1)) if number > 1 else np.nan
         alone = len(here) - number, len(there) - number
-        found.append(EventAgreement(label, side, mean_ms, sd_ms, number, *alone))
-    return tuple(found)
+        agreements.append(EventAgreement(label, side, mean_ms, sd_ms, number, *alone))
+    return tuple(agreements)
 
 
 def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array, Array]:
@@ -449,36 +457,16 @@ def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array,
     """
     if not (len(first) and len(second)):
         return np.zeros(0, int), np.zeros(0, int)
+    # distances of all pairs; two that are each other's nearest match
     distance = np.abs(first[:, None] - second)
-    other = distance.argmin(axis=1)
-    own = np.arange(len(first))
-    same = (distance.argmin(axis=0)[other] == own) & (distance[own, other] <= tolerance_s)
-    return own[same], other[same]
+    nearest = distance.argmin(axis=1)
+    indices = np.arange(len(first))
+    same = (distance.argmin(axis=0)[nearest] == indices) & (
+        distance[indices, nearest] <= tolerance_s
+    )
+    return indices[same], nearest[same]
 
 
-MIN_SWING_M: Final = 0.05
-"""Of a foot against the pelvis: shorter than the shortest steps, more than standing sways."""
-MAX_STRIDE_RATIO: Final = 1.5
-"""Of the median stride by a file's events to that by the feet: one without every other strike has
-2."""
-MAX_ALONE_SHARE: Final = 0.25
-"""Of events without counterpart, for two sources to be of one walk."""
-PAUSE_STRIDES: Final = 1.2
-"""Without any event: there a file marks nothing on purpose."""
-COUNTS: Final = "events", "outside", "compared", "alone", "detected", "missing"
-"""What `counterparts` counts."""
-MIN_EVENTS: Final = 3
-"""Of a kind, for their mean to mean something, and half of those of the source that has fewer; and
-of any kind without counterpart, for these not to be chance."""
-MAX_APART_S: Final = 0.5
-"""Of two events that may be the same: half of a stride."""
-MAX_AGREEMENT_MS: Final = 100.0
-MAX_OFFSET_MS: Final = 150.0
-"""In walking, markers turn up to 100 ms before or after the load crosses its threshold."""
-MAX_SD_MS: Final = 100.0
-"""Standard deviation of offsets beyond which events are not the same ones."""
-MIN_CARRIED_SHARE: Final = 0.8
-"""Of the frames: on a treadmill all, and fewer where a plate is dead or feet land beside them."""
 OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
@@ -506,7 +494,9 @@ def check_events(
         kinds, exchanged = _compare_sides(events, reference)
         if exchanged:
             return (Note.of("events_of_other_side", source=source),)
-        if offset_ms := {k.kind: k.mean_ms for k in kinds if abs(k.mean_ms) > MAX_OFFSET_MS}:
+        if offset_ms := {
+            k.kind: k.mean_ms for k in kinds if abs(k.mean_ms) > LIMITS.largest_offset
+        }:
             return (Note.of("events_offset", source=source, offset_ms=offset_ms),)
         if kinds:
             break
@@ -525,10 +515,16 @@ def _compare_sides(
 
     And tell whether they do.
     """
+    # as named, and with left and right exchanged
     same, crossed = (
-        [kind for kind in compare_events(events, each, MAX_APART_S) if kind.comparable]
-        for each in (reference, _of_other_side(reference))
+        [
+            kind
+            for kind in compare_events(events, others, LIMITS.compared_difference)
+            if kind.comparable
+        ]
+        for others in (reference, _of_other_side(reference))
     )
-    coincide = any(abs(kind.mean_ms) < MAX_AGREEMENT_MS for kind in crossed)
-    exchanged = coincide and all(abs(kind.mean_ms) > MAX_OFFSET_MS for kind in same)
+    # exchanged where they coincide crossed, and all are far as named
+    coincide = any(abs(kind.mean_ms) < LIMITS.agreement for kind in crossed)
+    exchanged = coincide and all(abs(kind.mean_ms) > LIMITS.largest_offset for kind in same)
     return (crossed if exchanged else same), exchanged

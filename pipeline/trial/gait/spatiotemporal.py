@@ -5,9 +5,12 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import OTHER_SIDE, SIDES, event_times
+
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "spatiotemporal")
 
 QUANTITIES: Final = {
     "speed": "m/s",
@@ -17,9 +20,6 @@ QUANTITIES: Final = {
     "stance": "% of cycle",
 }
 """What is measured of a gait cycle, and its unit."""
-FLAT: Final = np.array([0.25, 0.55])
-"""Part of a stance in which the ball of the foot rests on the ground, before the heel rises: its
-velocity changes by less than 2 % in virtual and in real walks."""
 
 
 @np.errstate(invalid="ignore")
@@ -59,13 +59,16 @@ def spatiotemporal(
     >>> spatiotemporal(time, walk, strikes, cycle)["left"].round(3).tolist()
     [[1.2, 120.0, 0.6, 0.1, 70.0]]
     """
+    # places on the ground as if it stood still: less its way until then
     on_ground = feet[:, :2, :2] - _way_of_ground(time, feet[:, 2:, :2], events)[:, None]
     measured = {}
     for side, of_side in spans.items():
+        # the first strike of the other foot and the first foot off within the cycle
         foot, (start, stop) = SIDES.index(side), of_side.T
         other_strike = _first_within(event_times(events, "foot_strike", OTHER_SIDE[side]), of_side)
         foot_off = _first_within(event_times(events, "foot_off", side), of_side)
         begin, end = (_interpolate(time, on_ground[:, foot], at) for at in (start, stop))
+        # vectors on the ground, between places of the ankles
         stride, step = end - begin, end - _interpolate(time, on_ground[:, 1 - foot], other_strike)
         length = np.hypot(*stride.T)
         # the part of the step across the stride, to the left of it: the right foot's is negative
@@ -86,18 +89,21 @@ def _way_of_ground(time: Array, balls: Array, events: Sequence[Event]) -> Array:
     """Integrate the velocity of the balls that stand on the ground, (T, 2, 2) to (T, 2) [m]."""
     middles, velocities = list[Array](), list[Array]()
     for foot, side in enumerate(SIDES):
+        # stances last from a strike to the first foot off before the next one
         strikes = event_times(events, "foot_strike", side)
         stances = np.column_stack([strikes, np.append(strikes, np.inf)[1:]])
         foot_off = _first_within(event_times(events, "foot_off", side), stances)
-        flat = strikes[:, None] + (foot_off - strikes)[:, None] * FLAT
+        flat = strikes[:, None] + (foot_off - strikes)[:, None] * LIMITS.flat
         begin, end = (_interpolate(time, balls[:, foot], at) for at in flat.T)
         middles.append(flat.mean(axis=1))
+        # mean velocity of the ball while it rests on the ground
         velocities.append((end - begin) / np.diff(flat, axis=1))
     middle, velocity = np.concatenate(middles), np.concatenate(velocities)
-    known = np.isfinite(velocity).all(axis=1)
-    if not known.any():
+    is_known = np.isfinite(velocity).all(axis=1)
+    if not is_known.any():
         return np.full((len(time), 2), np.nan)
-    order = np.flatnonzero(known)[np.argsort(middle[known])]
+    # between the stances of both feet the velocity changes along lines
+    order = np.flatnonzero(is_known)[np.argsort(middle[is_known])]
     speed = np.column_stack([np.interp(time, middle[order], v) for v in velocity[order].T])
     # trapezoids: scipy.integrate takes as long to load as all else here
     steps = (speed[1:] + speed[:-1]) / 2 * np.diff(time)[:, None]

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from compensation import Sensor, Setup, dynamic_channels
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import Convolution, Signal, resample
 from hbm.signals.samples import mean_rate_hz
@@ -20,13 +21,10 @@ from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2, angle_in_rad, length_in_m, speed_in_mps
 
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "accelerometers")
+
 FILTER: Final[Method] = "zero_phase"
 """A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
-MAX_HELD_S: Final = 0.5
-"""At either end, over which the nearest known value is used: no delay is longer."""
-BELT: Final = re.compile(r"belt|treadmill", re.IGNORECASE)
-NOT_BELT: Final = re.compile(r"sway|pitch|platform", re.IGNORECASE)
-"""In names of channels with another speed of a treadmill."""
 
 
 def read_channel(
@@ -77,9 +75,12 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     channels = [name for name in stated if name in analog.names] or [
         name
         for name in _channels_in(recording, speed_in_mps)
-        if BELT.search(name) and not NOT_BELT.search(name)
+        if re.search("belt|treadmill", name, re.IGNORECASE)
+        # these are other speeds of a treadmill
+        and not re.search("sway|pitch|platform", name, re.IGNORECASE)
     ]
     speeds = np.abs([belt_speed(recording, name) for name in channels])
+    # infinite values are unknown, too
     speeds[~np.isfinite(speeds)] = np.nan
     if np.isnan(speeds).all():  # also of no channels
         return None
@@ -103,6 +104,7 @@ def mean_belt_speed(found: tuple[Array, Array] | None) -> float | None:
     if found is None:
         return None
     with np.errstate(over="ignore"):
+        # the fourth root of the mean fourth power
         mean = float(np.nanmean(found[1] ** 4) ** 0.25)
     return mean if np.isfinite(mean) else None
 
@@ -113,26 +115,23 @@ def hold_ends(time: Array, values: Array, what: str) -> Array:
     A ValueError that says `what` it is where values are unknown between known ones, or for more
     than 0.5 s at an end.
     """
-    known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    if not len(known):
+    # first and last sample of which all channels are known
+    samples = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if not len(samples):
         raise ValueError(f"{what} has no values while the plates are recorded")
-    first, last = known[[0, -1]].tolist()
-    if len(known) < last - first + 1:
-        gap = known[np.argmax(np.diff(known) > 1)] + 1
+    first, last = samples[[0, -1]].tolist()
+    if len(samples) < last - first + 1:
+        gap = samples[np.argmax(np.diff(samples) > 1)] + 1
         raise ValueError(
             f"{what} has a gap at {time[gap]:.3f} s; samples of plates cannot have one"
         )
     held_s = float(max(time[first] - time[0], time[-1] - time[last]))
-    if held_s > MAX_HELD_S:
+    if held_s > LIMITS.longest_held:
         raise ValueError(
             f"{what} is unknown for {held_s:.2f} s at one end of the plates' recording, expected "
-            f"at most {MAX_HELD_S:g} s"
+            f"at most {LIMITS.longest_held:g} s"
         )
     return values[np.clip(np.arange(len(values)), first, last)]
-
-
-CHANNEL: Final = re.compile(r"(?P<sensor>.*?)[ ._-]?(?P<axis>[xyz])", re.IGNORECASE)
-ACCELEROMETER: Final = re.compile(r"acc", re.IGNORECASE)
 
 
 def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]:
@@ -146,8 +145,9 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
     in_unit = _channels_in(recording, acceleration_in_mps2)
     axes_of = defaultdict[str, dict[str, str]](dict)
     for name in names:
-        match = CHANNEL.fullmatch(name)
-        if match and (ACCELEROMETER.search(name) or name in in_unit):
+        # such as "Acc1.X": the sensor, then its axis
+        match = re.fullmatch("(?P<sensor>.*?)[ ._-]?(?P<axis>[xyz])", name, re.IGNORECASE)
+        if match and ("acc" in name.lower() or name in in_unit):
             axes_of[match["sensor"]][match["axis"].lower()] = name
     three = {name: axes for name, axes in axes_of.items() if len(axes) == 3}
     sensors = {name: (axes["x"], axes["y"], axes["z"]) for name, axes in three.items()}
@@ -204,8 +204,8 @@ def without_gaps(*signals: Array) -> list[Array]:
 
     Fits sum over samples again and again, which then takes a tenth of the time.
     """
-    known = np.isfinite(np.hstack(signals)).all(axis=1)
-    return [signal.T.compress(known, axis=1).T for signal in signals]
+    are_known = np.isfinite(np.hstack(signals)).all(axis=1)
+    return [signal.T.compress(are_known, axis=1).T for signal in signals]
 
 
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
@@ -224,9 +224,9 @@ def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
 
 def sensor_delays_s(treadmill: Treadmill, sensors: Sequence[Sensor]) -> tuple[float, ...]:
     """Give how much later each is than the plates: as a calibration found, else as stated [s]."""
-    stated = treadmill.accelerometer_delay_s or 0.0
-    found = tuple(sensor.correction_s for sensor in sensors)
-    return found or (stated,) * len(treadmill.accelerometers)
+    stated_s = treadmill.accelerometer_delay_s or 0.0
+    fitted_s = tuple(sensor.correction_s for sensor in sensors)
+    return fitted_s or (stated_s,) * len(treadmill.accelerometers)
 
 
 def _undelayed(
@@ -253,6 +253,7 @@ def at_plate_times(
     model, differences of the filtered readings over the lags follow. NaN where unknown. Plates of
     equal times share one array.
     """
+    # second differences of the filtered readings follow the readings of a dynamic model
     channels = dynamic_channels(filtered, mean_rate_hz(clock), lags_s)
     kinds = [readings, *np.split(channels, 1 + len(lags_s), axis=1)[1:]]
 
@@ -307,10 +308,13 @@ class RealtimeAccelerometers:
         kinds = [now := self._undelayed(read, at)]
         for lag_s in self.lags_s:
             later, earlier = (self._undelayed(read, at + s) for s in (lag_s, -lag_s))
+            # second difference over the lag
             kinds.append(later - 2 * now + earlier)
         return np.concatenate(kinds, axis=1)
 
     def _undelayed(self, read: Signal, at: Array) -> Array:
-        every = {delay_s: read(at + delay_s) for delay_s in set(self.delays_s)}
-        each = [every[late_s][:, 3 * k : 3 * k + 3] for k, late_s in enumerate(self.delays_s)]
-        return np.concatenate(each, axis=1)
+        by_delay = {delay_s: read(at + delay_s) for delay_s in set(self.delays_s)}
+        of_sensors = [
+            by_delay[late_s][:, 3 * k : 3 * k + 3] for k, late_s in enumerate(self.delays_s)
+        ]
+        return np.concatenate(of_sensors, axis=1)

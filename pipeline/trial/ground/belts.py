@@ -21,8 +21,6 @@ from pipeline.trial.ground.accelerometers import FILTER, belt_speed
 
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""
-KEPT_STEPS: Final = 50
-"""Of the models' output between two frames of a live session: half a second."""
 
 
 def belt_axes(plate: Plate) -> Array:
@@ -36,9 +34,12 @@ def belt_axes(plate: Plate) -> Array:
             f"plate {plate.number}: its corners are unknown, and so is the direction of its belt; "
             "use a C3D file, which holds them"
         )
+    # corners in the plate's own axes
     corners = (plate.corners - plate.center) @ plate.rotation
+    # the longer side of the surface
     along = max(np.diff(corners[:3], axis=0), key=lambda side: float(np.linalg.norm(side)))
     along = along / np.linalg.norm(along)
+    # with the sign of the plate's axis that it is nearest to
     along = along * np.sign(along[np.argmax(np.abs(along))])
     side = np.cross(plate.rotation[2], along)
     side /= np.linalg.norm(side)
@@ -118,6 +119,7 @@ class RealtimeBelts:
         From speeds (N, P) [m/s], one column per plate, at times (N,). The first frame is at
         ``first_s``. Frames come in order. NaN where unknown.
         """
+        # steps of the models are counted from the first frame
         if np.isnan(self.first_s):
             self.first_s = first_s
             start_s = time[0] - first_s if len(time) else 0.0
@@ -137,15 +139,18 @@ class RealtimeBelts:
         steps = np.arange(self.next_step - len(self.newest), self.next_step)
         every, moments = np.reshape(self.newest, (-1, len(self.models))), []
         for k, (model, instants) in enumerate(zip(self.models, at, strict=True)):
+            # a model reads ahead: its moment is of so many steps before
             step_times = self.first_s + (steps - model.advance) / MODEL_RATE_HZ
             moments.append(BETWEEN_STEPS.evaluate(step_times, every[:, [k]], instants)[:, 0])
-        del self.newest[:-KEPT_STEPS]
+        # half a second is more than the next frame of a live session needs
+        del self.newest[:-50]
         return moments
 
     def _step(self, acceleration: Array) -> list[float]:
         """Give each belt's moment, as many steps ago as its model reads ahead [N·m], or NaN."""
         moments = [np.nan] * len(self.models)
         for k, model in enumerate(self.models):
+            # after a gap the belt is taken to run at constant speed
             if np.isnan(acceleration[k]):
                 self.states[k], self.known[k] = model.at_rest, 0
                 continue
@@ -173,10 +178,6 @@ def belt_accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tu
     return result
 
 
-FILTER_EDGE_S: Final = 0.5
-"""Left out at both ends of the calibration, where the low-pass has no neighbours."""
-
-
 def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
     """Fit what accelerating belts add to their empty plates: one model per plate, at 100 Hz.
 
@@ -189,10 +190,12 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
         )
     models = []
     for plate, (time, acceleration) in belt_accelerations(recording, belt):
+        # the moment about the axis across the belt: its acceleration pitches the plate
         pitch_moment = plate.wrench_in_plate[:, 3:] @ belt_side(plate)
         filtered = low_pass(pitch_moment, plate.rate_hz, belt.cutoff_hz, FILTER)
         moment = interpolate(plate.time, filtered, time)
-        inside = (time > time[0] + FILTER_EDGE_S) & (time < time[-1] - FILTER_EDGE_S)
+        # without half a second at both ends, where the low-pass has no neighbours
+        inside = (time > time[0] + 0.5) & (time < time[-1] - 0.5)
         inside &= np.isfinite(moment)
         try:
             model = fit_belt(acceleration[inside], moment[inside] - moment[inside].mean())

@@ -19,6 +19,7 @@ from compensation.inertia.model_error import residual_correlation
 from compensation.inertia.quality import MIN_LOAD_N, DayCheck, check_another_day, refuse_unusable
 from compensation.inertia.sensors import QUANTILE_95, faulty_sensors, find_sensors, noise_for_fit
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.resampling import resample
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array
@@ -51,18 +52,7 @@ from pipeline.trial.ground.laboratory import (
 )
 from pipeline.trial.ground.wrenches import plate_artefacts, sensor_notes
 
-LOAD_S: Final = 2.0
-"""Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
-than a stride, so that steps count as well as standing."""
-STEP_S: Final = 0.2
-MAX_STEP_N: Final = 50.0
-"""A step on a plate is longer and heavier; vibration and drift of an empty one are less."""
-MIN_BESIDE_S: Final = 10.0
-"""Some strides: less says little of how people shake the platform."""
-AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
-"""One choice with each of the file's axes as the vertical one."""
-MIN_COSINE_LEVEL: Final = 0.7
-"""Of the angle between a level plate's normal and the vertical, about 45°."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "calibrations")
 
 
 def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
@@ -88,12 +78,14 @@ def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
     try:
         return read_recording(path, stated)
     except ValueError as first:
-        for axes in AXES_BY_VERTICAL if stated.axes is None else ():
+        # one choice with each of the file's axes as the vertical one
+        choices = "forward,left,up", "forward,up,right", "up,forward,left"
+        for axes in choices if stated.axes is None else ():
             try:
                 recording = read_recording(path, replace(stated, axes=axes, axes_by=""))
             except ValueError:
                 continue
-            if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
+            if all(abs(plate.rotation[2, 2]) > LIMITS.level_cosine for plate in recording.plates):
                 return replace(recording, stated=stated, axes=())  # nobody stated these axes
         raise first
 
@@ -172,21 +164,24 @@ def empty_plates(
         if (model := models.get(name)) is None:
             continue
         model.require(setup)
+        # vertical force that the platform's motion does not explain
         force = model.compensate(felt[:, : len(model.acceleration_mean)], wrench)[:, 2]
-        if len(force) < MIN_BESIDE_S * setup.rate_hz:
+        if len(force) < LIMITS.shortest_beside * setup.rate_hz:
             raise ValueError(
-                f"{len(force) / setup.rate_hz:.1f} s are too short, expected {MIN_BESIDE_S:g} s "
-                "or more; record a minute"
+                f"{len(force) / setup.rate_hz:.1f} s are too short, expected "
+                f"{LIMITS.shortest_beside:g} s or more; record a minute"
             )
-        if (np.abs(_means(force, setup, LOAD_S)) > MIN_LOAD_N).all():
+        # a plate that somebody is on all the time is not fitted
+        if (np.abs(_means(force, setup, LIMITS.load_span)) > MIN_LOAD_N).all():
             continue
-        steps = _means(force, setup, STEP_S)
+        # short loads on a plate that is empty else
+        steps = _means(force, setup, LIMITS.step_span)
         highest = float(np.abs(steps - np.median(steps)).max())
-        if highest > MAX_STEP_N:
+        if highest > LIMITS.largest_step:
             raise ValueError(
                 f"somebody was on {name} for a part of the time ({highest:.0f} N over "
-                f"{STEP_S:g} s, expected {MAX_STEP_N:g} N at most of an empty plate); record "
-                "people who stay on the other plate or on the boards all the time"
+                f"{LIMITS.step_span:g} s, expected {LIMITS.largest_step:g} N at most of an empty "
+                "plate); record people who stay on the other plate or on the boards all the time"
             )
         empty[name] = felt, wrench
     if not empty:
@@ -212,13 +207,6 @@ def wrenches_in_time(
             recording.plates, relative_delays_s(recording.plates, correction), strict=True
         )
     ]
-
-
-MODEL: Final = "inertia_model"
-WEIGHT: Final = "weight_of_beside"
-"""Keys that say which model compensates trials, and how recordings of people weigh, and why."""
-MIN_APART_S: Final = 0.0005
-"""Between two plates: a tenth of a delay that matters, of 5 ms."""
 
 
 def fit_calibration(
@@ -265,6 +253,7 @@ def fit_calibration(
     source, recording = recording.source.name, with_corrected_plates(recording, plates)
     sensors = _sensors(recording, treadmill, plates)
     samples = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
+    # noise of the accelerometers makes gains too small, unless the fit knows it
     noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in samples.items()}
     belts = [mean_belt_speed(fastest_belt(one, treadmill)) for one in every]
 
@@ -287,12 +276,13 @@ def fit_calibration(
         with naming(one.source):
             return one.source.name, empty_plates(one, treadmill, sensors, plates, static)
 
+    # the moving empty treadmill alone tells who is on a plate in the others
     trials, weight, provenance = [(source, samples)], 1.0, {"recording": source}
     static = fitted(trials, weight)
     refuse_unusable(static)
     if beside:
         trials += map(read, beside)
-        weight, provenance[WEIGHT] = weigh_beside(trials, k, setup.rate_hz)
+        weight, provenance["weight_of_beside"] = weigh_beside(trials, k, setup.rate_hz)
         provenance[BESIDE] = "; ".join(
             f"{name}: {', '.join(empty)} empty" for name, empty in trials[1:]
         )
@@ -300,7 +290,9 @@ def fit_calibration(
     if unknown := [one.source.name for one, mps in zip(every, belts, strict=True) if mps is None]:
         provenance[BELTS_UNKNOWN] = ", ".join(unknown)
     compared = [read(one) for one in checks]
-    provenance[MODEL], dynamic = choose(trials, static, compared, treadmill.inertia_model, weight)
+    provenance["inertia_model"], dynamic = choose(
+        trials, static, compared, treadmill.inertia_model, weight
+    )
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
     joint = _joint_correlation(recording, samples, dynamic or static, setup.rate_hz)
@@ -343,9 +335,10 @@ def plates_timed_apart(
     notes = []
     for plate, late in zip(recording.plates[1:], others, strict=True):
         apart_s = late.seconds - first.seconds
+        # each estimate has its error of noise, and one of the model
         errors_s = late.standard_error, first.standard_error, MODEL_ERROR_S, MODEL_ERROR_S
         interval_s = QUANTILE_95 * float(np.linalg.norm(errors_s))
-        if abs(apart_s) > max(interval_s, MIN_APART_S):
+        if abs(apart_s) > max(interval_s, LIMITS.least_apart):
             values = {"plate": plate.number, "delay_s": apart_s, "interval_s": interval_s}
             notes.append(Note.of("plates_timed_apart", **values))
     return tuple(notes)
@@ -355,14 +348,16 @@ def _joint_correlation(
     recording: Recording, samples: Samples, models: Mapping[str, InertiaModel], rate_hz: float
 ) -> Array | None:
     """Give the correlation of what is left of all plates; None where their clocks differ."""
-    left = [
+    # by the static channels, which come first
+    rest = [
         models[name].compensate(felt[:, : len(models[name].gain) - 1], wrench)
         for name, (felt, wrench) in samples.items()
     ]
+    # residuals go together only where they are sampled together
     clocks = {plate.time.tobytes() for plate in recording.plates}
-    if len(clocks) > 1 or len({*map(len, left)}) > 1:
+    if len(clocks) > 1 or len({*map(len, rest)}) > 1:
         return None
-    both = np.hstack(left)
+    both = np.hstack(rest)
     return residual_correlation(both - both.mean(axis=0), rate_hz)
 
 
@@ -375,6 +370,7 @@ def _sensors(
     filtered, stated_s = setup.low_pass(readings, clock), sensor_delays_s(treadmill, ())
     (felt,) = at_plate_times(clock, filtered, filtered, [first], stated_s)
     wrenches = wrenches_in_time(recording, setup, correction)
+    # delays are fitted to all plates that are sampled at the same times
     same_clock = [
         wrench
         for plate, wrench in zip(recording.plates, wrenches, strict=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from compensation import BeltModel, Calibration, InertiaModel, PlateCalibration, Sensor, Setup
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array
@@ -26,9 +27,7 @@ from pipeline.trial.ground.accelerometers import (
     setup_of,
 )
 
-MAX_SHIFT_M: Final = 0.1
-"""Between a plate's centre in a file and in its calibration: cameras set up anew move it by
-millimetres, the plate beside it is half a metre away."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "laboratory")
 
 
 PLATES_NAME: Final = "plate_calibration"
@@ -65,7 +64,7 @@ def with_corrected_plates(recording: Recording, correction: PlateCorrection | No
             missing.append(str(plate.number))
             continue
         apart_m = float(np.linalg.norm(plate.center - one.center))
-        if np.isfinite(plate.corners).all() and apart_m > MAX_SHIFT_M:
+        if np.isfinite(plate.corners).all() and apart_m > LIMITS.largest_shift:
             raise ValueError(
                 f"{file}: plate {plate.number} lies {apart_m:.2f} m from where {correction.name} "
                 "has it; are its plates numbered as in the recordings of the weights, and is the "
@@ -117,17 +116,24 @@ def corrections_used(
     """Give the calibrations of those plates that have one."""
     if correction is None:
         return []
-    known = (correction.calibrations.of(plate.number) for plate in plates)
-    return [one for one in known if one is not None]
+    of_plates = (correction.calibrations.of(plate.number) for plate in plates)
+    return [one for one in of_plates if one is not None]
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
     """Refuse a calibration that was fitted to plates corrected otherwise than those of trials."""
-    known = calibration.provenance
-    fitted, wanted = known.get(PLATES_SHA256, ""), plates.sha256 if plates is not None else ""
-    if fitted == wanted:
+    provenance = calibration.provenance
+    fitted, of_trials = (
+        provenance.get(PLATES_SHA256, ""),
+        plates.sha256 if plates is not None else "",
+    )
+    if fitted == of_trials:
         return
-    used = f"to plates corrected by {known.get(PLATES_NAME)}" if fitted else "to uncorrected plates"
+    used = (
+        f"to plates corrected by {provenance.get(PLATES_NAME)}"
+        if fitted
+        else "to uncorrected plates"
+    )
     if plates is None:
         advice = "name that file (plates.calibration in study.toml, --plate-calibration)"
     else:
@@ -186,8 +192,8 @@ class Laboratory:
 def channels_of(calibration: Calibration) -> dict[str, tuple[str, str, str]]:
     """Give sensor -> its channels as a calibration file states them; empty where it does not."""
     try:
-        known = json.loads(calibration.provenance.get("channels", "{}"))
-        return {str(sensor): (str(x), str(y), str(z)) for sensor, (x, y, z) in known.items()}
+        channels = json.loads(calibration.provenance.get("channels", "{}"))
+        return {str(sensor): (str(x), str(y), str(z)) for sensor, (x, y, z) in channels.items()}
     except (AttributeError, TypeError, ValueError) as error:
         raise ValueError("the calibration's channels are damaged; fit it again") from error
 
@@ -242,6 +248,7 @@ class BoundLaboratory:
         Accelerometers on one converter are equally late: where a platform bends, the calibration
         takes bending for delay.
         """
+        # sample standard deviation over sensors
         delays = [sensor.correction_s for sensor in self.sensors]
         return float(np.std(delays, ddof=1)) if len(delays) > 1 else 0.0
 
@@ -269,6 +276,7 @@ class BoundLaboratory:
         """
         assert self.readings is not None
         clock, readings = self.readings
+        # accelerometers are timed by the first plate
         late = relative_delays_s(self.recording.plates, self.laboratory.plates)
         earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
         if method == "realtime":
@@ -301,6 +309,7 @@ def bind(
     for sensor, channels in treadmill.accelerometers.items():
         then = tuple(fitted.get(sensor, channels))
         exchanged = channels in fitted.values()
+        # other channels than in the calibration, though the old ones are there too
         if then != channels and set(then) <= set(present) and not exchanged:
             raise ValueError(
                 f"{file}: accelerometer {sensor} was {', '.join(then)} in the calibration, which "
@@ -321,15 +330,15 @@ def models_of_plates(
     A ValueError, which names what is compensated, where the calibration was made for other plates,
     sensors, rates or filters.
     """
-    known, wanted = calibration.in_use, [f"plate {number}" for number in numbers]
-    if unknown := [plate for plate in wanted if plate not in known]:
-        raise ValueError(f"{name}: the calibration has no {unknown[0]}; it has {', '.join(known)}")
-    for plate in wanted:
+    models, names = calibration.in_use, [f"plate {number}" for number in numbers]
+    if unknown := [plate for plate in names if plate not in models]:
+        raise ValueError(f"{name}: the calibration has no {unknown[0]}; it has {', '.join(models)}")
+    for plate in names:
         try:
-            known[plate].require(setup)
+            models[plate].require(setup)
         except ValueError as error:
             raise ValueError(f"{name}: {plate}: {error}") from error
-    return [known[plate] for plate in wanted]
+    return [models[plate] for plate in names]
 
 
 def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:

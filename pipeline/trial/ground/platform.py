@@ -10,6 +10,7 @@ import compensation
 from compensation import Delay, PlatformPose
 from compensation.inertia.sensors import QUANTILE_95
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.resampling import resample
 from hbm.signals.samples import stretches, without_short_gaps
 from hbm.spatial import Array, Mask, fit_rotation, rotate_wrench, shift_wrench, transform_wrench
@@ -19,25 +20,13 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import angle_in_rad, length_in_m
 from pipeline.trial.ground.accelerometers import find_commands, hold_ends, read_channel
 
-NEUTRAL_FRAMES: Final = 100
-"""Frames at the start in which the platform is in neutral: one second at 100 Hz."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "platform")
+
 LEVEL: Final = (
     "taken as level and in neutral, because none is recorded; if it moved, name its markers "
     "(--platform-markers, or treadmill.platform in a study)"
 )
 """What is taken for a pose that is not known."""
-MIN_MARKERS: Final = 3
-MIN_KNOWN: Final = 0.9
-"""Part of the frames of an empty treadmill in which its markers move as one body."""
-MIN_MOVED: Final = 0.005
-"""[m], and of a direction: less is noise of markers."""
-MIN_SWAY_M: Final = 0.01
-MIN_PITCH_DEG: Final = 1.0
-"""Of a platform that moves while nothing is compensated; markers at rest wander by a tenth."""
-MAX_LOST_S: Final = 0.05
-"""From one frame to the next that was received, between which the pose is interpolated."""
-MAX_MARKER_ERROR_M: Final = 0.01
-"""Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
 
 
 def platform_pose(
@@ -69,24 +58,27 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
     of `platform_pose` for what is stated.
     """
     names = recording.markers.names
-    by_markers = Platform(markers=names if len(names) >= MIN_MARKERS else ())
+    # three points determine a pose
+    by_markers = Platform(markers=names if len(names) >= 3 else ())
     for platform in [stated] if stated else [by_markers, find_commands(recording)]:
         try:
             pose, _ = platform_pose(recording, platform, recording.markers.time)
-        except ValueError:  # also where there is nothing by which it would be known
+        except ValueError:  # also where there is nothing by which it would be is_known
             if stated:
                 raise
             continue
-        known = pose is not None and np.isfinite(pose.position).all(axis=1)
-        if pose is not None and np.mean(known) > MIN_KNOWN:
-            moved = np.ptp(np.hstack([pose.rotation[known, 2], pose.position[known]]), axis=0)
-            if moved.max() > MIN_MOVED:
+        is_known = pose is not None and np.isfinite(pose.position).all(axis=1)
+        if pose is not None and np.mean(is_known) > LIMITS.least_known:
+            # vertical axis and place: of a platform that moves they change
+            moved = np.ptp(np.hstack([pose.rotation[is_known, 2], pose.position[is_known]]), axis=0)
+            if moved.max() > LIMITS.least_motion:
                 return pose
     return None
 
 
 def turned_rad(pose: PlatformPose) -> Array:
     """Give by how much the platform is turned from neutral, (T,) [rad]."""
+    # cos of the angle = (trace − 1) / 2
     trace = np.trace(pose.rotation, axis1=1, axis2=2)
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
@@ -104,10 +96,11 @@ def uncompensated_motion(recording: Recording, body_markers: Sequence[str]) -> t
     pose = empty_pose(replace(recording, markers=on_platform))
     if pose is None:
         return ()
-    known = np.isfinite(pose.position).all(axis=1)
-    turned_deg = float(np.degrees(turned_rad(pose)[known]).max())
-    moved_m = float(np.ptp(pose.position[known], axis=0).max())
-    if moved_m < MIN_SWAY_M and turned_deg < MIN_PITCH_DEG:
+    is_known = np.isfinite(pose.position).all(axis=1)
+    # largest turn, and largest shift along an axis
+    turned_deg = float(np.degrees(turned_rad(pose)[is_known]).max())
+    moved_m = float(np.ptp(pose.position[is_known], axis=0).max())
+    if moved_m < LIMITS.least_sway and turned_deg < LIMITS.least_pitch:
         return ()
     return (Note.of("platform_moves", moved_m=moved_m, turned_deg=turned_deg),)
 
@@ -118,6 +111,7 @@ def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPo
     Before and after the markers it is the nearest known one, for 0.5 s at most; a ValueError where
     it has a gap or is unknown for longer.
     """
+    # splines through places and rotation vectors, then the nearest known pose at both ends
     between = compensation.interpolate_pose(pose, recording.markers.time, time)
     values = np.hstack([between.rotation.reshape(-1, 9), between.position])
     with naming(recording.source):
@@ -138,6 +132,7 @@ def in_lab(
     wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
 ) -> list[Array]:
     """Bring wrenches in plate axes to the lab, by the plates' neutral places and the pose."""
+    # from the plate to the lab in neutral, then with the platform
     neutral = [
         transform_wrench(wrench, plate.rotation, plate.center)
         for wrench, plate in zip(wrenches, plates, strict=True)
@@ -150,17 +145,18 @@ def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
 
     About the centre of its surface there, (4, 3) [m].
     """
-    known = np.isfinite(pose.position).all(axis=1)
-    if not known.any():
+    is_known = np.isfinite(pose.position).all(axis=1)
+    if not is_known.any():
         raise ValueError("the platform's pose is unknown in all frames")
-    rotation = fit_rotation(pose.rotation[known].mean(axis=0))
-    moved = plate.corners @ rotation.T + pose.position[known].mean(axis=0)
+    # the mean of rotation matrices is none: the nearest one
+    rotation = fit_rotation(pose.rotation[is_known].mean(axis=0))
+    moved = plate.corners @ rotation.T + pose.position[is_known].mean(axis=0)
     return np.asarray((moved - plate.center) @ plate.rotation)
 
 
 def after_neutral(recording: Recording) -> Mask:
     """Find the frames after those that show the platform in neutral, (T,)."""
-    return np.asarray(np.cumsum(_received(recording)) > NEUTRAL_FRAMES)
+    return np.asarray(np.cumsum(_received(recording)) > LIMITS.neutral_frames)
 
 
 def _received(recording: Recording) -> Mask:
@@ -178,26 +174,30 @@ def _pose_from_markers(
             f"{recording.source.name}: platform markers {', '.join(missing)} are not in the "
             f"file; markers there: {', '.join(names)}"
         )
+    # frames without any marker were lost on the way, not hidden
     received, time = _received(recording), recording.markers.time
     position = recording.markers.position[:, [names.index(name) for name in markers]]
-    first = position[received][:NEUTRAL_FRAMES]
-    seen = np.isfinite(first.sum(axis=2))
-    hidden = [name for k, name in enumerate(markers) if not seen[:, k].any()]
+    first = position[received][: LIMITS.neutral_frames]
+    is_visible = np.isfinite(first.sum(axis=2))
+    hidden = [name for k, name in enumerate(markers) if not is_visible[:, k].any()]
     if hidden:
         raise ValueError(
-            f"platform markers {', '.join(hidden)} are not seen in the first {NEUTRAL_FRAMES} "
-            "frames, which show the platform in neutral; name others"
+            f"platform markers {', '.join(hidden)} are not seen in the first "
+            f"{LIMITS.neutral_frames} frames, which show the platform in neutral; name others"
         )
-    fit = compensation.fit_pose(position, compensation.neutral_markers(first), MAX_MARKER_ERROR_M)
-    lost = ~received & without_short_gaps(received, time, MAX_LOST_S)
+    fit = compensation.fit_pose(
+        position, compensation.neutral_markers(first), LIMITS.largest_marker_error
+    )
+    lost = ~received & without_short_gaps(received, time, LIMITS.longest_loss)
     if lost.any():
+        # a short loss is bridged, since the platform moves evenly
         there = PlatformPose(fit.pose.rotation[received], fit.pose.position[received])
         between = compensation.interpolate_pose(there, time[received], time[lost])
         rotation, place = fit.pose.rotation.copy(), fit.pose.position.copy()
         rotation[lost], place[lost] = between.rotation, between.position
         fit = fit._replace(pose=PlatformPose(rotation, place))
     note = Note.of("platform_pose", source=f"by the markers {', '.join(markers)}")
-    return fit.pose, (note, *compensation.check_pose(fit, markers, MAX_MARKER_ERROR_M))
+    return fit.pose, (note, *compensation.check_pose(fit, markers, LIMITS.largest_marker_error))
 
 
 def _commanded_pose(
@@ -214,22 +214,16 @@ def _commanded_pose(
         clock, values = read_channel(recording, channel, unit_in_si)
         return at_markers(clock, values, time + platform.delay_s)
 
+    # a command is later or earlier than the motion by a stated delay
     sway = command(platform.sway_channel, length_in_m)
     pitch = command(platform.pitch_channel, angle_in_rad)
-    known = np.isfinite(sway) & np.isfinite(pitch)
-    pose = compensation.commanded_pose(sway[known], pitch[known], platform.pivot_m)
+    is_known = np.isfinite(sway) & np.isfinite(pitch)
+    pose = compensation.commanded_pose(sway[is_known], pitch[is_known], platform.pivot_m)
     rotation, position = np.full((len(time), 3, 3), np.nan), np.full((len(time), 3), np.nan)
-    rotation[known], position[known] = pose.rotation, pose.position
+    rotation[is_known], position[is_known] = pose.rotation, pose.position
     pivot = ", ".join(f"{value:g}" for value in platform.pivot_m)
     source = f"as commanded by {', '.join(platform.channels)}, pivot at ({pivot}) m"
     return PlatformPose(rotation, position), (Note.of("platform_pose", source=source),)
-
-
-MAX_ERROR_S: Final = 0.002
-"""Standard error above which a delay is not worth stating."""
-MIN_BEYOND_S: Final = 0.001
-"""Beyond its interval, from which a delay that is not stated matters: most filters of instruments
-are later by more."""
 
 
 def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay | None:
@@ -238,9 +232,10 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
     From the pose at the markers' frames and what its accelerometers felt then, timed as the plates,
     (T, k) [m/s²]. None where the motion does not show it to 4 ms.
     """
-    known = np.asarray(np.isfinite(np.hstack([felt, pose.position])).all(axis=1))
-    inside = np.flatnonzero(known)
-    if not len(inside) or not known[inside[0] : inside[-1] + 1].all():
+    # the motion must be known without a gap from its first to its last frame
+    is_known = np.asarray(np.isfinite(np.hstack([felt, pose.position])).all(axis=1))
+    inside = np.flatnonzero(is_known)
+    if not len(inside) or not is_known[inside[0] : inside[-1] + 1].all():
         return None
     part = slice(inside[0], inside[-1] + 1)
     there = PlatformPose(pose.rotation[part], pose.position[part])
@@ -249,8 +244,9 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
         late = compensation.estimate_delay(felt[part], force, rate_hz)
     except ValueError:
         return None
-    if not late.standard_error < MAX_ERROR_S:
+    if not late.standard_error < LIMITS.largest_delay_error:
         return None
+    # it is the plates' lateness against the markers, the other way round
     return Delay(-late.seconds, late.standard_error)
 
 
@@ -265,7 +261,7 @@ def plates_note(
     if (late := plate_marker_delay(pose, felt, rate_hz)) is None:
         return ()
     interval_s = QUANTILE_95 * late.standard_error
-    beyond = abs(late.seconds) > interval_s + MIN_BEYOND_S
+    beyond = abs(late.seconds) > interval_s + LIMITS.least_delay
     code = "platform_plates_delay_differs" if beyond else "platform_plates_delay"
     delay_s = stated_s + late.seconds
     return (Note.of(code, delay_s=delay_s, interval_s=interval_s, stated_s=stated_s),)
@@ -279,8 +275,8 @@ def command_delay(recording: Recording, markers: tuple[str, ...], commands: Plat
     """
     pose, _ = _pose_from_markers(recording, markers)
     commanded, _ = _commanded_pose(recording, commands, recording.markers.time, resample)
-    known = np.isfinite(np.hstack([pose.position, commanded.position])).all(axis=1)
-    parts = stretches(np.asarray(known))
+    is_known = np.isfinite(np.hstack([pose.position, commanded.position])).all(axis=1)
+    parts = stretches(np.asarray(is_known))
     if not len(parts):
         raise ValueError(f"the platform markers {', '.join(markers)} are never seen together")
     part = slice(*max(parts, key=np.ptp))

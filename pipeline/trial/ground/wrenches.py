@@ -15,6 +15,7 @@ import numpy as np
 from compensation import Calibration, InertiaModel, PlatformPose, check_trial
 from compensation.inertia.model_error import RUNNING_MPS, SLOW_HZ
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
 from hbm.spatial import WRENCH_COMPONENTS, Array, Mask, transform_wrench
@@ -25,9 +26,7 @@ from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.laboratory import BELTS_UNKNOWN, BESIDE, BoundLaboratory
 from pipeline.trial.ground.platform import LEVEL, after_neutral, in_lab, plates_note, platform_pose
 
-MAX_FASTER: Final = 1.05
-"""Factor by which belts may run faster than in the calibration: their vibration then has 1.2 times
-the variance that is expected."""
+LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "wrenches")
 
 
 def plate_artefacts(lab: BoundLaboratory) -> tuple[list[Array], tuple[Note, ...]]:
@@ -51,6 +50,7 @@ def plate_artefacts(lab: BoundLaboratory) -> tuple[list[Array], tuple[Note, ...]
 
     if laboratory.calibration is not None:
         felt = zip(lab.models, lab.felt(times, low_passed=False), strict=True)
+        # inertia: gain times specific force, and an offset
         predicted = [channels @ model.gain[:-1] + model.gain[-1] for model, channels in felt]
         add(predicted, "the acceleration")
         notes = *laboratory.calibration.notes, *sensor_notes(lab)
@@ -97,6 +97,7 @@ def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -
     (6 P, 6 P); moments are about a point in the lab, (T, 3) or (3,) [m]. NaN where an acceleration,
     the pose or the point is unknown.
     """
+    # how each component in the plate's axes adds to the wrench in the lab about the point
     changes = [
         transform_wrench(np.eye(6), s.rotation[:, None], (s.center - point)[:, None]).T
         for s in spreads
@@ -104,8 +105,10 @@ def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -
     variance = np.empty((6, len(spreads[0].sd)))
     for row, of_row in enumerate(variance):
         both = [(change[row], spread) for change, spread in zip(changes, spreads, strict=True)]
+        # variance of a sum: a^T C a of all components of all plates
         moving = np.concatenate([factors * spread.sd.T for factors, spread in both])
         of_row[:] = (moving * (correlation @ moving)).sum(axis=0)
+        # zeros are independent of each other
         of_row += sum(spread.zero**2 @ factors**2 for factors, spread in both)
     return np.sqrt(variance).T
 
@@ -159,7 +162,7 @@ class Ground:
     @property
     def known(self) -> Mask:
         """Frames in which every plate of every variant is known, (T,)."""
-        every = np.stack([wrench for each in self.variants.values() for wrench in each])
+        every = np.stack([wrench for of_plates in self.variants.values() for wrench in of_plates])
         return np.asarray(np.isfinite(every).all(axis=(0, 2)))
 
     def uncertainty(self, pelvis: Array) -> Array | None:
@@ -201,7 +204,7 @@ def ground_wrenches(
         gains are constant, and the differences of a dynamic model are taken at the accelerometers'
         rate, so that it makes no difference that this is done at the markers' rate on equally
         resampled signals. In real time no wrench is known while the platform's markers still show
-        their neutral places, which takes `NEUTRAL_FRAMES`.
+        their neutral places, which takes 100 frames.
 
     Raises
     ------
@@ -212,6 +215,7 @@ def ground_wrenches(
     platform, belt = laboratory.treadmill.platform, laboratory.treadmill.belt
     live = method == "realtime"
     at_markers = resample_in_real_time if live else resample
+    # plates are read later by as much as they are late
     times = [time + delay_s for delay_s in lab.delays_s]
     measured = [
         at_markers(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)
@@ -228,12 +232,14 @@ def ground_wrenches(
                 resample(p.time, lab.setup.low_pass(p.wrench_in_plate, p.time), t)
                 for p, t in zip(plates, times, strict=True)
             ]
+        # in the plate's own frame, in which plates and accelerometers measure
         variants["compensated"] = list(map(_compensated, lab.models, felt, plain))
         notes += _compensation_notes(lab, method)
     if laboratory.belts and belt is not None:
         added = belt_wrenches(recording, laboratory.belts, belt, times, method)
+        # belts shake the plates beside what the platform adds
         shaken = variants.get("compensated", measured)
-        variants["compensated"] = [w - own for w, own in zip(shaken, added, strict=True)]
+        variants["compensated"] = [w - of_belt for w, of_belt in zip(shaken, added, strict=True)]
         notes.append(Note.of("belts_compensated", channels=belt.speed_channels))
 
     pose, pose_notes = platform_pose(recording, platform, time, at_markers)
@@ -242,6 +248,7 @@ def ground_wrenches(
         notes.append(Note.of("platform_pose", source=LEVEL))
     if pose is not None and platform is not None and platform.markers:
         if live:
+            # in real time the pose is known once the neutral places are
             later = after_neutral(recording)
             variants = {
                 name: [np.where(later[:, None], wrench, np.nan) for wrench in wrenches]
@@ -302,6 +309,7 @@ def uncertainty_limits(speed: float | None, calibration: Calibration) -> tuple[N
     alone, do not count.
     """
     errors = [model.model_error for model in calibration.in_use.values()]
+    # models of earlier versions know of noise alone
     fastest = [error.fastest_mps for error in errors if error is not None]
     if not fastest:
         return ()
@@ -317,7 +325,7 @@ def uncertainty_limits(speed: float | None, calibration: Calibration) -> tuple[N
     if calibration.correlation is None and len(calibration.plates) > 1:
         left_out.append("how the plates' errors go together (they were sampled at other times)")
     notes = [Note.of("uncertainty_limited", left_out=left_out)] if left_out else []
-    if speed is not None and speed > max(MAX_FASTER * slowest, RUNNING_MPS):
+    if speed is not None and speed > max(LIMITS.faster_belts * slowest, RUNNING_MPS):
         values = {"speed_mps": speed, "calibrated_mps": slowest}
         notes.append(Note.of("uncertainty_belts_faster", **values))
     return tuple(notes)
@@ -335,9 +343,9 @@ def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:
 
 def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:
     """Compensate the samples that have both; the others stay gaps."""
-    known = np.isfinite(acceleration).all(axis=1) & np.isfinite(wrench).all(axis=1)
+    has_both = np.isfinite(acceleration).all(axis=1) & np.isfinite(wrench).all(axis=1)
     result = np.full(wrench.shape, np.nan)
-    result[known] = model.compensate(acceleration[known], wrench[known])
+    result[has_both] = model.compensate(acceleration[has_both], wrench[has_both])
     return result
 
 
@@ -376,6 +384,7 @@ def plate_loads(lab: BoundLaboratory) -> tuple[PlateLoad, ...]:
     if lab.models:
         felt = lab.felt([plate.time for plate in plates])
         for k, (model, plate) in enumerate(zip(lab.models, plates, strict=True)):
+            # of the force alone, along the normal of the plate
             gain = model.gain[:, :3] @ plate.rotation[2]
             forces[k] = forces[k] - (felt[k] @ gain[:-1] + gain[-1])
     return tuple(

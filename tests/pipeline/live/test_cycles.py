@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.cycles import ConditionSoFar, GaitTracker
-from pipeline.trial.gait.contact import MIN_STANCE_S
+from pipeline.trial.gait.contact import LIMITS
 from pipeline.trial.gait.events import SIDES, event_times
 from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
@@ -51,7 +51,7 @@ def test_cycles_begin_at_strikes_of_the_trial_and_are_known_a_tenth_of_a_second_
         nearest = [np.abs(ours - each).min() for each in true[1:-2]]
         assert max(nearest) < 0.04
     delays = [now - cycle.stop_s for now, cycles in followed for cycle in cycles]
-    np.testing.assert_allclose(delays, MIN_STANCE_S, atol=FRAME_S + 1e-9)
+    np.testing.assert_allclose(delays, LIMITS.shortest_stance, atol=FRAME_S + 1e-9)
 
 
 def test_the_running_root_mean_square_is_over_every_frame_of_the_cycles_once(
