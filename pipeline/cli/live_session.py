@@ -26,7 +26,7 @@ from pipeline.live import output
 from pipeline.live.chain import LiveChain
 from pipeline.live.light import Finding
 from pipeline.live.lsl import LslSource
-from pipeline.live.monitor import REQUIRED, Monitor, senders
+from pipeline.live.monitor import LIMITS, Monitor, senders
 from pipeline.live.preparation import (
     PlacedPlates,
     PoseFinder,
@@ -63,7 +63,8 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
     body = None if request.pose else prepared.body()
     if body is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
-    live, required = prepared.study.file.live, request.cycles or prepared.cycles or REQUIRED
+    live = prepared.study.file.live
+    required = request.cycles or prepared.cycles or LIMITS.required_cycles
     news, listen = deque[Finding](), request.listen or live.listen
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         stack.enter_context(line := LightLine(console, required))

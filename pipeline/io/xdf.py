@@ -10,6 +10,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from pathlib import Path
 from typing import Any, Final
 from xml.etree.ElementTree import Element, tostring
@@ -39,22 +40,21 @@ from pipeline.io.streams import (
 )
 
 MAGIC: Final = b"XDF:"
-STREAM_HEADER: Final = 2
-SAMPLES: Final = 3
-CLOCK_OFFSET: Final = 4
-STREAM_FOOTER: Final = 6
-OF_NO_STREAM: Final = (1, 5)
-"""The file's header, and boundaries."""
-BOUNDARY: Final = bytes.fromhex("43a546dccbf5410fb30ed5467383cbe4")
-"""In chunks that recorders write now and then, so that damage can be told from an end."""
 SAMPLE_BYTES: Final = {"double64": 8, "float32": 4, "int64": 8, "int32": 4, "int16": 2, "int8": 1}
 """Formats of numbers; streams of text are left out."""
 STAMP_BYTES: Final = 8
-MAX_RATE_HZ: Final = 1e6
-MAX_TIME_S: Final = 1e11
-"""Clocks count from the start of a computer, or from 1970."""
-MAX_CHANNELS: Final = 100_000
 logging.getLogger("pyxdf").addHandler(logging.NullHandler())  # what it drops is counted here
+
+
+class Tag(IntEnum):
+    """Kinds of chunks."""
+
+    FILE_HEADER = 1
+    STREAM_HEADER = 2
+    SAMPLES = 3
+    CLOCK_OFFSET = 4
+    BOUNDARY = 5
+    STREAM_FOOTER = 6
 
 
 @dataclass(slots=True)
@@ -135,7 +135,8 @@ def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
         held, damaged = len(stream.stamps), f"damaged: stream {short(stream.name)!r} has"
         if held < (expected := stream.samples if stream.footer is None else stream.footer):
             raise ValueError(f"{damaged} {held} samples, expected {expected}")
-        if not (np.abs(stream.stamps) < MAX_TIME_S).all():
+        # clocks count from the start of a computer, or from 1970
+        if not (np.abs(stream.stamps) < 1e11).all():
             raise ValueError(f"{damaged} impossible times")
     whole = end == len(content) and all(s.footer is not None for s in streams.values())
     texts = [stream.name for k, stream in streams.items() if k not in numbers]
@@ -153,14 +154,15 @@ def _walk(content: bytes) -> tuple[dict[int, Stream], int]:
         body = content[start : start + length]
         tag, number = (int.from_bytes(part, "little") for part in (body[:2], body[2:6]))
         try:
-            if tag == STREAM_HEADER:
+            if tag == Tag.STREAM_HEADER:
                 streams[number] = _header(body[6:])
-            elif tag not in OF_NO_STREAM:
+            elif tag not in (Tag.FILE_HEADER, Tag.BOUNDARY):  # which are of no stream
                 _count(streams[number], tag, body[6:])
         except (ValueError, KeyError) as error:
             raise ValueError(f"damaged: the chunk at byte {at}: {short(error, 120)}") from error
         at = start + length
-    if BOUNDARY in content[at:]:
+    # recorders write these bytes now and then, so that damage can be told from an end
+    if bytes.fromhex("43a546dccbf5410fb30ed5467383cbe4") in content[at:]:
         raise ValueError(f"damaged: the chunk at byte {at} does not end where the next one begins")
     return streams, at
 
@@ -178,7 +180,7 @@ def _header(body: bytes) -> Stream:
     channels = int(info.findtext("channel_count", ""))
     rate = float(info.findtext("nominal_srate", ""))
     kind = info.findtext("channel_format", "").strip()
-    possible = 0 < channels <= MAX_CHANNELS and 0 <= rate <= MAX_RATE_HZ
+    possible = 0 < channels <= 100_000 and 0 <= rate <= 1e6
     if not possible or kind not in (*SAMPLE_BYTES, "string"):
         raise ValueError(f"a stream of {channels} channels of {kind!r} at {rate:g} Hz")
     return Stream(text_of(info, "name"), text_of(info, "type"), info, rate, channels, kind)
@@ -186,17 +188,18 @@ def _header(body: bytes) -> Stream:
 
 def _count(stream: Stream, tag: int, body: bytes) -> None:
     """Count the samples of a chunk, which have to fit its length, or read the count at the end."""
-    if tag == SAMPLES:
+    if tag == Tag.SAMPLES:
         count, start = _length(body, 0)
         size = SAMPLE_BYTES.get(stream.format, 0)
+        # a byte of each sample says whether it has a stamp; the rest are stamps
         rest = len(body) - start - count * (1 + stream.channels * size)
         if rest < 0 or (size and rest > count * STAMP_BYTES):
             raise ValueError(f"it cannot hold {count} samples of {stream.channels} channels")
         stream.samples += count
-    elif tag == STREAM_FOOTER:
+    elif tag == Tag.STREAM_FOOTER:
         text = parse_xml(body.decode("utf-8", "replace")).findtext("sample_count", "").strip()
         stream.footer = int(text) if text.isdecimal() else None
-    elif tag != CLOCK_OFFSET or len(body) != 2 * STAMP_BYTES:
+    elif tag != Tag.CLOCK_OFFSET or len(body) != 2 * STAMP_BYTES:
         raise ValueError(f"{len(body)} bytes of kind {tag}")
 
 
