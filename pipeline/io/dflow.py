@@ -17,16 +17,12 @@ from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import MAX_RATE_HZ, MIN_RATE_HZ, labels_in, read_table
 
-CUSTOMARY_RATES_HZ: Final = np.array(
-    [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000], float
-)
 SEGMENTS: Final = {
     *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
     *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
     *(f"{side}{name}" for side in "lr" for name in ("humerus", "forearm", "hand", "clavicle")),
 }
 """Columns of D-Flow's body model that are named as markers are."""
-UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
 MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
 
@@ -86,9 +82,10 @@ def on_clock(
     Time stamps scatter and bunch up when D-Flow lags, so the clocks are related by a straight line
     through all of them, not frame by frame.
     """
-    seen = np.isfinite(stamps)
-    rate, start = np.polyfit(time[seen] - time[seen].mean(), stamps[seen], 1)
-    start = float(np.median(stamps[seen] - rate * time[seen]))
+    # stamp = start + rate · time, in D-Flow's seconds
+    known = np.isfinite(stamps)
+    rate, start = np.polyfit(time[known] - time[known].mean(), stamps[known], 1)
+    start = float(np.median(stamps[known] - rate * time[known]))
     clock = (record.time - start) / rate
     if clock[-1] < time[0] or clock[0] > time[-1]:
         raise ValueError(
@@ -208,7 +205,8 @@ def _rate_hz(index: Indices, stamps: Array) -> float:
     slope = float(np.polyfit(index, stamps, 1)[0])
     if not 1 / MAX_RATE_HZ < slope < 1 / MIN_RATE_HZ:
         raise ValueError(f"its time stamps advance {slope:.3g} s per frame, expected 1e-5 to 1 s")
-    nearest = float(CUSTOMARY_RATES_HZ[np.argmin(np.abs(CUSTOMARY_RATES_HZ * slope - 1))])
+    customary = [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000]
+    nearest = min(map(float, customary), key=lambda rate_hz: abs(rate_hz * slope - 1))
     # the slope of time stamps that lag is a customary rate to 2 %
     return nearest if abs(nearest * slope - 1) < 0.02 else 1 / slope
 
@@ -221,5 +219,6 @@ def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog
     if np.count_nonzero(modelled) > 1:
         failed = (values[:, modelled] == 0).all(axis=1)
         values[failed[:, None] & modelled] = np.nan
-    units = [next((u for end, u in UNITS.items() if n.endswith(end)), "") for n in names]
+    by_ending = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
+    units = [next((u for end, u in by_ending.items() if n.endswith(end)), "") for n in names]
     return Analog(time, tuple(names), tuple(units), values)

@@ -16,7 +16,6 @@ from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import TextTable, read_rate, read_table
 
-TITLES: Final = ("devices", "trajectories")
 HEADER_LINES: Final = 5
 """Title, rate, groups, components, units."""
 
@@ -55,7 +54,7 @@ def _blocks(path: Path) -> tuple[dict[str, Block], list[Note | Fact]]:
     for _, part in groupby(enumerate(table.rows), key=lambda place: place[1][0] - place[0]):
         block = [row for _, row in part]
         title = block[0][1].strip()
-        if title.lower() in TITLES and title.lower() not in blocks:
+        if title.lower() in ("devices", "trajectories") and title.lower() not in blocks:
             blocks[title.lower()] = _block(replace(table, rows=block))
         else:
             table.said.append(Note.of("parts_left_out", parts=[short(title)]))

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import SI_UNITS, PlateColumns, file_markers, plate_of, recording_of
@@ -26,13 +27,7 @@ OTHER_COLUMNS: Final = (
 )
 """Of OpenSim's C3DFileAdapter, such as f1_x, p1_2 or f1_vx, of Cortex, such as FX1, X1, MZ1, and
 of others, such as FP1_vx."""
-TORQUE_COLUMNS: Final = tuple(product(("torque", "moment", "force"), ("_", "_m")))
-"""How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
-word in the place of "force", and what stands before the axis."""
-OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
-"""Words in names that say what a file holds, not which trial it is of."""
-MIN_SPAN_IN_MS: Final = 100.0
-"""Of the markers' span: no file of forces is so much longer, but in ms it would be 1000."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "times")
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +175,7 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
         with naming(forces):
             loads = read_sto(forces)
             held = np.column_stack([loads.time, *loads.columns.values()])
-            if np.ptp(held[:, 0]) > MIN_SPAN_IN_MS * np.ptp(time):
+            if np.ptp(held[:, 0]) > LIMITS.least_span_in_ms * np.ptp(time):
                 held[:, 0] /= 1000
                 in_ms = (
                     "its times are read as ms: in s they would last much longer than the markers"
@@ -215,10 +210,12 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
 
 def forces_beside(path: Path) -> Path | None:
     """Give the file beside a TRC file that holds forces of its trial by its name, if it is one."""
+    # words that say what a file holds, not which trial it is of
+    of_content = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
     of_forces = []
     for file in path.parent.glob("*"):
         words, others = (
-            {*re.findall(r"[^\W_]+", f.stem.lower())} - OF_CONTENT for f in (file, path)
+            {*re.findall(r"[^\W_]+", f.stem.lower())} - of_content for f in (file, path)
         )
         alike = words <= others or others <= words
         if alike and file.suffix.lower() in (".mot", ".sto", ".forces"):
@@ -249,9 +246,11 @@ def _forces(
     stems = dict.fromkeys((match["stem"], match["letter"]) for match in matches)
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(columns)}")
+    # torques of ground_force_vx are ground_torque_x, ground_moment_x, ground_force_mx and the like
+    of_torques = [*product(("torque", "moment", "force"), ("_", "_m"))]
     for k, (stem, letter) in enumerate(stems, start=1):
         name = f"plate {k} ({short(stem)})"
-        torques = [stem.replace("force", word) + before for word, before in TORQUE_COLUMNS]
+        torques = [stem.replace("force", word) + before for word, before in of_torques]
         there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
             raise ValueError(f"the torques of {name} are there twice: {listed(there)}; remove one")

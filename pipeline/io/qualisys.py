@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.io.c3d.force_plates import plate_axes, unit_of_corners
@@ -22,12 +23,7 @@ from pipeline.io.text_table import GAPS, NUMBER, TextTable, read_number, read_ra
 
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
 """Stem of a file of forces: of the only plate, or of one with its number."""
-KEY: Final = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT")
-PARTS: Final = ("Force_", "Moment_", "COP_")
-CORNERS: Final = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")
-"""In the order of the C3D format."""
-MAX_CORNER_ERROR_M: Final = 0.02
-"""Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "plates")
 Header = Mapping[str, str]
 """Key -> what follows it, empty if it is absent; of events with their lines' numbers. Without a key
 are the names of the columns."""
@@ -40,9 +36,10 @@ def _export(path: Path) -> tuple[Header, TextTable]:
     numbers = (k for k, first in enumerate(firsts) if first in GAPS or NUMBER.fullmatch(first))
     start = next(numbers, len(table.rows))
     header = defaultdict[str, str](str)
+    is_key = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT")
     for k, line in table.rows[:start]:
         key, _, text = line.partition("\t")
-        if KEY.fullmatch(key.strip()):
+        if is_key.fullmatch(key.strip()):
             header[f"EVENT {k}" if key == "EVENT" else key.strip()] = text.strip()
         else:
             header[""] = line
@@ -179,9 +176,11 @@ def _plate(
     clock = time - (time[0] if start_s is None or timed is None else start_s)
     place, axes = _place(header, number, position, said), header["DESCRIPTION"].lower()
     try:
-        parts = vectors(dict(zip(columns, values.T, strict=True)), PARTS)
+        stems = ("Force_", "Moment_", "COP_")
+        parts = vectors(dict(zip(columns, values.T, strict=True)), stems)
     except ValueError as error:
         return Fact("left_out", name, str(error), plate=True)
+    # from the plate's axes to the file's, and centres of pressure from the file's origin
     if "local" in axes and place is not None:
         parts = parts @ place.rotation.T
         parts[:, 2] += 1000 * place.center  # in mm, as the file
@@ -194,7 +193,8 @@ def _plate(
 
 def _place(header: Header, number: int, position: Array, said: list[Note | Fact]) -> Plate | None:
     """Give where a plate lies [m]; None where its file states no rectangle of a plate's size."""
-    keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in CORNERS for axis in "XYZ")
+    order = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")  # of the C3D format
+    keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in order for axis in "XYZ")
     try:
         corners = np.array([header[key] for key in keys], float).reshape(4, 3)
         unit, facts = unit_of_corners(number, corners, 1e-3, position)
@@ -211,7 +211,8 @@ def plate_at(number: int, corners: Array) -> Plate:
     A ValueError where they are no rectangle.
     """
     rotation = plate_axes(corners)
-    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < MAX_CORNER_ERROR_M:
+    # of a rectangle, both diagonals have one middle
+    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < LIMITS.largest_disorder:
         raise ValueError("its corners are no rectangle")
     wrench, center = np.empty((0, 6)), corners.mean(axis=0)
     return Plate(number, np.empty(0), wrench, rotation, center, corners)

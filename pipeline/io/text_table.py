@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, Indices
 from hbm.spelling import listed, printable, short
 from pipeline.io.input_file import open_file
@@ -19,12 +20,9 @@ from pipeline.io.units import MAX_VALUE
 
 Rows = list[tuple[int, str]]
 """Numbers and lines."""
-DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
-COMMA_IN_NUMBER: Final = re.compile(r"(?<=\d),(?=\d)")
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "times")
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*|,\d+)?|\.\d+)([eE][-+]?\d+)?|[-+]?nan", re.IGNORECASE)
 SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
-BATCH_ROWS: Final = 500
-"""Rows that are parsed together, so that parsing takes little memory."""
 ROWS_COMPARED: Final = 20
 """Last ones of a file, which show how it is written."""
 GAPS: Final = [
@@ -34,10 +32,6 @@ GAPS: Final = [
 ]
 """How programs write a number that is missing; "nan(ind)" is that of C on Windows."""
 MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
-MAX_TIME_ERROR: Final = 0.1
-"""In steps: files round their times, but not by more than this beyond half of their last digit."""
-MAX_ROUNDING: Final = 1.2
-"""Of half of the last digit: how far rounded times may be from those of a fitted rate."""
 ROUNDED: Final = 1e-6
 """Of a digit: closer to a whole one, a number has no further digits."""
 MIN_STEP_S: Final = 0.5 / MAX_RATE_HZ
@@ -81,9 +75,10 @@ def read_table(path: Path, separators: str = "\t") -> "TextTable":
     if separator not in separators:
         what = f"its columns are separated by {SEPARATORS[separator]}, expected tabs"
         said.append(Fact("corrected", path.name, what))
-    commas = separator != "," and any(map(DECIMAL_COMMA.fullmatch, fields[separator]))
+    decimal_comma = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+    commas = separator != "," and any(map(decimal_comma.fullmatch, fields[separator]))
     if commas and not any("." in field for field in fields[separator]):
-        lines = [COMMA_IN_NUMBER.sub(".", line) for line in lines]
+        lines = [re.sub(r"(?<=\d),(?=\d)", ".", line) for line in lines]
         said.append(Fact("corrected", path.name, "its decimal commas are read as points"))
     *above, shape = (
         (line.count("\t"), len(line.rpartition("\t")[2].partition(".")[2]))
@@ -151,7 +146,8 @@ class TextTable:
         A ValueError where a row has too few or too many fields, tabs at its end excepted, or a
         field is no number, or too large for one.
         """
-        batches = (self.rows[k : k + BATCH_ROWS] for k in range(0, len(self.rows), BATCH_ROWS))
+        # 500 rows at once, so that parsing takes little memory
+        batches = (self.rows[k : k + 500] for k in range(0, len(self.rows), 500))
         parts = [_parse_batch(batch, names) for batch in batches]
         return np.concatenate([np.empty((0, len(names))), *parts])
 
@@ -218,7 +214,7 @@ class TextTable:
             return self.regular(values[new], column, rate_hz, of)
         if grid is None:
             step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
-            k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > MAX_TIME_ERROR * step))
+            k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > LIMITS.largest_error * step))
             raise ValueError(
                 f"line {lines[k]}: {of} {time[k]:.9g}, expected {time[k - 1] + step:.9g} in "
                 f"steps of {step:.6g}; correct the file, or export it again"
@@ -270,10 +266,11 @@ def _grid(time: Array, stated_hz: float) -> tuple[float, float, Indices, float] 
     median = np.quantile(steps, 0.5, method="lower")
     usual_s = max(float(np.mean(steps[np.isclose(steps, median, rtol=0.5, atol=0)])), MIN_STEP_S)
     slope_s = max(float(np.polyfit(count, time, 1)[0]), MIN_STEP_S)
+    # the last digit to which times are written
     digits = (0.01, 0.001, 1e-4, 1e-5)
     digit = next((d for d in digits if np.abs(time / d - np.rint(time / d)).max() < ROUNDED), 1e-6)
     # equal steps need no rounding to be explained
-    uneven = MAX_ROUNDING * bool(np.ptp(steps) > MAX_TIME_ERROR * usual_s)
+    uneven = LIMITS.largest_rounding * bool(np.ptp(steps) > LIMITS.largest_error * usual_s)
     # all rows and rounded times, or some rows missing and times as they are
     tries = (
         (stated_hz, True),
@@ -286,15 +283,16 @@ def _grid(time: Array, stated_hz: float) -> tuple[float, float, Indices, float] 
         if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
             continue
         index = count if complete else np.rint((time - time[0]) * rate_hz).astype(int)
+        # a step of whole digits, or of many fine ones, needs no rounding to be explained
         in_digits = 1 / rate_hz / digit
         whole = abs(in_digits - round(in_digits)) < ROUNDED
-        fine = digit < 0.001 and in_digits > 1 / MAX_TIME_ERROR
+        fine = digit < 0.001 and in_digits > 1 / LIMITS.largest_error
         rounding = 0.0 if whole or fine else digit / 2
         start_s = float(np.mean(time - index / rate_hz) if rounding else time[0])
         error_s = np.abs(time - start_s - index / rate_hz).max()
         # with more than half of the rows missing, this is not one recording
         increases = np.diff(index).min() == 1 and index[-1] < 2 * len(time)
-        if increases and error_s < MAX_TIME_ERROR / rate_hz + uneven * rounding * complete:
+        if increases and error_s < LIMITS.largest_error / rate_hz + uneven * rounding * complete:
             return start_s, rate_hz, index, rounding
     return None
 

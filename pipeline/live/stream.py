@@ -16,7 +16,6 @@ from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.streams import (
     AXES,
-    MAX_BACK_S,
     Channel,
     Remembered,
     find_plates,
@@ -129,6 +128,8 @@ class Source(Protocol):
 
 
 LIMITS: Final = read_numbers("pipeline.live", "thresholds.toml", "clock")
+STREAMS: Final = read_numbers("pipeline.io", "thresholds.toml", "streams")
+"""Of recordings, too: a session and its recording use the same samples."""
 
 
 def known(values: Array) -> Array:
@@ -188,7 +189,7 @@ class StreamClock:
         self.before, self.alike = (self.before, self.alike + 1) if again else (self.alike, 1)
         # a chunk is taken to be as long as the one before: its middle is at the stamp
         place = (self.alike - (1 + max(self.alike, self.before)) / 2) / (self.rate_hz or 1)
-        return stamp + place if self.alike <= 1 + MAX_BACK_S * self.rate_hz else np.nan
+        return stamp + place if self.alike <= 1 + STREAMS.out_of_order * self.rate_hz else np.nan
 
     def in_order(self, time: Array) -> Mask:
         """Find samples at times, (N,) [s], that are later than all before them; count the others.
@@ -262,13 +263,13 @@ class Arrivals:
                 continue
             if clock.newest_s == -np.inf:
                 clock.newest_s, latest_s = time, np.inf
-            if clock.newest_s - MAX_BACK_S < time < latest_s:
+            if clock.newest_s - STREAMS.out_of_order < time < latest_s:
                 clock.doubtful.clear()
                 clock.newest_s = max(clock.newest_s, time)
                 taken.append((time, value))
                 continue
             # wrong stamps do not follow one another; those of a clock that was set do
-            if clock.doubtful and not 0 < stamp - clock.doubtful[-1][0] < MAX_BACK_S:
+            if clock.doubtful and not 0 < stamp - clock.doubtful[-1][0] < STREAMS.out_of_order:
                 clock.doubtful.clear()
             clock.doubtful.append((stamp, value))
             enough = max(LIMITS.fewest_confirmed, LIMITS.confirmed * clock.rate_hz)
@@ -294,7 +295,9 @@ class Arrivals:
             clock.added_s = near
         else:
             # the stream goes on where it stopped, or after a pause with the others
-            clock.added_s = (others_s if others_s > next_s + MAX_BACK_S else next_s) - begins_s
+            clock.added_s = (
+                others_s if others_s > next_s + STREAMS.out_of_order else next_s
+            ) - begins_s
 
 
 def _require_rate(name: str, rate_hz: float) -> None:
