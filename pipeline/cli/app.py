@@ -25,17 +25,7 @@ from pipeline.cli.output import ADVICE, AGAIN, AGAIN_ADVICE, OUTPUT, print_objec
 from pipeline.cli.stopping import Stopped, stoppable
 from pipeline.io.input_file import RENAME, UNUSABLE, describe_error, expected
 
-USAGE: Final = 2
-"""Exit code for wrong usage or input."""
-INTERRUPTED: Final = 130
-UNREAD: Final = 141
-"""As in a shell: ended by the signal of a pipe that nobody reads (128 + 13)."""
-MAX_LINE: Final = 690
-"""Characters of an error, some lines of a terminal: names and texts out of files may have any
-length."""
 GROUP: Final = "calibration"
-WITH_JSON: Final = frozenset({"residuals", "check", "run", "explain", "plates", "fit", "rank"})
-"""Commands that print one object with --json."""
 COMMANDS: Final = {
     "residuals": ("trial", "Process one trial: residuals as tables and figure."),
     "export": ("trial", "Write models for OpenSim or as URDF, tables, BIDS or C3D."),
@@ -99,7 +89,8 @@ class Group(TyperGroup):
             return group
         one = typer.Typer(add_completion=False, rich_markup_mode=None)
         command = getattr(import_module(f"pipeline.cli.{module}"), cmd_name)
-        printed = printing(command, with_json=cmd_name in WITH_JSON)
+        with_json = cmd_name in ("residuals", "check", "run", "explain", "plates", "fit", "rank")
+        printed = printing(command, with_json=with_json)
         text = f"{sentence}\n\n{getdoc(command)}"
         one.command(cmd_name, cls=GroupedCommand, help=text)(printed)
         return typer.main.get_command(one)
@@ -170,7 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
-        return UNREAD
+        return 141  # as in a shell: ended by the signal of a pipe that nobody reads (128 + 13)
     except OSError as error:
         if "--debug" in given:
             raise
@@ -190,7 +181,7 @@ def _run(typed: list[str], *, debug: bool) -> int:
             if full is None:
                 return 0
             code = int(app(args=full, prog_name="hbm", standalone_mode=False) or 0)
-            if code == INTERRUPTED:  # before the command began
+            if code == 130:  # interrupted before the command began
                 raise KeyboardInterrupt
             return code
     except Exception as error:
@@ -221,7 +212,7 @@ def _fail(error: Exception, typed: Sequence[str]) -> int:
     }
     if hasattr(error, "faults"):
         OUTPUT.result["faults"] = lines
-    return error.exit_code if isinstance(error, Stopped) else USAGE
+    return error.exit_code if isinstance(error, Stopped) else 2  # wrong usage or input
 
 
 def _with_command(typed: list[str]) -> list[str] | None:
@@ -272,6 +263,7 @@ def accept_any_letter() -> None:
 
 def print_error(line: str) -> None:
     """Print one line to standard error, as far as that exists."""
-    shown = both_ends(printable(" ".join(line.split())), MAX_LINE)
+    # some lines of a terminal: names and texts out of files may have any length
+    shown = both_ends(printable(" ".join(line.split())), 690)
     if sys.stderr is not None:
         print(f"hbm: {shown}", file=sys.stderr)

@@ -41,13 +41,6 @@ from pipeline.run.processes import recorded_requests
 from pipeline.viewer.live import STARTING, LiveScene, LiveView, Screen, ShownFrame
 from pipeline.viewer.serve import light_server
 
-SEARCH_S: Final = 60.0
-"""How long streams are searched for."""
-ABSENT: Final = (
-    "start the program that sends them, or write their names in [live] of study.toml; if another "
-    "computer sends them, give the address of this one: --listen"
-)
-
 
 def run_session(request: LiveRequest, console: PlainConsole) -> int:
     """Receive, compute, record, send and show until it is stopped.
@@ -149,12 +142,15 @@ def _lsl(prepared: Preparation, listen: str, wanted: Sequence[str], line: "Light
             analog,
             stated=prepared.study.stated,
             listen=listen,
-            timeout_s=SEARCH_S,
+            timeout_s=60.0,
             searching=line.wait_for_streams,
             senders=wanted,
         )
     except ConnectionError as absent:
-        absent.add_note(ABSENT)
+        absent.add_note(
+            "start the program that sends them, or write their names in [live] of study.toml; if "
+            "another computer sends them, give the address of this one: --listen"
+        )
         raise
 
 
@@ -176,8 +172,6 @@ def _shown(
         line.wait(f"No body yet: {finder.why_not}")
 
 
-SHOWN_S: Final = 0.02
-"""Between looks at what is new."""
 STATUS_S: Final = 0.5
 STYLES: Final = {
     "GOOD": "bold white on green",
@@ -187,10 +181,6 @@ STYLES: Final = {
 """Of the light."""
 LINES_S: Final = 5.0
 """Between lines of one light where no terminal updates them."""
-LATE_S: Final = 0.5
-"""Of a picture that is said to be late."""
-SWITCH_S: Final = 5e-4
-"""After which another thread gets its turn: Python's own 5 ms would make frames late."""
 
 
 class LightLine(Status):
@@ -233,13 +223,14 @@ def follow(
 ) -> None:
     """Show what is new, of frames and the source, until it does not go on."""
     before = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_S)
+    # other threads get their turn sooner than after Python's 5 ms, which would make frames late
+    sys.setswitchinterval(5e-4)
     shown_s = time.monotonic()
     address, recorded = "", True
     session.start()
     try:
         while goes_on():
-            time.sleep(SHOWN_S)
+            time.sleep(0.02)
             take_new(session, monitor, view)
             while news:
                 monitor.hear(news.popleft())
@@ -254,7 +245,7 @@ def follow(
                 continue
             shown_s = time.monotonic()
             late_s = view.late_s if view is not None else 0.0
-            late = f" · picture {late_s:.1f} s late" * (late_s > LATE_S)
+            late = f" · picture {late_s:.1f} s late" * (late_s > 0.5)
             line.show(monitor.status() + late)
             line.board = monitor.board(source.streams)
             if view is not None:

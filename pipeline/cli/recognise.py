@@ -10,8 +10,6 @@ from hbm.spelling import counted, listed, parse_toml
 if TYPE_CHECKING:
     from pipeline.io.recording import Recording
 
-CALIBRATIONS: Final = ("calibration/", "validation/")
-
 
 @dataclass(frozen=True, slots=True)
 class Recognised:
@@ -68,7 +66,7 @@ def _folder(path: Path) -> Recognised:
         return Recognised(what, (*commands, f"hbm export {path} --format tables --out DIR"))
     if path.name == "trials" and any(path.glob("*.parquet")):
         return _folder(path.absolute().parent)
-    if all((path / name).is_dir() for name in CALIBRATIONS):
+    if all((path / name).is_dir() for name in ("calibration", "validation")):
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
     from pipeline.io.read import is_recording  # numpy, which the others do without
 

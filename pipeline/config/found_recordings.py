@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from anyascii import anyascii
 
+from hbm.numbers import read_numbers
 from hbm.spelling import shown
 from pipeline.config.input_model import RESERVED
 from pipeline.config.recording_names import DIGITS, WITHOUT, RecordingName, Said, said_by, usual
@@ -21,22 +22,8 @@ from pipeline.config.schema import COVARIATES
 from pipeline.io.read import is_recording, read_with_any_axes
 from pipeline.io.recording import MIN_MARKERS, Recording
 
-FIRST: Final = "sub01"
-"""The subject where names do not say whose recordings they are."""
-CONDITION: Final = "walking"
-"""Of trials where names do not say theirs."""
-SHORT: Final = re.compile("[A-Za-z][0-9]")
-"""A person's number, or that of a session."""
-MAX_READINGS: Final = 4
-"""Ways to read the same names that are shown."""
-TAKEN: Final = (*RESERVED, *COVARIATES, "group", "study")
-"""Names that mean something else to a study or to the file system."""
+LIMITS: Final = read_numbers("pipeline.config", "thresholds.toml", "recordings")
 NO_RECORDING: Final = "no recording"
-MAX_LETTERS: Final = 40
-UNFINISHED: Final = (".part", ".partial", ".filepart", ".crdownload", ".download", ".tmp")
-"""Suffixes of files that are being copied."""
-MAX_STILL_M: Final = 0.3
-"""Path of the marker that moves most while somebody stands: a step is longer, on belts too."""
 
 
 class FoundSubject(NamedTuple):
@@ -138,8 +125,9 @@ def _subjects(
     """Group recordings by what their names say; those that are not used, and why."""
     of_trials = [said[one.file] for one in recorded if not one.pose and one.file in said]
     people = {name.person.casefold(): name.person for name in of_trials}
-    names = valid_names(people.values(), FIRST)
-    conditions = valid_names((name.condition for name in of_trials), CONDITION)
+    # where names do not say whose recordings they are, or of what
+    names = valid_names(people.values(), "sub01")
+    conditions = valid_names((name.condition for name in of_trials), "walking")
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
         person = said[one.file].person.casefold() if one.file in said else None
@@ -172,6 +160,7 @@ def _subjects(
 def _people_in(folder: Path) -> tuple[list[_Found], list[str], dict[str, str]]:
     """Read the recordings of people in a folder, and of nobody; what cannot be used, and why."""
     recorded, empty, unused = list[_Found](), list[str](), dict[str, str]()
+    copied = (".part", ".partial", ".filepart", ".crdownload", ".download", ".tmp")
     studies = {path.parent for path in folder.rglob("study.toml")} - {folder}
     for path in sorted(folder.rglob("*")):
         file = path.relative_to(folder).as_posix()
@@ -180,7 +169,7 @@ def _people_in(folder: Path) -> tuple[list[_Found], list[str], dict[str, str]]:
         try:
             if not studies.isdisjoint(path.parents):
                 raise ValueError("its folder has a study of its own")
-            if path.suffix.lower() in UNFINISHED:
+            if path.suffix.lower() in copied:
                 raise ValueError("a part of a file; end its copying or delete it")
             recording = read_with_any_axes(path)
             if (markers := len(recording.markers.names)) < MIN_MARKERS:
@@ -191,7 +180,7 @@ def _people_in(folder: Path) -> tuple[list[_Found], list[str], dict[str, str]]:
             beside = recording.forces_beside
             forces = beside.relative_to(folder).as_posix() if beside else ""
             on_plates = bool(recording.plates or forces)
-            if not (on_plates or name.kind or moved_m <= MAX_STILL_M):
+            if not (on_plates or name.kind or moved_m <= LIMITS.still_path):
                 raise ValueError(recording.why_no_plates)
             pose = bool(name.kind) or not on_plates
             recorded.append(_Found(file, name, pose, moved_m, forces))
@@ -237,7 +226,7 @@ def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
             if not all(map(usual, one.name.apart(others, person))):  # a word may be another person
                 doubtful.append(one.name)
     # S1 may be a session, where different words follow
-    short = [name for name in sure if SHORT.fullmatch(name.fields[name.candidates[0]])]
+    short = [n for n in sure if re.fullmatch("[A-Za-z][0-9]", n.fields[n.candidates[0]])]
     words = {tuple(name.fields[k] for k in name.candidates[1:]) for name in short}
     return doubtful + (short if len(words) > 1 else [])
 
@@ -270,14 +259,16 @@ def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
     ways = [way for way in ways if way[2]]
     people = [{frozenset(subject.files) for subject in subjects} for *_, subjects in ways]
     different = [way for k, way in enumerate(ways) if people[k] not in people[:k]]
-    return {way[1]: way[2] for way in (different if different[1:] else ways)[:MAX_READINGS]}
+    return {way[1]: way[2] for way in (different if different[1:] else ways)[:4]}
 
 
 def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str, str]) -> str:
     """Give the file of a subject's pose or hip trial, if any; others so named are not used."""
     trials = [one for one in recordings if not one.pose]
     poses = [one for one in recordings if one.pose and hips is (one.name.kind == "functional")]
-    still = [one for one in trials if one.moved_m <= MAX_STILL_M] if trials[1:] and not hips else []
+    # of several trials, one in which nobody makes a step may be the pose
+    still = [one for one in trials if one.moved_m <= LIMITS.still_path]
+    still = still if trials[1:] and not hips else []
     hold = [one for one in poses or still if not one.name.apart([t.name for t in trials], name)]
     pose = min(hold, key=lambda one: one.moved_m).file if hold else ""
     what = "hip trial" if hips else "pose"
@@ -290,10 +281,11 @@ def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str,
 
 def valid_names(texts: Iterable[str], otherwise: str) -> dict[str, str]:
     """Give names that a study can have, in Latin letters; different ones of different texts."""
-    names, taken = dict[str, str](), {*TAKEN}
+    # names that mean something else to a study or to the file system
+    names, taken = dict[str, str](), {*RESERVED, *COVARIATES, "group", "study"}
     for text in dict.fromkeys(texts):
         letters = re.sub("[^A-Za-z0-9]+", "-", re.sub("['’]", "", anyascii(text)))
-        base = letters[:MAX_LETTERS].strip("-") or otherwise
+        base = letters[:40].strip("-") or otherwise
         numbered = (f"{base}-{number}" for number in count(2))
         names[text] = next(n for n in chain([base], numbered) if n.casefold() not in taken)
         taken.add(names[text].casefold())

@@ -32,12 +32,6 @@ from pipeline.io.input_file import is_file, read_text
 from pipeline.io.shown import Overview, Shown
 from pipeline.io.stated import Stated
 
-RESERVED_VARIANTS: Final = (MAIN, "measured", "compensated")
-MIN_PLATFORM_MARKERS: Final = 3
-"""Fewer points do not determine the pose of a rigid body."""
-OTHER_TABLES: Final = ("markers", "trunk", *SEGMENTS)
-"""Tables of marker sets and of segments, old or new, which stand among the subjects' files."""
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Study(Shown):
@@ -279,7 +273,7 @@ def _variants(folder: Path, file: StudyFile, faults: list[str]) -> dict[str, Stu
         tables = {key: stated[key] for key in kinds if isinstance(stated.get(key), dict)}
         others = {key: value for key, value in stated.items() if key not in tables}
         tables["settings"] = tables.get("settings", {}) | others
-        if name.casefold() in RESERVED_VARIANTS:
+        if name.casefold() in (MAIN, "measured", "compensated"):
             faults.append(f"{where}: {name!r} is what a variant differs from; choose another name")
         if not stated:
             faults.append(f"{where}: has no setting that differs")
@@ -308,7 +302,9 @@ def _subjects(around: Around, faults: list[str]) -> dict[str, SubjectFile]:
         if path.name == "study.toml" or path.name.startswith("."):
             continue
         table = _table(path, faults)
-        if table is None or ("trials" not in table and not table.keys().isdisjoint(OTHER_TABLES)):
+        # tables of marker sets and of segments stand among the subjects' files
+        others = {"markers", "trunk", *SEGMENTS}
+        if table is None or ("trials" not in table and not table.keys().isdisjoint(others)):
             continue
         subject = check_table(path.name, table, SubjectFile, faults, around)
         if subject is None:
@@ -367,9 +363,9 @@ def _laboratory_faults(folder: Path, file: StudyFile) -> list[str]:
             faults.append(f"{where}: give either markers or channels, not both")
         elif not markers and not platform.channels:
             faults.append(f"{where}: give its markers, or its sway_channel or pitch_channel")
-        elif markers and len(markers) < MIN_PLATFORM_MARKERS:
+        elif markers and len(markers) < 3:  # fewer do not determine the pose of a rigid body
             faults.append(
-                f"{where}.markers: at least {MIN_PLATFORM_MARKERS} different markers are needed, "
+                f"{where}.markers: at least 3 different markers are needed, "
                 f"got {', '.join(platform.markers)}"
             )
     for name, condition in file.conditions.items():

@@ -22,10 +22,6 @@ from pipeline.io.write import whole_file
 
 WIDTH: Final = 30
 """Columns of a key and its value, before the description."""
-ASKED: Final = ("sex", "mass_kg", "height_m")
-"""What a person should state of each subject, though it may be missing."""
-BEHIND: Final = "hip_trial"
-"""What is written behind a #, because another setting decides whether it has an effect."""
 in_toml = partial(json.dumps, ensure_ascii=False)
 TEMPLATE: Final = packaged_toml("pipeline.config", "template.toml")
 
@@ -93,9 +89,11 @@ def _lines(
     """Lay out a model's keys, then its tables; all behind a # where nothing is given."""
     others = {k: v for k, v in (given or {}).items() if k not in kind.model_fields}
     keys, tables = [f"{k} = {in_toml(v)}" for k, v in others.items()], list[str]()
+    # what a person should state of each subject, though it may be missing
+    asked = ("sex", "mass_kg", "height_m")
     for name, field in kind.model_fields.items():
         stated = None if given is None else given.get(name)
-        if field.exclude or not (every or stated or name in ASKED):
+        if field.exclude or not (every or stated or name in asked):
             continue
         place = f"{table}.{name}" if table else name
         if inner := models_in(field.annotation):
@@ -109,7 +107,8 @@ def _lines(
             tables += ["", *comment, *(f"{sign}{k} = {in_toml(v)}" for k, v in example.items())]
         else:
             value = _example(field) if stated is None else stated
-            sign = "# " if stated is None or name == BEHIND else ""
+            # another setting decides whether a hip trial has an effect
+            sign = "# " if stated is None or name == "hip_trial" else ""
             if value is not None:
                 keys += _comment(f"{sign}{name} = {in_toml(value)}", field.description)
     return keys + tables

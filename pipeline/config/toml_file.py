@@ -15,13 +15,9 @@ from pipeline.io.input_file import fault_line, is_file, naming, read_text
 
 SIMULATED: Final = "truth/setting.toml"
 """Where a simulated study states what was simulated, relative to its folder."""
-MAX_FILE_NAME: Final = 100
-"""Characters of a file's name in a message."""
 Model = TypeVar("Model", bound=BaseModel)
 Option = str | float | bool | None | Path | Sequence[str] | Mapping[str, str | tuple[str, str, str]]
 """Value of an option of the command line."""
-UNITS: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
-"""In which a number is, by the end of its key."""
 NO_LONGER_NEEDED: Final = {"engine": "there is one engine of the inverse dynamics"}
 """Keys of older studies that state nothing now -> what is done instead."""
 
@@ -107,7 +103,7 @@ def require_file(folder: Path, name: str) -> None:
     """Refuse the name of a file that is not in the folder, with the nearest that is: ValueError."""
     if not is_file(folder / name):
         near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
-        raise ValueError(f"no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}")
+        raise ValueError(f"no file {short(name, 100)!r} in {folder}{near}")
 
 
 def _among(check: Callable[[str, Around, Mapping[str, Any]], None]) -> AfterValidator:
@@ -207,7 +203,8 @@ def _hint(fault: ErrorDetails, key: str) -> str:
     """Give the nearest allowed word, or the unit of a number that is beyond its bounds."""
     if fault["type"] == "literal_error" and isinstance(fault["input"], str):
         return did_you_mean(fault["input"], re.findall(r"'(.*?)'", fault["ctx"]["expected"]))
-    unit = next((unit for suffix, unit in UNITS.items() if key.endswith(suffix)), None)
+    units = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
+    unit = next((unit for suffix, unit in units.items() if key.endswith(suffix)), None)
     beyond = fault["type"] in ("less_than_equal", "greater_than_equal")
     return f" (it is in {unit})" if beyond and unit else ""
 

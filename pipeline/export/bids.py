@@ -23,12 +23,9 @@ from pipeline.trial.process import process_trial
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
-MAX_AGE_YEARS: Final = 89
-"""BIDS asks for it in place of higher ages, so that old people are not recognised."""
 TEMPLATES: Final = files("pipeline.export") / "bids_files"
 System = tuple[float, pd.DataFrame, Array]
 """Rate [Hz], one row per channel, samples (N, channels)."""
-CHANNEL_COLUMNS: Final = ("name", "component", "type", "tracked_point", "units", "reference_frame")
 
 
 def write_bids(
@@ -163,8 +160,9 @@ def _systems(recording: Recording) -> dict[str, System]:
         others = [(name, "n/a", "MISC", "n/a", unit or "n/a", "n/a") for name, unit in named]
         found["analog"] = (analog.time, others, analog.values)
     systems = {}
+    columns = ("name", "component", "type", "tracked_point", "units", "reference_frame")
     for name, (time, rows, values) in found.items():
-        channels = pd.DataFrame(rows, columns=CHANNEL_COLUMNS)
+        channels = pd.DataFrame(rows, columns=columns)
         systems[name] = even_rate_hz(time, f"BIDS ({name})"), channels, values
     return systems
 
@@ -175,7 +173,8 @@ def _person(recording: Recording, result: TrialResult | None, group: str | None)
     height_m = result.body.height_m if result else of_file.height_m
     mass_kg = result.body.mass if result else of_file.mass_kg
     return {
-        "age": subject.age_years and min(subject.age_years, MAX_AGE_YEARS),
+        # BIDS asks for 89 in place of higher ages, so that old people are not recognised
+        "age": subject.age_years and min(subject.age_years, 89),
         "sex": None if subject.sex == "unspecified" else subject.sex,
         "height": height_m and round(height_m, 3),
         "weight": mass_kg and round(mass_kg, 1),

@@ -57,13 +57,8 @@ from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
 PROGRAM: Final = "hbm-residuals"
 Frame = Literal["plate", "lab"]
-FRAMES_PER_SLICE: Final = 4096
-"""Some megabytes at a time: large enough for NumPy, small beside the trial."""
 DATA_BLOCK: Final = 8
 """Word of the header that says where the data section begins."""
-LABEL_RANGE: Final = 147
-LABEL_RANGE_KEY: Final = 12345
-"""This number in this word of the header: the file has a section of labels and ranges."""
 
 
 class Written(NamedTuple):
@@ -395,8 +390,9 @@ def rewrite_plates(
                 section = with_group(section, header.byte_order, GROUP, group)
                 copy.write(_moved(head, header, len(section) // BLOCK_BYTES))
                 copy.write(_changed_section(section, header, plates, corners))
-                for start in range(0, header.frames, FRAMES_PER_SLICE):
-                    count = min(FRAMES_PER_SLICE, header.frames - start)
+                # some megabytes at a time: much for NumPy, and little beside the trial
+                for start in range(0, header.frames, 4096):
+                    count = min(4096, header.frames - start)
                     data = source.read(count * header.frame.bytes)
                     copy.write(_changed_frames(data, header, plates, changes, start))
                 shutil.copyfileobj(source, copy)
@@ -417,7 +413,8 @@ def _moved(head: bytes, header: Header, parameter_blocks: int) -> bytes:
     if len(head) < BLOCK_BYTES:
         raise ValueError("its parameters begin within the header")
     data_block = header.parameter_block + parameter_blocks
-    if data_block != words[DATA_BLOCK] and words[LABEL_RANGE] == LABEL_RANGE_KEY:
+    # 12345 in word 147: the file has a section of labels and ranges
+    if data_block != words[DATA_BLOCK] and words[147] == 12345:
         raise ValueError("it has a section of labels and ranges, which this program cannot move")
     words[DATA_BLOCK] = data_block
     return words.tobytes()

@@ -23,10 +23,6 @@ from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.run.store import by_column, event_labels, following_blocks, stored_blocks
 from pipeline.trial.result import TrialResult
 
-MAX_JITTER: Final = 0.1
-"""Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
-smaller."""
-
 
 def write_tables(
     result: TrialResult, folder: Path, name: str, ankle_zero: AnkleZero = "right_angle"
@@ -237,7 +233,8 @@ def even_rate_hz(time: Array, format_name: str) -> float:
     """Give the rate of times that a format with one rate needs evenly spaced; else a ValueError."""
     rate = (len(time) - 1) / np.ptp(time) if len(time) > 1 else np.nan
     regular = time[:1] + np.arange(len(time)) / rate
-    if not np.abs(time - regular).max(initial=0) < MAX_JITTER / rate:
+    # a tenth of a sampling interval; rounding of written times is smaller
+    if not np.abs(time - regular).max(initial=0) < 0.1 / rate:
         raise ValueError(f"{format_name} needs two or more samples, evenly spaced in time")
     return float(rate)
 

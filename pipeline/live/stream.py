@@ -295,9 +295,8 @@ class Arrivals:
             clock.added_s = near
         else:
             # the stream goes on where it stopped, or after a pause with the others
-            clock.added_s = (
-                others_s if others_s > next_s + STREAMS.out_of_order else next_s
-            ) - begins_s
+            paused = others_s > next_s + STREAMS.out_of_order
+            clock.added_s = (others_s if paused else next_s) - begins_s
 
 
 def _require_rate(name: str, rate_hz: float) -> None:

@@ -25,8 +25,6 @@ from pipeline.trial.result import TrialResult
 if TYPE_CHECKING:
     from pipeline.trial.chain import Chain
 
-KEY_DIGITS: Final = 16
-"""Of each SHA-256 in a trial's key: two differ but for a chance of 1 in 10¹⁹."""
 WORKER_DIED: Final = "the process that worked on it died; too little memory?"
 
 
@@ -230,7 +228,8 @@ def trial_key(study: Study, name: TrialName) -> str:
 
 def _digest(value: object) -> str:
     text = json.dumps(value, sort_keys=True).encode()
-    return hashlib.sha256(text).hexdigest()[:KEY_DIGITS]
+    # of 16 digits two differ but for a chance of 1 in 10¹⁹
+    return hashlib.sha256(text).hexdigest()[:16]
 
 
 OTHER_PROGRAM: Final = "another version of the program or its libraries"

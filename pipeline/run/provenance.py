@@ -17,8 +17,6 @@ from pipeline.run.load import Results
 from pipeline.run.program import git_commit, program_digest
 from pipeline.trial.result import PACKAGES, StoredNote, TrialResult
 
-REPORT_PACKAGES: Final = (*PACKAGES, "pingouin", "matplotlib")
-
 State = Literal["done", "outdated", "failed", "excluded", "missing"]
 Item = TypeVar("Item")
 
@@ -207,7 +205,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
         engines=_each_once(trial.engine for trial in trials),
         report={
             "python": platform.python_version(),
-            **{name: version(name) for name in REPORT_PACKAGES},
+            **{name: version(name) for name in (*PACKAGES, "pingouin", "matplotlib")},
         },
         program={"sha256": program_digest(), "git_commit": git_commit() or "not in a repository"},
         conditions=study.file.conditions if study else None,
