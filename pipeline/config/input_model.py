@@ -16,8 +16,9 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.stated import parse_mending, parse_plate_units
 from pipeline.io.units import acceleration_in_mps2, length_in_m
 
-RESERVED: Final = {"con", "prn", "aux", "nul"} | {
-    f"{p}{n}" for p in ("com", "lpt") for n in range(10)
+RESERVED: Final = {
+    *("con", "prn", "aux", "nul"),
+    *(f"{port}{n}" for port in ("com", "lpt") for n in range(10)),
 }
 """Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
 

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import TypeVar
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set

@@ -8,7 +8,7 @@ splines to whole columns, so give them an interval without gaps.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
