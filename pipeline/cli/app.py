@@ -146,13 +146,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # to look for garbage among all that is imported takes a tenth of a short command
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    typed = [argument for argument in given if argument != "--debug"]
+    typed_words = list(sys.argv[1:] if arguments is None else arguments)
+    typed = [argument for argument in typed_words if argument != "--debug"]
     if typed in ([], [GROUP]):
         typed.append("--help")
     OUTPUT.reset(json="--json" in typed)
     try:
-        code = _run(typed, debug="--debug" in given)
+        code = _run(typed, debug="--debug" in typed_words)
         print_object()
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -163,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.close(nowhere)
         return 141  # as in a shell: ended by the signal of a pipe that nobody reads (128 + 13)
     except OSError as error:
-        if "--debug" in given:
+        if "--debug" in typed_words:
             raise
         return _fail(error, typed)  # the output cannot be written
     finally:
@@ -202,8 +202,8 @@ def _fail(error: Exception, typed: Sequence[str]) -> int:
         print_error(line if isinstance(error, Stopped) else f"error: {line}")
     named = lines[0].partition(": ")[0]
     paths = (Path(word) for word in typed if not word.startswith("-"))
-    given = (path for path in paths if named in (str(path), path.name))
-    file = next(given, None) or getattr(error, "filename", None)
+    named_paths = (path for path in paths if named in (str(path), path.name))
+    file = next(named_paths, None) or getattr(error, "filename", None)
     OUTPUT.result["error"] = {
         "code": code,
         "text": "; ".join(lines),
@@ -226,22 +226,22 @@ def _with_command(typed: list[str]) -> list[str] | None:
     if not os.path.lexists(path):
         if path.name == typed[0] and not path.suffix:
             return typed
-        near = did_you_mean(path.name, [each.name for each in path.parent.glob("*")])
+        near = did_you_mean(path.name, [file.name for file in path.parent.glob("*")])
         raise ValueError(f"{path}: no such file{near}")
     from pipeline.cli.recognise import recognise
 
-    found = recognise(path)
+    recognised = recognise(path)
     others = [word for word in typed[1:] if word.startswith("-")]
-    if (without := {*others} - {"--json", "--quiet"}) and not found.walking:
-        raise ValueError(f"{listed(sorted(without))} has no effect: {typed[0]} is {found}")
+    if (without := {*others} - {"--json", "--quiet"}) and not recognised.walking:
+        raise ValueError(f"{listed(sorted(without))} has no effect: {typed[0]} is {recognised}")
     if not OUTPUT.json and "--quiet" not in typed:
-        print(f"{typed[0]}: {found.what}")
-    if found.walking:
+        print(f"{typed[0]}: {recognised.what}")
+    if recognised.walking:
         return ["residuals", *typed]
     if OUTPUT.json:
-        OUTPUT.result.update(file=typed[0], what=found.what, commands=found.commands)
+        OUTPUT.result.update(file=typed[0], what=recognised.what, commands=recognised.commands)
     else:
-        print("\n".join(f"  {command}" for command in found.commands))
+        print("\n".join(f"  {command}" for command in recognised.commands))
     return None
 
 

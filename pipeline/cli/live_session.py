@@ -76,7 +76,7 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
         plates, laboratory = placed.plates, prepared.laboratory
         settings = prepared.study.file.settings
         chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
-        described = [output.describe_stream(each, placed.live, plates) for each in source.streams]
+        described = [output.describe_stream(s, placed.live, plates) for s in source.streams]
         recorder = output.Recorder(folder, described, output.result_columns())
         stack.callback(recorder.close)
         outlet = None
@@ -131,7 +131,7 @@ def _qualisys(
     return QualisysSource(host, port=int(port or PORT), stated=prepared.study.stated, say=say)
 
 
-def _lsl(prepared: Preparation, listen: str, wanted: Sequence[str], line: "LightLine") -> Source:
+def _lsl(prepared: Preparation, listen: str, senders: Sequence[str], line: "LightLine") -> Source:
     """Search for streams, of the wanted senders where several send them."""
     markers, analog = prepared.streams
     line.say(f"searching at {listen} for {', '.join((markers, *analog))}")
@@ -144,7 +144,7 @@ def _lsl(prepared: Preparation, listen: str, wanted: Sequence[str], line: "Light
             listen=listen,
             timeout_s=60.0,
             searching=line.wait_for_streams,
-            senders=wanted,
+            senders=senders,
         )
     except ConnectionError as absent:
         absent.add_note(

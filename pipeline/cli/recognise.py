@@ -70,10 +70,10 @@ def _folder(path: Path) -> Recognised:
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
     from pipeline.io.read import is_recording  # numpy, which the others do without
 
-    found = [file for file in sorted(path.iterdir()) if file.is_file() and is_recording(file)]
-    if found:
-        what = f"a folder with {counted(len(found), 'recording')} and no study"
-        return Recognised(what, (f"hbm init {path}", f"hbm {found[-1]}"))
+    recordings = [file for file in sorted(path.iterdir()) if file.is_file() and is_recording(file)]
+    if recordings:
+        what = f"a folder with {counted(len(recordings), 'recording')} and no study"
+        return Recognised(what, (f"hbm init {path}", f"hbm {recordings[-1]}"))
     what = "a folder without study, results or recordings"
     return Recognised(what, (f"hbm init {path}", "hbm demo"))
 

@@ -109,8 +109,8 @@ def found_subjects(folder: Path, pattern: str = "") -> FoundStudy:
         if readings := _readings(recorded):
             return FoundStudy([], [], unclear, readings)
         raise ValueError(f"{doubtful[0].stem} does not say surely whose it is; state a --pattern")
-    said = said_by(pattern, [one.file for one in recorded]) if pattern else _said(recorded)
-    subjects = _subjects(recorded, said, unused)
+    by_file = said_by(pattern, [one.file for one in recorded]) if pattern else _said(recorded)
+    subjects = _subjects(recorded, by_file, unused)
     if pattern and recorded and not subjects:
         file = next((one.file for one in recorded if not one.pose), recorded[0].file)
         raise ValueError(
@@ -120,39 +120,39 @@ def found_subjects(folder: Path, pattern: str = "") -> FoundStudy:
 
 
 def _subjects(
-    recorded: Sequence[_Found], said: Mapping[str, Said], unused: dict[str, str]
+    recorded: Sequence[_Found], by_file: Mapping[str, Said], unused: dict[str, str]
 ) -> list[FoundSubject]:
     """Group recordings by what their names say; those that are not used, and why."""
-    of_trials = [said[one.file] for one in recorded if not one.pose and one.file in said]
+    of_trials = [by_file[one.file] for one in recorded if not one.pose and one.file in by_file]
     people = {name.person.casefold(): name.person for name in of_trials}
     # where names do not say whose recordings they are, or of what
     names = valid_names(people.values(), "sub01")
     conditions = valid_names((name.condition for name in of_trials), "walking")
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
-        person = said[one.file].person.casefold() if one.file in said else None
+        person = by_file[one.file].person.casefold() if one.file in by_file else None
         if person not in people and one.pose:
             named = [key for key in people if key and one.name.names(key)]
-            alone = [*people] if not one.name.candidates and one.file not in said else []
+            alone = [*people] if not one.name.candidates and one.file not in by_file else []
             alone = [a for a in alone if not (a.replace("-", "").isdecimal() and one.name.fields)]
             (person,) = named or alone if len(named or alone) == 1 else [person]
         if person in people:
             of_person[str(person)].append(one)
         elif person and one.pose:
-            unused[one.file] = f"there is no trial of {said[one.file].person} on plates"
+            unused[one.file] = f"there is no trial of {by_file[one.file].person} on plates"
         else:
             unused[one.file] = "its name does not say whose it is"
     subjects = []
     for key, recordings in of_person.items():
         static, hip_trial = (_pose(hips, people[key], recordings, unused) for hips in (False, True))
-        days = {said[one.file].session for one in recordings if not one.pose}
+        days = {by_file[one.file].session for one in recordings if not one.pose}
         trials = dict[str, list[dict[str, str]]]()
         for one in recordings:
             if not one.pose and one.file != static:
-                of_day = said[one.file].session if len(days) > 1 else ""
+                of_day = by_file[one.file].session if len(days) > 1 else ""
                 texts = {"file": one.file, "forces": one.forces, "session": of_day}
                 stated = {name: text for name, text in texts.items() if text}
-                trials.setdefault(conditions[said[one.file].condition], []).append(stated)
+                trials.setdefault(conditions[by_file[one.file].condition], []).append(stated)
         subjects.append(FoundSubject(names[people[key]], static, hip_trial, trials))
     return subjects
 
@@ -177,8 +177,8 @@ def _people_in(folder: Path) -> tuple[list[_Found], list[str], dict[str, str]]:
                     empty.append(file)
                 raise ValueError(f"it has {markers} markers, too few for a body")
             name, moved_m = RecordingName.of(file), _moved_m(recording)
-            beside = recording.forces_beside
-            forces = beside.relative_to(folder).as_posix() if beside else ""
+            forces_file = recording.forces_beside
+            forces = forces_file.relative_to(folder).as_posix() if forces_file else ""
             on_plates = bool(recording.plates or forces)
             if not (on_plates or name.kind or moved_m <= LIMITS.still_path):
                 raise ValueError(recording.why_no_plates)
@@ -196,9 +196,10 @@ def _said(recorded: Sequence[_Found]) -> dict[str, Said]:
     """Read names by the numbers of persons; where there are none, all are of one person."""
     if not any(one.name.candidates for one in recorded if not one.pose):
         return {one.file: one.name.read([]) for one in recorded if not one.name.candidates}
-    said = {one.file: one.name.read(one.name.candidates[:1]) for one in recorded if one.name.sure}
+    sure = [one for one in recorded if one.name.sure]
+    by_file = {one.file: one.name.read(one.name.candidates[:1]) for one in sure}
     spelt = dict[tuple[str, int], str]()
-    for person in sorted({words.person for words in said.values()}):
+    for person in sorted({words.person for words in by_file.values()}):
         letters = person.rstrip(DIGITS)
         key = letters[0].casefold(), int(person.removeprefix(letters))
         if (other := spelt.setdefault(key, person)).casefold() != person.casefold():
@@ -206,7 +207,7 @@ def _said(recorded: Sequence[_Found]) -> dict[str, Said]:
                 f"{other} and {person} may be one person; nothing was written; rename recordings, "
                 'or tell them apart by a --pattern such as "{subject}_{condition}_{recording}"'
             )
-    return said
+    return by_file
 
 
 def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
@@ -243,11 +244,11 @@ def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
     files, ways = [one.file for one in recorded], list[tuple[float, str, list[FoundSubject]]]()
     for pattern in dict.fromkeys(commonest.values()):
         try:
-            said = said_by(pattern, files)
+            by_file = said_by(pattern, files)
         except ValueError:  # folders that it leaves out tell recordings apart
             continue
-        subjects = _subjects(recorded, said, {})
-        read = sum(one.file in said for one in recorded if not one.pose) / len(names)
+        subjects = _subjects(recorded, by_file, {})
+        read = sum(one.file in by_file for one in recorded if not one.pose) / len(names)
         cells = sum(len(subject.trials) for subject in subjects)
         conditions = len({condition for subject in subjects for condition in subject.trials})
         crossed = cells / max(1, len(subjects) * conditions)

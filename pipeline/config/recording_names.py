@@ -185,19 +185,19 @@ class RecordingName(NamedTuple):
 
     def words(self, person: str) -> set[str]:
         """Give what its fields say beside the person; of a trial, without a repetition's number."""
-        said = [f for f in self.fields if f.casefold() not in person.casefold().split("-")]
-        return {word.casefold() for word in (said if self.kind else _unnumbered(said)) if word}
+        fields = [f for f in self.fields if f.casefold() not in person.casefold().split("-")]
+        return {word.casefold() for word in (fields if self.kind else _unnumbered(fields)) if word}
 
     def apart(self, trials: Sequence["RecordingName"], person: str) -> set[str]:
         """Give words of a pose by which it may not be of all these trials of a person.
 
         Some trials have the word and others do not; or none has, and one has another such word.
         """
-        said, others = self.words(person), [trial for trial in trials if trial is not self]
+        pose_words, others = self.words(person), [trial for trial in trials if trial is not self]
         words = [trial.words(person) for trial in others]
-        apart = {w for w in said if 0 < sum(w in of_trial for of_trial in words) < len(words)}
-        if self.kind and any(trial.telling(trial.words(person) - said) for trial in others):
-            apart |= self.telling(said.difference(*words))
+        apart = {w for w in pose_words if 0 < sum(w in of_trial for of_trial in words) < len(words)}
+        if self.kind and any(trial.telling(trial.words(person) - pose_words) for trial in others):
+            apart |= self.telling(pose_words.difference(*words))
         return apart
 
     def telling(self, words: set[str]) -> set[str]:
@@ -231,7 +231,7 @@ def said_by(pattern: str, files: Iterable[str]) -> dict[str, Said]:
         )
         for boundary, times in BOUNDARIES.items()
     ]
-    said, above = dict[str, Said](), set[str]()
+    by_file, above = dict[str, Said](), set[str]()
     for file in files:
         name = RecordingName.of(file)
         fits = (re.fullmatch(f"(?:(.*)/)?{way}", name.stem, re.IGNORECASE) for way in ways)
@@ -240,10 +240,10 @@ def said_by(pattern: str, files: Iterable[str]) -> dict[str, Said]:
             pairs = [*zip(roles, match.groups()[1:], strict=True)]
             said_of = {role: dict.fromkeys(t for r, t in pairs if r == role) for role in ROLES}
             person, what = "-".join(said_of["subject"]), "-".join(said_of["condition"])
-            said[file] = Said(person, what.lower(), name.session)
+            by_file[file] = Said(person, what.lower(), name.session)
     if len(above) > 1:
         raise ValueError(f"--pattern: the folders {listed(sorted(above))} are not in it; {WITHOUT}")
-    return said
+    return by_file
 
 
 def condition(fields: Sequence[str]) -> str:

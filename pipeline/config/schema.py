@@ -145,8 +145,8 @@ class RecordingRules(InputModel):
 
     def stated(self, marker_set: MarkerSet | None = None) -> Stated:
         """Give what is stated to those who read files, with the set that the markers are of."""
-        own = {name: getattr(self, name) for name in RecordingRules.model_fields}
-        return Stated(**own, marker_set=marker_set)
+        rules = {name: getattr(self, name) for name in RecordingRules.model_fields}
+        return Stated(**rules, marker_set=marker_set)
 
 
 class Platform(InputModel):

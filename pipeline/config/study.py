@@ -125,12 +125,12 @@ class Study(Shown):
         subjects, conditions = (
             [names] if isinstance(names, str) else names for names in (subjects, conditions)
         )
-        wanted = {self.subject(name).id for name in subjects} or self.subjects
+        chosen = {self.subject(name).id for name in subjects} or self.subjects
         of = [*conditions] or self.file.conditions
         for condition in of:
             self.condition(condition)
         names = [name for name, trial in self.trials.items() if trial.exclude is None]
-        names = [name for name in names if name.subject in wanted and name.condition in of]
+        names = [name for name in names if name.subject in chosen and name.condition in of]
         if not names:
             none = "all trials of these subjects and conditions are excluded, or there are none"
             raise StudyFaults([f"{self.folder}: nothing to process: {none}"], self.folder)
@@ -169,9 +169,9 @@ Stating = TypeVar("Stating")
 
 def _known(kind: str, name: Key, stated: Mapping[Key, Stating]) -> Stating:
     if name not in stated:
-        known = [str(each) for each in stated]
-        hint = did_you_mean(str(name), known)
-        raise ValueError(f"no {kind} {str(name)!r}{hint}; there are {', '.join(known)}")
+        texts = [str(value) for value in stated]
+        hint = did_you_mean(str(name), texts)
+        raise ValueError(f"no {kind} {str(name)!r}{hint}; there are {', '.join(texts)}")
     return stated[name]
 
 
@@ -340,10 +340,10 @@ def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerS
         return None
     path = folder / name
     if not is_file(path):
-        known = ", ".join(marker_sets())
+        names = ", ".join(marker_sets())
         faults.append(
             f"study.toml: settings.marker_set: {shown(name)} is neither a file here nor one of "
-            f"{known}"
+            f"{names}"
         )
         return None
     try:

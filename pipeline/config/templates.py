@@ -71,15 +71,15 @@ def _given(subject: FoundSubject) -> dict[str, Any]:
         several = tables if any(len(table) > 1 for table in tables) else files
         trials[name] = several if tables[1:] else tables[0]
     poses = {"static": subject.static, "hip_trial": subject.hip_trial}
-    given = {key: file for key, file in poses.items() if file}
-    return {"id": subject.name, "sex": "unspecified", **given, "trials": trials}
+    keys = {key: file for key, file in poses.items() if file}
+    return {"id": subject.name, "sex": "unspecified", **keys, "trials": trials}
 
 
 def template(
-    kind: type[BaseModel], headings: Mapping[str, str], given: Mapping[str, Any], *, every: bool
+    kind: type[BaseModel], headings: Mapping[str, str], stated: Mapping[str, Any], *, every: bool
 ) -> str:
     """Give a TOML file of a model: what is given or, with `every`, all keys, others behind a #."""
-    lines = _lines(kind, "", given, every)
+    lines = _lines(kind, "", stated, every)
     return "\n".join([headings["every" if every else "used"], *lines]) + "\n"
 
 

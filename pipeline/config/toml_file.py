@@ -77,13 +77,13 @@ def check_table(
 
     None where it is wrong by itself, whatever it stands among.
     """
-    found, model = dict[str, None](), None
+    faults_of_table, model = dict[str, None](), None
     for context in (around, None):
         try:
             model = model or kind.model_validate(table, context=context)
         except ValidationError as error:
-            found |= dict.fromkeys(describe_faults(error, kind, table))
-    faults += [f"{name}: {fault}" for fault in found]
+            faults_of_table |= dict.fromkeys(describe_faults(error, kind, table))
+    faults += [f"{name}: {fault}" for fault in faults_of_table]
     return model
 
 
@@ -128,9 +128,9 @@ def _readable(name: str, around: Around, stated: Mapping[str, Any]) -> None:
 
 
 def _known(name: str, around: Around, stated: Mapping[str, Any]) -> None:
-    known = around.conditions
-    if known is not None and name not in known:
-        raise ValueError(f"no such condition in study.toml{nearest(name, known)}")
+    conditions = around.conditions
+    if conditions is not None and name not in conditions:
+        raise ValueError(f"no such condition in study.toml{nearest(name, conditions)}")
 
 
 Named = Annotated[str, Field(min_length=1)]
@@ -181,9 +181,9 @@ def _line(fault: ErrorDetails, kind: type[BaseModel], place: Sequence[str]) -> s
     if fault["type"] == "extra_forbidden" and place[-1] in NO_LONGER_NEEDED:
         return f"{key}: no longer needed: {NO_LONGER_NEEDED[place[-1]]}; remove it"
     if fault["type"] == "extra_forbidden":
-        known = _known_keys(kind, fault["loc"][:-1])
+        keys = _known_keys(kind, fault["loc"][:-1])
         elsewhere = _place_of(place[-1], kind)
-        hint = elsewhere or did_you_mean(place[-1], known) or f"; known: {', '.join(known)}"
+        hint = elsewhere or did_you_mean(place[-1], keys) or f"; known: {', '.join(keys)}"
         return f"{key}: unknown key{hint}"
     if fault["type"] == "missing":
         return f"{key}: is missing"
@@ -214,7 +214,7 @@ def _place_of(key: str, kind: type[BaseModel]) -> str:
     if key in kind.model_fields:
         return "; it belongs above the first [table]"
     inner = ((name, models_in(field.annotation)) for name, field in kind.model_fields.items())
-    tables = [name for name, models in inner for each in models if key in each.model_fields]
+    tables = [name for name, models in inner for model in models if key in model.model_fields]
     return f"; it belongs in [{tables[0]}]" if tables else ""
 
 

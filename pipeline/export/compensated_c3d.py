@@ -302,9 +302,9 @@ def _changed_samples(
     scale = analog_scaling(header)[1][[*plate.channels]]
     numbers = floats(stored.tobytes(), order).reshape(stored.shape) if real else stored
     before = numbers.astype(float)
-    known = np.isfinite(before).all(axis=1)
+    is_known = np.isfinite(before).all(axis=1)
     change = np.zeros(before.shape)
-    change[known] = channel_change(plate, wrench[known])
+    change[is_known] = channel_change(plate, wrench[is_known])
     # value = (sample − offset) · scale
     with np.errstate(divide="ignore", invalid="ignore"):
         after = np.where(change == 0, before, before + change / scale)
@@ -482,19 +482,19 @@ def check_rewritten(
     try:
         free = {*changed_parameters, *map(":".join, DATA_STARTS)}
         _require_same(original, written, changed_channels, free)
-        found = compare_readers(written)
-        before = found if found == SecondReading(reader()) else compare_readers(original)
-        if found.refusal and not before.refusal:
-            raise ValueError(f"{found.reader} reads the original only: {found.refusal}")
-        if found.disagreements and not before.disagreements:
-            raise ValueError(f"{found.disagreements[0]}, and not of the original")
+        reading = compare_readers(written)
+        before = reading if reading == SecondReading(reader()) else compare_readers(original)
+        if reading.refusal and not before.refusal:
+            raise ValueError(f"{reading.reader} reads the original only: {reading.refusal}")
+        if reading.disagreements and not before.disagreements:
+            raise ValueError(f"{reading.disagreements[0]}, and not of the original")
     except ValueError as error:
         raise ValueError(f"the copy is not {original.name} written again: {error}") from error
     if before.disagreements:
         return SecondReading(
-            found.reader, f"it reads the original otherwise: {before.disagreements[0]}"
+            reading.reader, f"it reads the original otherwise: {before.disagreements[0]}"
         )
-    return found
+    return reading
 
 
 def _require_same(

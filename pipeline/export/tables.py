@@ -109,8 +109,8 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
     ValueError
         If the ankle's zero is unknown.
     """
-    seen = motion.observed.any(axis=0)
-    angles = clinical_angles(np.where(seen, motion.q, np.nan), ankle_zero=ankle_zero)
+    is_observed = motion.observed.any(axis=0)
+    angles = clinical_angles(np.where(is_observed, motion.q, np.nan), ankle_zero=ankle_zero)
     columns = {"time_s": motion.time}
     for name, value in zip(HBM_ORDER, angles.T, strict=True):
         columns[f"{name}_{'m' if _translates(name) else 'deg'}"] = _in_degrees(name, value)

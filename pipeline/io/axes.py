@@ -81,15 +81,15 @@ def find_sites(names: tuple[str, ...], marker_set: MarkerSet | None = None) -> S
         of_set, no_set = {}, str(error)
     marked = {**of_set, **usual_landmarks(names)} | of_set  # the set's come first, and count
     columns = {landmark: column[name] for landmark, name in marked.items()}
-    trunk, every = _sides(columns, PELVIS_AND_SHOULDERS), _sides(columns) or _sides(column)
+    trunk, all_pairs = _sides(columns, PELVIS_AND_SHOULDERS), _sides(columns) or _sides(column)
     heels_and_toes = ((f"{side}HEE", f"{side}{toe}") for side in "LR" for toe in TOES)
     feet = ("HEE", *TOES, "LM", "MM")  # heel, toes and ankles
     return Sites(
         high=[k for mark, k in columns.items() if mark[1:] in PELVIS_AND_SHOULDERS],
         low=[k for mark, k in columns.items() if mark[1:] in feet],
-        across={f"{names[left]}/{names[right]}": (right, left) for right, left in trunk or every},
+        across={f"{names[k]}/{names[right]}": (right, k) for right, k in trunk or all_pairs},
         on_trunk=bool(trunk),
-        every=every,
+        every=all_pairs,
         feet=[(columns[a], columns[b]) for a, b in heels_and_toes if {a, b} <= {*columns}],
         no_set=no_set,
     )

@@ -224,9 +224,9 @@ class PlateColumns:
         # noise by hardly a force is far away too, but not the same in x, y and z
         judged = ~small | (self.pressure == self.pressure[:, :1]).all(axis=1)
         pressure = self.pressure[judged]
-        said = [*without_impossible_positions([self.name], pressure[:, None], 1.0, of)]
+        facts = [*without_impossible_positions([self.name], pressure[:, None], 1.0, of)]
         self.pressure[judged] = np.where(small[judged, None], np.nan_to_num(pressure), pressure)
-        return said
+        return facts
 
 
 def vectors(columns: Mapping[str, Array], stems: Iterable[str], axes: str = "XYZ") -> Array:

@@ -83,9 +83,9 @@ def on_clock(
     through all of them, not frame by frame.
     """
     # stamp = start + rate · time, in D-Flow's seconds
-    known = np.isfinite(stamps)
-    rate, start = np.polyfit(time[known] - time[known].mean(), stamps[known], 1)
-    start = float(np.median(stamps[known] - rate * time[known]))
+    is_known = np.isfinite(stamps)
+    rate, start = np.polyfit(time[is_known] - time[is_known].mean(), stamps[is_known], 1)
+    start = float(np.median(stamps[is_known] - rate * time[is_known]))
     clock = (record.time - start) / rate
     if clock[-1] < time[0] or clock[0] > time[-1]:
         raise ValueError(

@@ -55,8 +55,8 @@ def expected(error: BaseException) -> bool:
     """Say whether an error is about what people gave; otherwise it is a fault of this program."""
     if isinstance(error, KeyError):
         return any(isinstance(text, str) and " " in text for text in error.args[:1])
-    told = isinstance(error, ValueError | OSError) and str(error) != ""
-    return told or isinstance(error, MemoryError)
+    is_told = isinstance(error, ValueError | OSError) and str(error) != ""
+    return is_told or isinstance(error, MemoryError)
 
 
 def describe_error(error: BaseException) -> str:

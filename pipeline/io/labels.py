@@ -183,12 +183,12 @@ def join_trajectories(
         spellings = [names[column] for column in (first, *others)]
         meant = (spelling for spelling in spellings if spelling.casefold() in meaningful)
         name = names[first] = next(meant, spellings[0])
-        seen = np.isfinite(position[:, first, 0])
-        one = [f"{places[first]} ({_when(seen)})"]
+        is_seen = np.isfinite(position[:, first, 0])
+        one = [f"{places[first]} ({_when(is_seen)})"]
         for column in others:
             # parts of one trajectory are never seen at once; copies of it are at the same place
-            seen_too = np.isfinite(position[:, column, 0])
-            both = seen & seen_too
+            is_seen_too = np.isfinite(position[:, column, 0])
+            both = is_seen & is_seen_too
             away_m = np.linalg.norm(position[:, column] - position[:, first], axis=-1)[both]
             if away_m.max(initial=0.0) > LIMITS.largest_rounding:
                 names[column] = second = free_name(name, {*names.values()})
@@ -203,9 +203,9 @@ def join_trajectories(
                     )
                     facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
                 continue
-            position[seen_too & ~seen, first] = position[seen_too & ~seen, column]
-            seen |= seen_too
-            one.append(f"{places[column]} ({_when(seen_too)})")
+            position[is_seen_too & ~is_seen, first] = position[is_seen_too & ~is_seen, column]
+            is_seen |= is_seen_too
+            one.append(f"{places[column]} ({_when(is_seen_too)})")
             del names[column]
         if len(one) > 1:
             reason = f"trajectories {listed(one)} have this label"
@@ -213,8 +213,8 @@ def join_trajectories(
     return numbered(names), facts
 
 
-def _when(seen: Mask) -> str:
-    frames = np.flatnonzero(seen) + 1
+def _when(is_seen: Mask) -> str:
+    frames = np.flatnonzero(is_seen) + 1
     return f"frames {frames[0]}–{frames[-1]}" if len(frames) else "never seen"
 
 

@@ -91,9 +91,9 @@ def read_recording(
             raise ValueError(f"a file of forces goes with a TRC or Qualisys file, this is {kind}")
         if record is not None and kind != "D-Flow":
             raise ValueError(f"a record file goes with a D-Flow file, this is {kind}")
-        beside = [Path(file) for file in (forces, record) if file is not None]
+        files = [Path(file) for file in (forces, record) if file is not None]
         try:
-            return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *beside))
+            return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *files))
         except AxesUnknownError:
             if static is None or file_format(static) != kind:
                 raise
@@ -101,7 +101,7 @@ def read_recording(
             axes = READERS[kind](static, stated.of_file(static.name)).axes
         by = f"as in the static recording {static.name}; this recording does not show them itself"
         there = replace(stated.of_file(path.name), axes=",".join(axes), axes_by=by)
-        return with_mended_plates(READERS[kind](path, there, *beside))
+        return with_mended_plates(READERS[kind](path, there, *files))
 
 
 def file_format(path: Path) -> str:

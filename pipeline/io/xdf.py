@@ -352,32 +352,32 @@ def _columns(channels: Sequence[Channel], plates: Sequence[PlateChannels]) -> di
     return column_of
 
 
-def _of(stream: Stream, find: Callable[..., Any], *given: Any) -> Any:
+def _of(stream: Stream, find: Callable[..., Any], *arguments: Any) -> Any:
     """Find something in a stream; what is wrong is said with its name."""
     try:
-        return find(*given)
+        return find(*arguments)
     except ValueError as error:
         raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
 
 
 def _of_markers(
-    streams: Sequence[Stream], with_markers: Sequence[Stream], wanted: str | None
+    streams: Sequence[Stream], with_markers: Sequence[Stream], name: str | None
 ) -> Stream:
     """Give the stream that holds the markers: the one of the wanted name, or the only one."""
-    found, fault = with_markers, f"{len(with_markers)} streams hold markers"
-    if wanted is not None:
-        found = [s for s in streams if s.name == wanted]
-        fault = f"no stream is called {short(wanted)!r} as marker_stream says"
-    elif not found:
+    candidates, fault = with_markers, f"{len(with_markers)} streams hold markers"
+    if name is not None:
+        candidates = [s for s in streams if s.name == name]
+        fault = f"no stream is called {short(name)!r} as marker_stream says"
+    elif not candidates:
         fault = "no stream holds markers, of content type MoCap or with channels of type PositionX"
-    if len(found) != 1:
-        names = [repr(short(s.name)) for s in found or streams]
+    if len(candidates) != 1:
+        names = [repr(short(s.name)) for s in candidates or streams]
         first = next(iter(names), "'NAME'")
         raise ValueError(
             f"{fault}; streams there: {listed(names)}; choose one, for example --marker-stream "
             f"{first}, or marker_stream = {first} in study.toml"
         )
-    return found[0]
+    return candidates[0]
 
 
 def _analog(signals: Sequence[Signals]) -> tuple[Analog | None, list[Note]]:
@@ -390,8 +390,8 @@ def _analog(signals: Sequence[Signals]) -> tuple[Analog | None, list[Note]]:
     for name, channels, its_time, samples in signals:
         si, factors = si_units(channels)
         if len(its_time) != len(time) or np.abs(its_time - time).max() > SAME_CLOCK_S:
-            each = [np.interp(time, its_time, column, np.nan, np.nan) for column in samples.T]
-            samples = np.stack(each, axis=1)
+            resampled = [np.interp(time, its_time, column, np.nan, np.nan) for column in samples.T]
+            samples = np.stack(resampled, axis=1)
             interpolated.append(name)
         labels += [(name, channel.label) for channel in channels]
         units += si

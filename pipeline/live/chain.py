@@ -359,14 +359,14 @@ class LiveChain:
         on = np.where(self.foot_on < 0, pressure.nearer, self.foot_on)
         return on, bool(pressure.uncertain.any())
 
-    def _settled(self, time: float, known: bool, quality: Quality) -> bool:
+    def _settled(self, time: float, is_known: bool, quality: Quality) -> bool:
         """Whether the filters have settled in a frame, of which pose and forces are known or not.
 
         They go on over a few frames that are not, but not over a limb that keeps its pose.
         """
         if quality & Quality.LIMB_UNSEEN:
             self.known_s = -np.inf
-        elif known:
+        elif is_known:
             # after a longer gap the filters have begun anew
             if time - self.known_s > self.motion.longest_s:
                 self.known_since_s = time

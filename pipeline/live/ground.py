@@ -72,12 +72,12 @@ class Channels:
     rate_hz: float
 
     @classmethod
-    def joined(cls, every: Sequence["Channels"]) -> "Channels":
+    def joined(cls, channels: Sequence["Channels"]) -> "Channels":
         """Give channels of one stream in a row."""
         columns, factor = (
-            np.concatenate([getattr(c, x) for c in every]) for x in ("columns", "factor")
+            np.concatenate([getattr(c, x) for c in channels]) for x in ("columns", "factor")
         )
-        return replace(every[0], columns=columns, factor=factor)
+        return replace(channels[0], columns=columns, factor=factor)
 
     def samples(self, start_s: float = -np.inf, stop_s: float = np.inf) -> tuple[Array, Array]:
         """Give the samples from one time to another, or all: (N,) [s] and (N, K) in SI units."""
@@ -317,7 +317,7 @@ class LiveGround:
         """Give the platform's pose as its markers show it among a frame's, (M, 3) [m], if any."""
         return self.platform.pose(position) if isinstance(self.platform, MarkedPlatform) else None
 
-    def at(self, time: float, seen: Pose | None) -> tuple[Array, Pose | None]:
+    def at(self, time: float, shown: Pose | None) -> tuple[Array, Pose | None]:
         """Give the plates at a frame's time [s], whose markers show the platform so, or not.
 
         The wrenches of each variant and plate are in lab axes about the lab origin, unfiltered,
@@ -332,7 +332,7 @@ class LiveGround:
         # what the motion of platform and belts adds is no load of the subject
         variants = [measured, measured - sum(added)] if added else [measured]
         wrenches = np.array(variants)[:, :, 0]
-        pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
+        pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else shown
         if pose is not None:  # as `transform_wrench`, in a third of its time for one pose
             turned = wrenches.reshape(-1, 2, 3) @ pose[0].T
             turned[:, 1] -= turned[:, 0] @ skew(pose[1])

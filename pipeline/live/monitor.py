@@ -58,8 +58,9 @@ class MarkerGaps:
     def add(self, time: Array, position: Array) -> None:
         """Take frames, (N,) [s] and (N, M, 3)."""
         self._seen_s[np.isnan(self._seen_s)] = time[0]
-        seen = np.where(np.isfinite(position).all(axis=2), time[:, None], -np.inf).max(axis=0)
-        self._seen_s = np.maximum(self._seen_s, seen)
+        is_seen = np.isfinite(position).all(axis=2)
+        last_seen_s = np.where(is_seen, time[:, None], -np.inf).max(axis=0)
+        self._seen_s = np.maximum(self._seen_s, last_seen_s)
         gone_s = time[-1] - self._seen_s
         self.found = [
             Finding(Kind.MARKER_GONE, (name,), {"gone_s": hidden_s})
@@ -94,18 +95,18 @@ class FitWatch:
         quality = np.array([frame.quality for frame in self._frames])
         squared_m2 = error[np.isfinite(error)] ** 2
         rms_m = float(np.sqrt(squared_m2.mean())) if len(squared_m2) else 0.0
-        seen = np.isfinite([frame.markers[self._columns] for frame in self._frames]).all(axis=2)
+        is_seen = np.isfinite([frame.markers[self._columns] for frame in self._frames]).all(axis=2)
         doubtful = ~free_of(quality, Quality.MARKERS_LEFT_OUT)[:, None]
         # seen by cameras and yet without an error: the pose was solved without them
-        often = (seen & np.isnan(error) & doubtful).mean(axis=0) > LIMITS.most_frames
+        often = (is_seen & np.isnan(error) & doubtful).mean(axis=0) > LIMITS.most_frames
         if often.any():
             markers = tuple(compress(self._names, often))
             yield Finding(Kind.MARKERS_LEFT_OUT, values={"error_m": rms_m, "markers": markers})
         elif rms_m > LIMITS.marker_error:
             yield Finding(Kind.MARKERS_MISFIT, values={"error_m": rms_m})
-        share = 1 - float(free_of(quality, Quality.FOOT_UNCERTAIN).mean())
-        if share > LIMITS.most_frames:
-            yield Finding(Kind.FOOT_UNCERTAIN, values={"share": share})
+        fraction = 1 - float(free_of(quality, Quality.FOOT_UNCERTAIN).mean())
+        if fraction > LIMITS.most_frames:
+            yield Finding(Kind.FOOT_UNCERTAIN, values={"share": fraction})
 
 
 class DelayWatch:
@@ -127,11 +128,11 @@ class DelayWatch:
             return
         self._judged_s = frame.time
         (*_, variant), frames = frame.residual, self._frames
-        time = np.array([each.time for each in frames])
+        time = np.array([f.time for f in frames])
         # what the motion needs is what the plates give and the residual, which is the difference
-        plate = np.array([each.by_foot[variant][:, :3].sum(axis=0) for each in frames])
-        motion = plate + reported(np.array([each.residual[variant] for each in frames]))[:, :3]
-        motion[[not each.quality.counts for each in frames]] = np.nan
+        plate = np.array([f.by_foot[variant][:, :3].sum(axis=0) for f in frames])
+        motion = plate + reported(np.array([f.residual[variant] for f in frames]))[:, :3]
+        motion[[not f.quality.counts for f in frames]] = np.nan
         try:
             delay = marker_plate_delay(plate, motion, time)
         except ValueError:  # not determined by what is in it
@@ -350,15 +351,15 @@ class Monitor:
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
         ended = self._gait.add(frame)
         # every stride weighs the subject; only those that are whole are gait cycles
-        strides = [each for each in ended if each.unit == "cycle"]
+        strides = [part for part in ended if part.unit == "cycle"]
         cycles = [stride for stride in strides if stride.whole]
         for stride in strides:
             self._weight.add(stride)
         if self._stopped:
             self.during_stop += len(cycles)
         else:
-            for each in (each for each in ended if each.whole):
-                self._so_far[each.unit].add(each)
+            for part in (part for part in ended if part.whole):
+                self._so_far[part.unit].add(part)
         if ended:
             self.height_m = height_of_mass(self.chain.body, frame.q[None])
             self._high = self._above_healthy()

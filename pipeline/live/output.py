@@ -51,8 +51,8 @@ def describe(
     ('m/s', '0.0375')
     """
     described = (
-        element("channel", *[(part, text) for part in PARTS if (text := getattr(each, part))])
-        for each in channels
+        element("channel", *[(part, text) for part in PARTS if (text := getattr(channel, part))])
+        for channel in channels
     )
     placed = (
         element("plate", *[(part, _written(getattr(plate, part))) for part in ("number", *PLACE)])

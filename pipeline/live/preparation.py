@@ -54,23 +54,30 @@ def place_plates(
     place, or that several streams state one plate's.
     """
     received = dict[str, Plate]()
-    for each in stated:
-        if each.place is None or live.plates.get(each.number, each.channels) != each.channels:
+    for described in stated:
+        if (
+            described.place is None
+            or live.plates.get(described.number, described.channels) != described.channels
+        ):
             continue
-        if each.number in received:
-            raise ValueError(f"several streams give the place of plate {each.number}")
-        received[each.number] = each.place
+        if described.number in received:
+            raise ValueError(f"several streams give the place of plate {described.number}")
+        received[described.number] = described.place
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
     places = recorded | received
     if not places:
-        why = (f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem)
+        why = (
+            f"plate {short(described.number)}: {described.problem}"
+            for described in stated
+            if described.problem
+        )
         streams = "; ".join(why) or "the streams have none (desc/plates/plate)"
         file = "no static file is given" if static is None else f"{static.source.name} has none"
         raise ValueError(
             f"the places of the plates are not known: {streams}; {file}; give a recording that "
             "has them: --static FILE, or static in the subject's file"
         )
-    channels = {each.number: each.channels for each in stated if each.channels}
+    channels = {described.number: described.channels for described in stated if described.channels}
     plates = tuple(sorted(places.values(), key=lambda plate: plate.number))
     notes = _elsewhere(received, recorded, static.source.name) if static else ()
     return PlacedPlates(plates, live.model_copy(update={"plates": channels | live.plates}), notes)
@@ -205,7 +212,7 @@ class Preparation:
     def cycles(self) -> int | None:
         """How many gait cycles the conditions of the study analyse, at most; None if all."""
         conditions = self.study.file.conditions.values()
-        return max((each.cycles for each in conditions if each.cycles), default=None)
+        return max((condition.cycles for condition in conditions if condition.cycles), default=None)
 
     @property
     def streams(self) -> tuple[str, tuple[str, ...]]:

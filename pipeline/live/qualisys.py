@@ -162,7 +162,7 @@ class Packets:
         rate_hz = _number(root, "General/Frequency", "the cameras")
         self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
         self._signals, self.plates = _signals(root, parse_axes(stated.axes or LAB_AXES))
-        self.streams = (self.markers, *(each.description for each in self._signals.values()))
+        self.streams = (self.markers, *(signals.description for signals in self._signals.values()))
         require_unique([stream.name for stream in self.streams], f"{PROGRAM}: streams of one name")
         sending = {POSITIONS, *(component for component, _ in self._signals)}
         self.components = [component for component in COMPONENTS if component in sending]
@@ -371,7 +371,7 @@ class QualisysSource:
             self._packets = self._connect(timeout_s, None)
             failing.pop_all()
         self.plates = self._packets.plates
-        self.streams = tuple(replace(each, sender=self._where) for each in self._packets.streams)
+        self.streams = tuple(replace(s, sender=self._where) for s in self._packets.streams)
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s].

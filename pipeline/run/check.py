@@ -89,9 +89,9 @@ class Finding:
         text, name = str(self.said), Path(self.place).name
         if text.startswith(f"{name}: "):
             text = self.place + text.removeprefix(name)
-        said = f"variant {self.variant}: {text}" if self.variant else text
-        named = isinstance(self.said, str) and self.place in said
-        return said if named else f"{self.place}: {said}"
+        sentence = f"variant {self.variant}: {text}" if self.variant else text
+        named = isinstance(self.said, str) and self.place in sentence
+        return sentence if named else f"{self.place}: {sentence}"
 
 
 @dataclass(slots=True)
@@ -193,9 +193,9 @@ def check_study(study: Study, jobs: int | None = 1) -> Findings:
     """
     findings = Findings()
     findings.attempt(str(study.folder), study.to_process)
-    every = {"": study, **study.variants}
+    variants = {"": study, **study.variants}
     # ways share the lists of findings
-    ways = [Way.of(way, replace(findings, variant=name)) for name, way in every.items()]
+    ways = [Way.of(way, replace(findings, variant=name)) for name, way in variants.items()]
     tasks = (
         delayed(_check_subject)([replace(way, study=way.study.alone(subject)) for way in ways])
         for subject in study.subjects
@@ -346,7 +346,7 @@ class _TrialCheck:
         self.remark(there + f"; missing: {listed(absent)}" * bool(absent), contents=True)
         missing = np.isnan(self.markers.position[..., 0]).mean(axis=0)
         shares = {marker: missing[names.index(marker)] for marker in present}
-        held, _ = undetermined(body, tuple(m for m, share in shares.items() if share < 1))
+        held, _ = undetermined(body, tuple(m for m, fraction in shares.items() if fraction < 1))
         if held.any():
             coordinates = tuple(np.array(COORDINATES)[held].tolist())
             self.remark(Note.of("coordinates_held", coordinates=coordinates))
@@ -441,13 +441,13 @@ def _remark_repeated(study: Study, findings: Findings) -> None:
     for subject, person in study.subjects.items():
         trials = [(n, trial) for n, trial in person.named_trials.items() if trial.exclude is None]
         uses = [(str(name), trial.file, study.rule(name).wanted) for name, trial in trials]
-        for use, file, wanted in [*uses, (subject, person.static, None)]:
+        for use, file, part in [*uses, (subject, person.static, None)]:
             if file not in findings.read:
                 continue
             group = groups.setdefault(findings.read[file][0], {})
             newest, _ = next(reversed(group.values()), ("", None))
             if use != subject or subject != newest:  # a subject's uses follow each other
-                group[use] = subject, wanted
+                group[use] = subject, part
     for group in groups.values():
         first, *others = group
         owners, windows = zip(*group.values(), strict=True)

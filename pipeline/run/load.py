@@ -262,10 +262,10 @@ def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:
     return replace(results, subjects=_subjects(trials), trials=trials, **tables)
 
 
-def _rows_of(table: pd.DataFrame, wanted: Collection[TrialName]) -> pd.DataFrame:
+def _rows_of(table: pd.DataFrame, trials: Collection[TrialName]) -> pd.DataFrame:
     """Give a table's rows of some trials."""
     names = pd.MultiIndex.from_frame(table[[*TrialName._fields]])
-    return table[names.isin([*wanted])].reset_index(drop=True)
+    return table[names.isin([*trials])].reset_index(drop=True)
 
 
 def _subjects(trials: Mapping[TrialName, TrialResult]) -> pd.DataFrame:

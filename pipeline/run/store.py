@@ -210,11 +210,11 @@ def by_column(blocks: Blocks) -> dict[str, Any]:
     }
 
 
-def _rounded(rows: Any, share: float) -> Any:
+def _rounded(rows: Any, step: float) -> Any:
     """Round numbers in double precision to powers of two, a share of the peak of each row."""
     if rows.dtype != float:
         return rows
-    lost = share * _peaks(rows)
+    lost = step * _peaks(rows)
     lost[lost == 0] = 1.0
     steps = 2.0 ** np.floor(np.log2(lost))
     return np.rint(rows / steps) * steps
@@ -225,10 +225,10 @@ def _peaks(rows: Array) -> Array:
     return np.asarray(np.abs(rows).max(axis=1, where=np.isfinite(rows), initial=0.0, keepdims=True))
 
 
-def _same(found: Array, expected: Array) -> bool:
+def _same(computed: Array, expected: Array) -> bool:
     """Whether rows are others but for rounding."""
-    apart = np.abs(found - expected) > LOST * _peaks(expected)
-    return not apart.any() and np.array_equal(np.isnan(found), np.isnan(expected))
+    apart = np.abs(computed - expected) > LOST * _peaks(expected)
+    return not apart.any() and np.array_equal(np.isnan(computed), np.isnan(expected))
 
 
 def _metres(in_mm: Any) -> Array:

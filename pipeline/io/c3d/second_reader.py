@@ -144,10 +144,10 @@ def _differences(header: Header, samples: Samples, second: Arrays) -> list[str]:
     counts += [("samples", len(analog), len(samples.analog))] * (channels > 0)
     for name, read, held in counts:
         if read != held:
-            said = f"it reads {read} of {held} {name}"
+            difference = f"it reads {read} of {held} {name}"
             if contradictory or read == 0 or read == MAX_COUNT < held:
-                raise _Refused(said)
-            return [said]
+                raise _Refused(difference)
+            return [difference]
     differences = []
     if samples.rate_hz != second["rate_hz"] and not contradictory:
         ours, theirs = samples.rate_hz, float(second["rate_hz"])
