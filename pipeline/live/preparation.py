@@ -54,30 +54,23 @@ def place_plates(
     place, or that several streams state one plate's.
     """
     received = dict[str, Plate]()
-    for described in stated:
-        if (
-            described.place is None
-            or live.plates.get(described.number, described.channels) != described.channels
-        ):
+    for one in stated:
+        if one.place is None or live.plates.get(one.number, one.channels) != one.channels:
             continue
-        if described.number in received:
-            raise ValueError(f"several streams give the place of plate {described.number}")
-        received[described.number] = described.place
+        if one.number in received:
+            raise ValueError(f"several streams give the place of plate {one.number}")
+        received[one.number] = one.place
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
     places = recorded | received
     if not places:
-        why = (
-            f"plate {short(described.number)}: {described.problem}"
-            for described in stated
-            if described.problem
-        )
+        why = (f"plate {short(one.number)}: {one.problem}" for one in stated if one.problem)
         streams = "; ".join(why) or "the streams have none (desc/plates/plate)"
         file = "no static file is given" if static is None else f"{static.source.name} has none"
         raise ValueError(
             f"the places of the plates are not known: {streams}; {file}; give a recording that "
             "has them: --static FILE, or static in the subject's file"
         )
-    channels = {described.number: described.channels for described in stated if described.channels}
+    channels = {one.number: one.channels for one in stated if one.channels}
     plates = tuple(sorted(places.values(), key=lambda plate: plate.number))
     notes = _elsewhere(received, recorded, static.source.name) if static else ()
     return PlacedPlates(plates, live.model_copy(update={"plates": channels | live.plates}), notes)
