@@ -311,6 +311,7 @@ def _changed_samples(
     unusable = np.broadcast_to((scale == 0) | ~np.isfinite(scale), after.shape)
     faults = {"its scale is 0 or no number": unusable}
     if not real:
+        # whole samples are counts of a converter, with its range
         after, limits = np.rint(after), np.iinfo(stored.dtype)
         reason = (
             f"the compensated sample is outside the range of the file's samples, {limits.min} to "
@@ -433,6 +434,7 @@ def _changed_section(
         values = parameters.numbers("FORCE_PLATFORM", "CORNERS")
         by_plate = values if values.ndim == 3 else values[..., np.newaxis]
         for plate, moved_corners in zip(plates, corners, strict=True):
+            # from the plate's axes about its centre to the file's
             in_file = moved_corners @ plate.rotation.T + plate.corners.mean(axis=0)
             stored = by_plate[:3, :4, plate.number - 1]
             # the unit of the file's corners [m]

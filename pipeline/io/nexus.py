@@ -75,6 +75,7 @@ def _block(table: TextTable) -> Block:
         )
     values = replace(table, rows=rows[HEADER_LINES:]).numbers(labels)
     units += [""] * len(labels)
+    # a name stands above the first of its components, after the two columns of the clock
     starts = [k for k, name in enumerate(names) if name and k >= 2]
     groups = [
         Group(names[a], tuple(labels[a:b]), tuple(units[a:b]), values[:, a:b])
@@ -85,6 +86,7 @@ def _block(table: TextTable) -> Block:
 
 def _time(title: str, block: Block, trajectories: Block) -> Array:
     """Give the times of a block's rows from the first frame of the trajectories, (N,) [s]."""
+    # whole frames of the cameras, and within one the samples of the device
     time: Array = (block.frame - trajectories.frame[0]) / trajectories.rate_hz
     time = time + block.sub_frame / block.rate_hz
     # in samples, as rates are rounded

@@ -203,8 +203,6 @@ def _count(stream: Stream, tag: int, body: bytes) -> None:
         raise ValueError(f"{len(body)} bytes of kind {tag}")
 
 
-SAME_CLOCK_S: Final = 1e-4
-"""Streams whose samples are at the same times within it need no interpolation."""
 Signals = tuple[str, list[Channel], Array, Array]
 """Of one stream: its name, channels, times, (N,) [s], and samples, (N, K)."""
 
@@ -384,12 +382,14 @@ def _analog(signals: Sequence[Signals]) -> tuple[Analog | None, list[Note]]:
     """Give all channels that are not a plate's at the times of the fastest stream with some."""
     if not signals:
         return None, []
+    # by its rate, samples less one over the time that they span
     fastest, _, time, _ = max(signals, key=lambda of: (len(of[2]) - 1) / np.ptp(of[2]))
     labels, values, interpolated = [], [], []
     units: list[str] = []
     for name, channels, its_time, samples in signals:
         si, factors = si_units(channels)
-        if len(its_time) != len(time) or np.abs(its_time - time).max() > SAME_CLOCK_S:
+        # samples at the same times, but for rounding, need no interpolation
+        if len(its_time) != len(time) or np.abs(its_time - time).max() > 1e-4:
             resampled = [np.interp(time, its_time, column, np.nan, np.nan) for column in samples.T]
             samples = np.stack(resampled, axis=1)
             interpolated.append(name)

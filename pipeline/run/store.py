@@ -211,11 +211,12 @@ def by_column(blocks: Blocks) -> dict[str, Any]:
 
 
 def _rounded(rows: Any, step: float) -> Any:
-    """Round numbers in double precision to powers of two, a share of the peak of each row."""
+    """Round numbers in double precision to powers of two, a fraction of the peak of each row."""
     if rows.dtype != float:
         return rows
     lost = step * _peaks(rows)
     lost[lost == 0] = 1.0
+    # multiples of a power of two end in zero bits, which compress
     steps = 2.0 ** np.floor(np.log2(lost))
     return np.rint(rows / steps) * steps
 
