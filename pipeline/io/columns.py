@@ -99,23 +99,23 @@ def settle_markers(
         Labels or unit are unknown or contradictory, or the unit contradicts the markers' extent.
     """
     metre = stated.metre(unit) if labels else 1.0
-    said = [*notes, *without_impossible_positions([*labels.values()], position, metre)]
+    remarks = [*notes, *without_impossible_positions([*labels.values()], position, metre)]
     if held:  # one by one: a file may be as large as the memory allows
         same = [(path[1:] == path[:-1]).all(axis=-1) for path in position.swapaxes(0, 1)]
         position[1:][np.transpose(same)] = np.nan
         if count := np.count_nonzero(same):
-            said.append(Fact("missing", "markers", f"{count} samples held at their last place"))
+            remarks.append(Fact("missing", "markers", f"{count} samples held at their last place"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     position *= metre
     columns, joined = join_trajectories(labels, position, stated)
-    said += joined
-    with saying(said):
+    remarks += joined
+    with saying(remarks):
         markers, renamed, absent = rename_markers(columns, stated)
         # copied only where columns are left out: a file may be as large as the memory allows
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
         _require_extent(position, stated.units or unit)
-    return FileMarkers(tuple(markers), position, unit, [*said, *renamed], absent)
+    return FileMarkers(tuple(markers), position, unit, [*remarks, *renamed], absent)
 
 
 def without_impossible_positions(
@@ -322,12 +322,12 @@ def recording_of(
         What was done, is in doubt or to be noted, and further attributes of the recording.
     """
     plates = list(plates)
-    said = [*markers.notes, *notes, *(p for p in plates if isinstance(p, Fact))]
+    remarks = [*markers.notes, *notes, *(p for p in plates if isinstance(p, Fact))]
     described = [plate for plate in plates if isinstance(plate, PlateColumns)]
     mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
-    with saying(said):
+    with saying(remarks):
         columns = [plate.in_si(stated) for plate in described]
-        said += [fact for plate in columns for fact in plate.without_codes()]
+        remarks += [fact for plate in columns for fact in plate.without_codes()]
         # a plate that a person mends does not show the axes until it is mended
         forces = [mean_force(p.force) * (p.number not in mended) for p in columns if on_subject]
         forces += [p.rotation @ mean_force(p.wrench_in_plate[:, :3]) for p in witnesses]
@@ -343,9 +343,9 @@ def recording_of(
             file=source.name,
         )
         to_lab = parse_axes(settled)
-        said = [*axes_notes, *said]
+        remarks = [*axes_notes, *remarks]
         written = [*units, *(unit for plate in described for unit in plate.units)]
-        said += stated.unit_notes([markers.unit], written)
+        remarks += stated.unit_notes([markers.unit], written)
         # gravity acts along up, whoever stores its reaction or the load on the plates
         total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
         loaded_n = max(MOMENTS.least_vertical_force, 2 * abs(total[2]))
@@ -354,7 +354,7 @@ def recording_of(
             raise ValueError(f"the plates' mean force is level in the axes of the markers: {why}")
         if not on_subject and total[2] < 0:
             columns = [replace(p, force=-p.force, moment=-p.moment) for p in columns]
-            said.append(Note.of("forces_reversed"))
+            remarks.append(Note.of("forces_reversed"))
         made = [plate.turned(to_lab) for plate in placed]
         moments, locate = [], wrench_of_torque if torques else wrench_about_origin
         for plate in columns:
@@ -364,7 +364,7 @@ def recording_of(
             made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, of_plate))
             moments.append(f"{plate.name} {where}")
         if moments:
-            said.append(Note.of("moments_about", plates=moments))
+            remarks.append(Note.of("moments_about", plates=moments))
         numbers = (str(plate.number) for plate in made)
         require_unique(numbers, "several plates have the same number")
         position = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
@@ -375,8 +375,8 @@ def recording_of(
             stated=stated,
             axes=split_axes(settled),
             labels_absent=markers.absent,
-            facts=tuple(fact for fact in said if isinstance(fact, Fact)),
-            notes=tuple(note.note if isinstance(note, Fact) else note for note in said),
+            facts=tuple(fact for fact in remarks if isinstance(fact, Fact)),
+            notes=tuple(note.note if isinstance(note, Fact) else note for note in remarks),
             **others,
         )
 

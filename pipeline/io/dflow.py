@@ -43,11 +43,16 @@ def read_record(path: Path) -> tuple[Analog, list[Note | Fact]]:
         if len(time) < 2 or not (np.diff(time) >= 0).all():
             raise ValueError(f"its {len(time)} rows are not two or more with increasing times")
         units = ("",) * len(names[1:])
-        return Analog(time, tuple(names[1:]), units, values[:, 1:]), table.said
+        return Analog(time, tuple(names[1:]), units, values[:, 1:]), table.remarks
 
 
 def on_clock(
-    record: Analog, name: str, stamps: Array, time: Array, analog: Analog, said: list[Note | Fact]
+    record: Analog,
+    name: str,
+    stamps: Array,
+    time: Array,
+    analog: Analog,
+    remarks: list[Note | Fact],
 ) -> Analog:
     """Bring a record onto the cameras' clock.
 
@@ -63,7 +68,7 @@ def on_clock(
         The frames' times on the recording's clock, (T,) [s].
     analog
         Channels that are already on that clock, which the record's follow.
-    said
+    remarks
         Becomes longer by the note ``record_short`` where the record covers less than nine tenths of
         the frames.
 
@@ -98,7 +103,7 @@ def on_clock(
     first_s, last_s = np.clip(clock[[0, -1]], time[0], time[-1])
     # both modules are started and stopped by hand, some frames apart
     if last_s - first_s < 0.9 * np.ptp(time):
-        said.append(Note.of("record_short", file=name, first_s=first_s, last_s=last_s))
+        remarks.append(Note.of("record_short", file=name, first_s=first_s, last_s=last_s))
     values = np.column_stack([analog.values, *at_frames])
     return Analog(time, tuple(names), analog.units + record.units, values)
 
@@ -140,7 +145,7 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     and moments as about the common origin of plates and cameras; `wrench_about_origin` checks this
     against the centres of pressure and takes another point where they demand it.
     """
-    columns, first_frame, rate_hz, said = _columns(path)
+    columns, first_frame, rate_hz, remarks = _columns(path)
     matches = filter(None, map(MARKER.fullmatch, columns))
     stems = [s for s in dict.fromkeys(m[1] for m in matches) if s.lower() not in SEGMENTS]
     if not stems:
@@ -161,8 +166,8 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     if record:
         signals, of_record = read_record(record)
         with naming(record):
-            analog = on_clock(signals, record.name, stamps, time, analog, said)
-        said += of_record
+            analog = on_clock(signals, record.name, stamps, time, analog, remarks)
+        remarks += of_record
     del stamps
     columns.clear()  # as large as all that is read from it
     return recording_of(
@@ -173,7 +178,7 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
         plates,
         axes="right,up,back",
         program="D-Flow",
-        notes=said,
+        notes=remarks,
         analog=analog if analog.names else None,
         first_frame=first_frame,
     )
@@ -195,9 +200,9 @@ def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note | Fact
     index = np.flatnonzero(np.isfinite(stamps))
     rate_hz = _rate_hz(index, stamps[index])
     scatter_s = np.ptp(stamps[index] - index / rate_hz)
-    table.said.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
+    table.remarks.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
     columns = table.distinct(told_apart(names, MARKER), values)
-    return columns, int(frames[0]), rate_hz, table.said
+    return columns, int(frames[0]), rate_hz, table.remarks
 
 
 def _rate_hz(index: Indices, stamps: Array) -> float:

@@ -57,8 +57,8 @@ def _blocks(path: Path) -> tuple[dict[str, Block], list[Note | Fact]]:
         if title.lower() in ("devices", "trajectories") and title.lower() not in blocks:
             blocks[title.lower()] = _block(replace(table, rows=block))
         else:
-            table.said.append(Note.of("parts_left_out", parts=[short(title)]))
-    return blocks, table.said
+            table.remarks.append(Note.of("parts_left_out", parts=[short(title)]))
+    return blocks, table.remarks
 
 
 def _block(table: TextTable) -> Block:
@@ -130,7 +130,7 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
     change sign. Its moments are about the plate's centre, which the file does not state:
     `wrench_about_origin` finds it from the centres of pressure.
     """
-    blocks, said = _blocks(path)
+    blocks, remarks = _blocks(path)
     if "trajectories" not in blocks:
         raise ValueError(f"no Trajectories block; blocks: {listed(blocks)}")
     block = blocks["trajectories"]
@@ -155,7 +155,7 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
         _time("Trajectories", block, block),
         plates,
         on_subject=False,
-        notes=said,
+        notes=remarks,
         analog=analog,
         first_frame=int(block.frame[0]),
     )

@@ -180,20 +180,20 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
                 in_ms = (
                     "its times are read as ms: in s they would last much longer than the markers"
                 )
-                table.said.append(Fact("corrected", forces.name, in_ms))
+                table.remarks.append(Fact("corrected", forces.name, in_ms))
             clock, held = loads.text.regular(held, 0)
             of_sto, lasts_s, last_s = loads.units == SI_UNITS, np.ptp(clock), np.ptp(time)
             if not of_sto and abs(lasts_s - last_s) < 2 * (time[1] - time[0]):
                 clock = clock - clock[0] + time[0]
             elif not of_sto:
                 doubt = f"it lasts {lasts_s:.2f} s by its SampleRate, the markers {last_s:.2f} s"
-                table.said.append(Fact("in_doubt", forces.name, doubt))
+                table.remarks.append(Fact("in_doubt", forces.name, doubt))
             if clock[-1] < time[0] or clock[0] > time[-1]:
                 times = f"{clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}"
                 raise ValueError(f"its times {times}–{time[-1]:.2f} s of {path.name}; same clock?")
             columns = dict(zip(loads.columns, held.T[1:], strict=True))
             plates = list(_forces(columns, clock - time[0], loads.units))
-            table.said += loads.text.said
+            table.remarks += loads.text.remarks
     return recording_of(
         path,
         stated,
@@ -202,7 +202,7 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
         plates,
         on_subject=of_sto,
         torques=True,
-        notes=table.said,
+        notes=table.remarks,
         first_frame=first,
         forces_beside=forces_beside(path) if forces is None else None,
     )

@@ -128,9 +128,11 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     files = plate_files(forces or path) or ([] if forces is None else [forces])
     for file in files:
         with naming(file):
-            plates.append(_plate(file, start_s, markers.position, table.said))
+            plates.append(_plate(file, start_s, markers.position, table.remarks))
     if files:
-        table.said.append(Fact("joined", path.name, f"with {listed(file.name for file in files)}"))
+        table.remarks.append(
+            Fact("joined", path.name, f"with {listed(file.name for file in files)}")
+        )
     return recording_of(
         path,
         stated,
@@ -138,13 +140,13 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
         time - time[0],
         plates,
         on_subject=False,
-        notes=table.said,
+        notes=table.remarks,
         first_frame=first,
-        events=tuple(_events(header, time[0], table.said)),
+        events=tuple(_events(header, time[0], table.remarks)),
     )
 
 
-def _events(header: Header, start_s: float, said: list[Note | Fact]) -> Iterator[Event]:
+def _events(header: Header, start_s: float, remarks: list[Note | Fact]) -> Iterator[Event]:
     """Give the foot strikes and foot offs, and say which others are left out."""
     for text in (text for key, text in header.items() if key.startswith("EVENT ")):
         name, *_, written = text.split("\t")
@@ -152,11 +154,11 @@ def _events(header: Header, start_s: float, said: list[Note | Fact]) -> Iterator
         if kind and side:
             yield Event(read_number(written, of) - start_s, kind, side)
         else:
-            said.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
+            remarks.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
 
 
 def _plate(
-    path: Path, start_s: float | None, position: Array, said: list[Note | Fact]
+    path: Path, start_s: float | None, position: Array, remarks: list[Note | Fact]
 ) -> PlateColumns | Fact:
     """Give the plate of a file in the axes of the markers, or why it is left out.
 
@@ -172,9 +174,9 @@ def _plate(
     table.check_counts(header, {"NO_OF_SAMPLES": len(table.rows)})
     rate_hz = _rate_hz(header, timed is not None)
     time, values = table.regular(table.numbers(columns), timed, rate_hz)
-    said += table.said
+    remarks += table.remarks
     clock = time - (time[0] if start_s is None or timed is None else start_s)
-    place, axes = _place(header, number, position, said), header["DESCRIPTION"].lower()
+    place, axes = _place(header, number, position, remarks), header["DESCRIPTION"].lower()
     try:
         stems = ("Force_", "Moment_", "COP_")
         parts = vectors(dict(zip(columns, values.T, strict=True)), stems)
@@ -191,7 +193,9 @@ def _plate(
     return PlateColumns(number, name, clock, *parts.transpose(1, 0, 2), units=units, place=place)
 
 
-def _place(header: Header, number: int, position: Array, said: list[Note | Fact]) -> Plate | None:
+def _place(
+    header: Header, number: int, position: Array, remarks: list[Note | Fact]
+) -> Plate | None:
     """Give where a plate lies [m]; None where its file states no rectangle of a plate's size."""
     order = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")  # of the C3D format
     keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in order for axis in "XYZ")
@@ -201,7 +205,7 @@ def _place(header: Header, number: int, position: Array, said: list[Note | Fact]
         place = plate_at(number, corners * unit)
     except ValueError:
         return None
-    said += facts
+    remarks += facts
     return place
 
 

@@ -73,12 +73,12 @@ def impossible_samples(names: Sequence[str], counts: Iterable[SupportsInt]) -> l
 
 
 @contextmanager
-def saying(said: Iterable[Note | Fact]) -> Iterator[None]:
+def saying(remarks: Iterable[Note | Fact]) -> Iterator[None]:
     """Add to a later error the facts found on reading: it may be a consequence."""
     try:
         yield
     except ValueError as error:
-        for fact in dict.fromkeys(note for note in said if isinstance(note, Fact)):
+        for fact in dict.fromkeys(note for note in remarks if isinstance(note, Fact)):
             if str(fact) not in str(error):
                 error.add_note(f"on reading, {fact}")
         raise

@@ -65,7 +65,7 @@ def read_table(path: Path, separators: str = "\t") -> "TextTable":
     """
     with open_file(path) as file:
         text = decoded(file.read()).replace("\r\n", "\n").replace("\r", "\n")
-    lines, said = text.replace('"', "").split("\n"), list[Note | Fact]()
+    lines, remarks = text.replace('"', "").split("\n"), list[Note | Fact]()
     of_numbers = (line for line in reversed(lines) if NUMBER.match(line.lstrip()))
     last_rows = list(islice(of_numbers, ROWS_COMPARED))
     fields = {s: [f.strip() for row in last_rows for f in row.split(s)] for s in SEPARATORS}
@@ -74,20 +74,20 @@ def read_table(path: Path, separators: str = "\t") -> "TextTable":
         lines = ["\t".join(line.split(separator.strip() or None)) for line in lines]
     if separator not in separators:
         what = f"its columns are separated by {SEPARATORS[separator]}, expected tabs"
-        said.append(Fact("corrected", path.name, what))
+        remarks.append(Fact("corrected", path.name, what))
     decimal_comma = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
     commas = separator != "," and any(map(decimal_comma.fullmatch, fields[separator]))
     if commas and not any("." in field for field in fields[separator]):
         lines = [re.sub(r"(?<=\d),(?=\d)", ".", line) for line in lines]
-        said.append(Fact("corrected", path.name, "its decimal commas are read as points"))
+        remarks.append(Fact("corrected", path.name, "its decimal commas are read as points"))
     *above, shape = (
         (line.count("\t"), len(line.rpartition("\t")[2].partition(".")[2]))
         for line in lines[1:][-1 - ROWS_COMPARED :]
     )
     if lines[-1].strip() and (not shape[1] or {*above} != {shape}):
-        said.append(Note.of("cut_short", file=path.name, sign="it ends within a line"))
+        remarks.append(Note.of("cut_short", file=path.name, sign="it ends within a line"))
     rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
-    return TextTable(path, rows, said)
+    return TextTable(path, rows, remarks)
 
 
 def labels_in(line: str, count: int) -> list[str]:
@@ -118,13 +118,13 @@ class TextTable:
     rows
         Its lines that are not empty, with their numbers in the file and tabs between fields; from
         `labels_in` on those of numbers.
-    said
+    remarks
         How the file ends, and what was corrected, left out or is in doubt.
     """
 
     path: Path
     rows: Rows
-    said: list[Note | Fact]
+    remarks: list[Note | Fact]
 
     @property
     def width(self) -> int:
@@ -138,7 +138,7 @@ class TextTable:
                 # a file that holds less may have been cut short
                 kind: FactKind = "in_doubt" if read_number(written, key) > held else "corrected"
                 what = f"its header says {key} {short(written)}, but it holds {held}"
-                self.said.append(Fact(kind, self.path.name, what))
+                self.remarks.append(Fact(kind, self.path.name, what))
 
     def numbers(self, names: Sequence[str]) -> Array:
         """Read rows of numbers, (rows, columns) by their names; an empty field is NaN.
@@ -162,7 +162,7 @@ class TextTable:
                 )
             if first < k:
                 of, what = f"{self.path.name}, column {k}", f"it is the same as column {first}"
-                self.said.append(Fact("left_out", of, what))
+                self.remarks.append(Fact("left_out", of, what))
         return by_name
 
     def regular(
@@ -209,7 +209,7 @@ class TextTable:
                     what = f"{of} {time[k]:.9g} occurs twice with other values"
                     raise ValueError(f"line {lines[k]}: {what}; delete one row, or export it again")
             where = f"{file}, line {listed(compress(lines, ~new), 3)}"
-            self.said.append(Fact("left_out", where, f"{of} occurs twice"))
+            self.remarks.append(Fact("left_out", where, f"{of} occurs twice"))
             self.rows = [*compress(self.rows, new)]
             return self.regular(values[new], column, rate_hz, of)
         if grid is None:
@@ -222,16 +222,16 @@ class TextTable:
         start_s, rate, index, rounding = grid
         if rate_hz and rate != rate_hz:
             what = f"its header says {rate_hz:g} Hz, but its times are those of {rate:.6g} Hz"
-            self.said.append(Fact("corrected", file, what))
+            self.remarks.append(Fact("corrected", file, what))
         if rounding:
             what = f"its times, rounded to {2 * rounding:g} s, are taken as those of {rate:.6g} Hz"
-            self.said.append(Fact("corrected", file, what))
+            self.remarks.append(Fact("corrected", file, what))
         filled = np.full((index[-1] + 1, values.shape[1]), np.nan)
         filled[index] = values
         if missing := len(filled) - len(values):
             after = lines[int(np.argmax(np.diff(index) > 1))]
             what = f"{missing} rows are not there, the first after line {after}"
-            self.said.append(Fact("missing", file, what))
+            self.remarks.append(Fact("missing", file, what))
         return start_s + np.arange(len(filled)) / rate, filled
 
     def markers(

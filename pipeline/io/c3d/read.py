@@ -191,8 +191,8 @@ def kind_and_side(label: str) -> tuple[str, str]:
 
 def compensation_group(compensation: Compensation) -> dict[str, Value]:
     """Give the group's parameters; what is not known is left out."""
-    said = {field.name.upper(): getattr(compensation, field.name) for field in fields(compensation)}
-    members: dict[str, Value] = {n: v for n, v in said.items() if isinstance(v, str) and v}
+    values = {f.name.upper(): getattr(compensation, f.name) for f in fields(compensation)}
+    members: dict[str, Value] = {n: v for n, v in values.items() if isinstance(v, str) and v}
     members["PLATES"] = np.array(compensation.plates, int)
     if compensation.cutoff_hz is not None:
         members["CUTOFF_HZ"] = np.array([compensation.cutoff_hz])
@@ -264,21 +264,21 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     """Read a C3D file as `read_c3d` does; errors do not name it."""
     header = read_header(path)
     parameters, channels = header.parameters, header.channels
-    said: list[Note | Fact] = [*header.corrections]
-    with saying(said):  # those that follow too
+    remarks: list[Note | Fact] = [*header.corrections]
+    with saying(remarks):  # those that follow too
         samples = read_samples(header)
         first_frame, wrong_frame = _first_frame(header)
-        said += [*samples.corrections, *wrong_frame]
+        remarks += [*samples.corrections, *wrong_frame]
         labels, outputs, label_notes = sort_labels(header, stated)
         unit = parameters.text("POINT", "UNITS")
         markers = settle_markers(labels, unit, samples.points[:, [*labels]], stated, label_notes)
-        said += markers.notes
-        said += impossible_samples([name for name, _ in channels], samples.impossible)
+        remarks += markers.notes
+        remarks += impossible_samples([name for name, _ in channels], samples.impossible)
         try:
             layouts, of_plates = plate_layouts(header, stated, markers.position)
         except ValueError as error:
             raise _with_faults_of_markers(error, markers, stated) from error
-        said += of_plates
+        remarks += of_plates
         analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
         plates = []
         for plate in layouts:
@@ -289,14 +289,14 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         # mended, plates show the axes; the recording keeps them as they are until it is mended
         witnesses = mended_plates(plates, stated.mend_plates) if plates else ()
         events, of_events = read_events(header, (first_frame - 1) / samples.rate_hz)
-        said += of_events
+        remarks += of_events
         if events and any(fact.kind == "in_doubt" for fact in wrong_frame):
             raise ValueError(
                 f"{wrong_frame[0]}: one of them is wrong, and with it the times of all events; "
                 "correct or delete the events in the capture software and export the file again"
             )
         compensation = read_compensation(parameters)
-        said += _plate_notes(parameters, layouts, compensation)
+        remarks += _plate_notes(parameters, layouts, compensation)
     taken = {channel for plate in layouts for channel in plate.channels}
     rest = [k for k in range(len(channels)) if k not in taken]
     names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
@@ -310,7 +310,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         witnesses=witnesses,
         units=[channels[k][1] for k in sorted(taken)],
         screen_up=parameters.text("POINT", "Y_SCREEN"),
-        notes=said,
+        notes=remarks,
         analog=Analog(analog_time, names, units, others) if rest else None,
         events=events,
         first_frame=first_frame,
