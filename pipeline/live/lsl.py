@@ -389,7 +389,7 @@ class LslSource:
             there = by_name.get(inlet.name, [])
             if inlet.name in self._chosen:
                 there = [info for info in there if _identity(info) == inlet.identity]
-            # a connection has an identity of its own: a sender that is back has another one
+            # every outlet has an identity of its own: a sender that is back has another one
             others = [info for info in there if info.uid() != inlet.uid]
             if k in self._returning:
                 if self._returning[k].done():
