@@ -96,8 +96,8 @@ def fit(
     how = {name: getattr(request, name) for name in CalibrationFit.model_fields}
     treadmill = Treadmill(accelerometers=sensors, **how)
     with naming(request.recording):
-        beside, compared = ([*map(read, paths)] for paths in (request.beside, request.check))
-        calibration = of_empty.fit_calibration(empty, treadmill, plates, beside, compared)
+        with_people, compared = ([*map(read, paths)] for paths in (request.beside, request.check))
+        calibration = of_empty.fit_calibration(empty, treadmill, plates, with_people, compared)
         timing = [command_delay(empty, markers, commands)] if commands.channels else []
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     measured = measure_empty(empty, laboratory, Platform(markers=markers) if markers else None)

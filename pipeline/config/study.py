@@ -138,11 +138,11 @@ class Study(Shown):
 
     def stated_of(self, trial: Trial) -> Stated:
         """How the recording of a trial is to be read: as all, and what is stated of it alone."""
-        every = self.stated
+        common = self.stated
         return replace(
-            every,
-            mend_plates=(*every.mend_plates, *trial.mend_plates),
-            rename={**every.rename, **trial.rename},
+            common,
+            mend_plates=(*common.mend_plates, *trial.mend_plates),
+            rename={**common.rename, **trial.rename},
         )
 
     def trial(self, name: TrialName) -> Trial:

@@ -93,10 +93,10 @@ def read_segments(path: Path) -> dict[str, SegmentOverride]:
         return read_overrides(read_text(path), path.name)
 
 
-def nearest(name: object, known: Iterable[str]) -> str:
+def nearest(name: object, names: Iterable[str]) -> str:
     """Give the known name that is nearest to another, or else all, as the end of a message."""
-    known = [*known]
-    return did_you_mean(name, known) or f"; there are {listed(known)}"
+    names = [*names]
+    return did_you_mean(name, names) or f"; there are {listed(names)}"
 
 
 def require_file(folder: Path, name: str) -> None:
