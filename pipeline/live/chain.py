@@ -344,9 +344,10 @@ class LiveChain:
         self.marked += not quality.counts
 
         numbers = tau, reported(residual), loads
-        of_variants = [dict(zip(self.ground.variants, array, strict=True)) for array in numbers]
+        of_variants = (dict(zip(self.ground.variants, array, strict=True)) for array in numbers)
+        taus, residuals, by_feet = of_variants
         rest = contact, pose.marker_error, quality, perf_counter() - started, pose.position
-        return LiveFrame(time, pose.q, *of_variants, *rest, platform)
+        return LiveFrame(time, pose.q, taus, residuals, by_feet, *rest, platform)
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.

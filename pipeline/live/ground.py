@@ -323,7 +323,7 @@ class LiveGround:
         The wrenches of each variant and plate are in lab axes about the lab origin, unfiltered,
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
-        sent = [_resampled(*resampled, time + delay_s) for *resampled, delay_s in self.resampled]
+        sent = [_resampled(read, how, time + delay_s) for read, how, delay_s in self.resampled]
         measured = np.concatenate(sent).reshape(-1, 1, 6) @ self.to_lab + self.offsets
         added = [self._inertia(time)] if self.sensors is not None else []
         if self.belts is not None:

@@ -150,8 +150,8 @@ def _differences(header: Header, samples: Samples, second: Arrays) -> list[str]:
             return [difference]
     differences = []
     if samples.rate_hz != second["rate_hz"] and not contradictory:
-        ours, theirs = samples.rate_hz, float(second["rate_hz"])
-        differences.append(f"frame rate: {ours:g} Hz here, {theirs:g} Hz")
+        theirs_hz = float(second["rate_hz"])
+        differences.append(f"frame rate: {samples.rate_hz:g} Hz here, {theirs_hz:g} Hz")
     for key in COMPARED:
         group, name = key.split(":")
         ours = parameters.groups.get(group, {}).get(name, np.empty(0)).ravel(order="F")
