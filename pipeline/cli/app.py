@@ -25,17 +25,7 @@ from pipeline.cli.output import ADVICE, AGAIN, AGAIN_ADVICE, OUTPUT, print_objec
 from pipeline.cli.stopping import Stopped, stoppable
 from pipeline.io.input_file import RENAME, UNUSABLE, describe_error, expected
 
-USAGE: Final = 2
-"""Exit code for wrong usage or input."""
-INTERRUPTED: Final = 130
-UNREAD: Final = 141
-"""As in a shell: ended by the signal of a pipe that nobody reads (128 + 13)."""
-MAX_LINE: Final = 690
-"""Characters of an error, some lines of a terminal: names and texts out of files may have any
-length."""
 GROUP: Final = "calibration"
-WITH_JSON: Final = frozenset({"residuals", "check", "run", "explain", "plates", "fit", "rank"})
-"""Commands that print one object with --json."""
 COMMANDS: Final = {
     "residuals": ("trial", "Process one trial: residuals as tables and figure."),
     "export": ("trial", "Write models for OpenSim or as URDF, tables, BIDS or C3D."),
@@ -99,7 +89,8 @@ class Group(TyperGroup):
             return group
         one = typer.Typer(add_completion=False, rich_markup_mode=None)
         command = getattr(import_module(f"pipeline.cli.{module}"), cmd_name)
-        printed = printing(command, with_json=cmd_name in WITH_JSON)
+        with_json = cmd_name in ("residuals", "check", "run", "explain", "plates", "fit", "rank")
+        printed = printing(command, with_json=with_json)
         text = f"{sentence}\n\n{getdoc(command)}"
         one.command(cmd_name, cls=GroupedCommand, help=text)(printed)
         return typer.main.get_command(one)
@@ -156,13 +147,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # to look for garbage among all that is imported takes a tenth of a short command
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    typed = [argument for argument in given if argument != "--debug"]
+    typed_words = list(sys.argv[1:] if arguments is None else arguments)
+    typed = [argument for argument in typed_words if argument != "--debug"]
     if typed in ([], [GROUP]):
         typed.append("--help")
     OUTPUT.reset(json="--json" in typed)
     try:
-        code = _run(typed, debug="--debug" in given)
+        code = _run(typed, debug="--debug" in typed_words)
         print_object()
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -171,9 +162,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
-        return UNREAD
+        return 141  # as in a shell: ended by the signal of a pipe that nobody reads (128 + 13)
     except OSError as error:
-        if "--debug" in given:
+        if "--debug" in typed_words:
             raise
         return _fail(error, typed)  # the output cannot be written
     finally:
@@ -191,7 +182,7 @@ def _run(typed: list[str], *, debug: bool) -> int:
             if full is None:
                 return 0
             code = int(app(args=full, prog_name="hbm", standalone_mode=False) or 0)
-            if code == INTERRUPTED:  # before the command began
+            if code == 130:  # interrupted before the command began
                 raise KeyboardInterrupt
             return code
     except Exception as error:
@@ -212,8 +203,8 @@ def _fail(error: Exception, typed: Sequence[str]) -> int:
         print_error(line if isinstance(error, Stopped) else f"error: {line}")
     named = lines[0].partition(": ")[0]
     paths = (Path(word) for word in typed if not word.startswith("-"))
-    given = (path for path in paths if named in (str(path), path.name))
-    file = next(given, None) or getattr(error, "filename", None)
+    named_paths = (path for path in paths if named in (str(path), path.name))
+    file = next(named_paths, None) or getattr(error, "filename", None)
     OUTPUT.result["error"] = {
         "code": code,
         "text": "; ".join(lines),
@@ -222,7 +213,7 @@ def _fail(error: Exception, typed: Sequence[str]) -> int:
     }
     if hasattr(error, "faults"):
         OUTPUT.result["faults"] = lines
-    return error.exit_code if isinstance(error, Stopped) else USAGE
+    return error.exit_code if isinstance(error, Stopped) else 2  # wrong usage or input
 
 
 def _with_command(typed: list[str]) -> list[str] | None:
@@ -236,7 +227,7 @@ def _with_command(typed: list[str]) -> list[str] | None:
     if not os.path.lexists(path):
         if path.name == typed[0] and not path.suffix:
             return typed
-        near = did_you_mean(path.name, [each.name for each in path.parent.glob("*")])
+        near = did_you_mean(path.name, [file.name for file in path.parent.glob("*")])
         raise ValueError(f"{path}: no such file{near}")
     if "--header" in typed:
         from pipeline.io.header import describe_header
@@ -245,18 +236,18 @@ def _with_command(typed: list[str]) -> list[str] | None:
         return None
     from pipeline.cli.recognise import recognise
 
-    found = recognise(path)
+    recognised = recognise(path)
     others = [word for word in typed[1:] if word.startswith("-")]
-    if (without := {*others} - {"--json", "--quiet"}) and not found.walking:
-        raise ValueError(f"{listed(sorted(without))} has no effect: {typed[0]} is {found}")
+    if (without := {*others} - {"--json", "--quiet"}) and not recognised.walking:
+        raise ValueError(f"{listed(sorted(without))} has no effect: {typed[0]} is {recognised}")
     if not OUTPUT.json and "--quiet" not in typed:
-        print(f"{typed[0]}: {found.what}")
-    if found.walking:
+        print(f"{typed[0]}: {recognised.what}")
+    if recognised.walking:
         return ["residuals", *typed]
     if OUTPUT.json:
-        OUTPUT.result.update(file=typed[0], what=found.what, commands=found.commands)
+        OUTPUT.result.update(file=typed[0], what=recognised.what, commands=recognised.commands)
     else:
-        print("\n".join(f"  {command}" for command in found.commands))
+        print("\n".join(f"  {command}" for command in recognised.commands))
     return None
 
 
@@ -278,6 +269,7 @@ def accept_any_letter() -> None:
 
 def print_error(line: str) -> None:
     """Print one line to standard error, as far as that exists."""
-    shown = both_ends(printable(" ".join(line.split())), MAX_LINE)
+    # some lines of a terminal: names and texts out of files may have any length
+    shown = both_ends(printable(" ".join(line.split())), 690)
     if sys.stderr is not None:
         print(f"hbm: {shown}", file=sys.stderr)

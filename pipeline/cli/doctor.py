@@ -10,13 +10,8 @@ from pipeline.cli.terminal import PlainConsole, announcer
 if TYPE_CHECKING:
     from hbm.kernels.kernel import Kernel
 
-PACKAGES: Final = (
-    *("hbm-residuals", "pin", "casadi", "numpy", "scipy"),
-    *("pandas", "rerun-sdk", "pingouin", "ezc3d"),
-)
 FRAMES: Final = 4096
 """How many frames a kernel is timed with: milliseconds, so that a clock resolves it."""
-REPETITIONS: Final = 4
 
 
 def doctor() -> None:
@@ -26,7 +21,8 @@ def doctor() -> None:
 
     console = PlainConsole()
     console.say(f"Python {platform.python_version()} on {platform.platform()}")
-    for name in PACKAGES:
+    packages = ("hbm-residuals", "pin", "casadi", "numpy", "scipy")
+    for name in (*packages, "pandas", "rerun-sdk", "pingouin", "ezc3d"):
         try:
             console.print(f"  {name} {version(name)}")
         except PackageNotFoundError:
@@ -48,4 +44,4 @@ def speed(kernel: "Kernel") -> float:
         random.normal(size=n if i in kernel.constant_inputs else (FRAMES, n))
         for i, n in enumerate(kernel.sizes_in)
     ]
-    return FRAMES / min(timeit.repeat(lambda: kernel(*inputs), number=1, repeat=REPETITIONS))
+    return FRAMES / min(timeit.repeat(lambda: kernel(*inputs), number=1, repeat=4))

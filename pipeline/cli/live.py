@@ -8,8 +8,6 @@ from pipeline.cli.options import takes
 from pipeline.cli.request import LiveRequest
 from pipeline.cli.terminal import PlainConsole
 
-SHOWN_S: Final = 0.02
-"""Between looks whether a replay has ended."""
 RECEIVERS_S: Final = 60.0
 
 
@@ -49,7 +47,7 @@ def _replay(request: LiveRequest, path: Path, console: PlainConsole) -> int:
             absent = ", ".join(played.without_receiver)
             console.say(f"begun; nobody receives {absent}")
         while not played.ended:
-            time.sleep(SHOWN_S)
+            time.sleep(0.02)
         console.say("the recording has ended; end the other 'hbm live' with Ctrl-C")
     except KeyboardInterrupt:
         console.print("stopped")

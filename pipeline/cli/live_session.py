@@ -26,7 +26,7 @@ from pipeline.live import output
 from pipeline.live.chain import LiveChain
 from pipeline.live.light import Finding
 from pipeline.live.lsl import LslSource
-from pipeline.live.monitor import REQUIRED, Monitor, senders
+from pipeline.live.monitor import LIMITS, Monitor, senders
 from pipeline.live.preparation import (
     PlacedPlates,
     PoseFinder,
@@ -40,13 +40,6 @@ from pipeline.live.stream import Source
 from pipeline.run.processes import recorded_requests
 from pipeline.viewer.live import STARTING, LiveScene, LiveView, Screen, ShownFrame
 from pipeline.viewer.serve import light_server
-
-SEARCH_S: Final = 60.0
-"""How long streams are searched for."""
-ABSENT: Final = (
-    "start the program that sends them, or write their names in [live] of study.toml; if another "
-    "computer sends them, give the address of this one: --listen"
-)
 
 
 def run_session(request: LiveRequest, console: PlainConsole) -> int:
@@ -63,7 +56,8 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
     body = None if request.pose else prepared.body()
     if body is not None and prepared.static is not None:
         console.say(f"calibration pose: {prepared.static.source.name}")
-    live, required = prepared.study.file.live, request.cycles or prepared.cycles or REQUIRED
+    live = prepared.study.file.live
+    required = request.cycles or prepared.cycles or LIMITS.required_cycles
     news, listen = deque[Finding](), request.listen or live.listen
     with ExitStack() as ending, terminable(), ExitStack() as stack:
         stack.enter_context(line := LightLine(console, required))
@@ -82,7 +76,7 @@ def run_session(request: LiveRequest, console: PlainConsole) -> int:
         plates, laboratory = placed.plates, prepared.laboratory
         settings = prepared.study.file.settings
         chain = LiveChain(subject, laboratory, settings, placed.live, source.streams, plates)
-        described = [output.describe_stream(each, placed.live, plates) for each in source.streams]
+        described = [output.describe_stream(s, placed.live, plates) for s in source.streams]
         recorder = output.Recorder(folder, described, output.result_columns())
         stack.callback(recorder.close)
         outlet = None
@@ -137,7 +131,7 @@ def _qualisys(
     return QualisysSource(host, port=int(port or PORT), stated=prepared.study.stated, say=say)
 
 
-def _lsl(prepared: Preparation, listen: str, wanted: Sequence[str], line: "LightLine") -> Source:
+def _lsl(prepared: Preparation, listen: str, senders: Sequence[str], line: "LightLine") -> Source:
     """Search for streams, of the wanted senders where several send them."""
     markers, analog = prepared.streams
     line.say(f"searching at {listen} for {', '.join((markers, *analog))}")
@@ -148,12 +142,15 @@ def _lsl(prepared: Preparation, listen: str, wanted: Sequence[str], line: "Light
             analog,
             stated=prepared.study.stated,
             listen=listen,
-            timeout_s=SEARCH_S,
+            timeout_s=60.0,
             searching=line.wait_for_streams,
-            senders=wanted,
+            senders=senders,
         )
     except ConnectionError as absent:
-        absent.add_note(ABSENT)
+        absent.add_note(
+            "start the program that sends them, or write their names in [live] of study.toml; if "
+            "another computer sends them, give the address of this one: --listen"
+        )
         raise
 
 
@@ -175,8 +172,6 @@ def _shown(
         line.wait(f"No body yet: {finder.why_not}")
 
 
-SHOWN_S: Final = 0.02
-"""Between looks at what is new."""
 STATUS_S: Final = 0.5
 STYLES: Final = {
     "GOOD": "bold white on green",
@@ -186,10 +181,6 @@ STYLES: Final = {
 """Of the light."""
 LINES_S: Final = 5.0
 """Between lines of one light where no terminal updates them."""
-LATE_S: Final = 0.5
-"""Of a picture that is said to be late."""
-SWITCH_S: Final = 5e-4
-"""After which another thread gets its turn: Python's own 5 ms would make frames late."""
 
 
 class LightLine(Status):
@@ -232,13 +223,14 @@ def follow(
 ) -> None:
     """Show what is new, of frames and the source, until it does not go on."""
     before = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_S)
+    # other threads get their turn sooner than after Python's 5 ms, which would make frames late
+    sys.setswitchinterval(5e-4)
     shown_s = time.monotonic()
     address, recorded = "", True
     session.start()
     try:
         while goes_on():
-            time.sleep(SHOWN_S)
+            time.sleep(0.02)
             take_new(session, monitor, view)
             while news:
                 monitor.hear(news.popleft())
@@ -253,7 +245,7 @@ def follow(
                 continue
             shown_s = time.monotonic()
             late_s = view.late_s if view is not None else 0.0
-            late = f" · picture {late_s:.1f} s late" * (late_s > LATE_S)
+            late = f" · picture {late_s:.1f} s late" * (late_s > 0.5)
             line.show(monitor.status() + late)
             line.board = monitor.board(source.streams)
             if view is not None:

@@ -103,8 +103,8 @@ def given_options(request: TrialRequest) -> Iterator[tuple[str, str]]:
     for name, value in request:
         if name in typed and value != getattr(defaults, name):
             values = [f"{k}={v}" for k, v in value.items()] if isinstance(value, dict) else value
-            for each in values if isinstance(values, list | tuple) else [values]:
-                yield f"--{name.replace('_', '-')}", str(each)
+            for part in values if isinstance(values, list | tuple) else [values]:
+                yield f"--{name.replace('_', '-')}", str(part)
 
 
 def explain_command(request: TrialRequest, out: Path) -> str:
@@ -115,10 +115,10 @@ def explain_command(request: TrialRequest, out: Path) -> str:
 
 def require_no_options(request: TrialRequest, what: str) -> None:
     """Refuse options of a trial where they can have no effect."""
-    given = list(dict(given_options(request)))
-    if given:
+    names = list(dict(given_options(request)))
+    if names:
         raise ValueError(
-            f"{request.trial.name} is {what}; leave out {', '.join(given)}, or give the recording "
+            f"{request.trial.name} is {what}; leave out {', '.join(names)}, or give the recording "
             "instead"
         )
 

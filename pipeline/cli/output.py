@@ -68,9 +68,11 @@ def printing(command: Callable[..., Any], *, with_json: bool) -> Callable[..., A
         with stoppable(lambda: AGAIN):
             return command(**values)
 
-    own = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in signature(command).parameters.values()]
-    typed.__annotations__ = {p.name: p.annotation for p in (*own, *added)}
-    vars(typed)["__signature__"] = signature(command).replace(parameters=[*own, *added])
+    of_command = [
+        p.replace(kind=Parameter.KEYWORD_ONLY) for p in signature(command).parameters.values()
+    ]
+    typed.__annotations__ = {p.name: p.annotation for p in (*of_command, *added)}
+    vars(typed)["__signature__"] = signature(command).replace(parameters=[*of_command, *added])
     return typed
 
 
@@ -94,7 +96,7 @@ def _finite(value: Any) -> Any:
     if hasattr(value, "_asdict"):  # a row with names
         value = value._asdict()
     if isinstance(value, dict):
-        return {name: _finite(each) for name, each in value.items()}
+        return {name: _finite(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
         return [*map(_finite, value)]
     if hasattr(value, "tolist"):

@@ -3,14 +3,12 @@
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from hbm.spelling import counted, listed, parse_toml
 
 if TYPE_CHECKING:
     from pipeline.io.recording import Recording
-
-CALIBRATIONS: Final = ("calibration/", "validation/")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +66,14 @@ def _folder(path: Path) -> Recognised:
         return Recognised(what, (*commands, f"hbm export {path} --format tables --out DIR"))
     if path.name == "trials" and any(path.glob("*.parquet")):
         return _folder(path.absolute().parent)
-    if all((path / name).is_dir() for name in CALIBRATIONS):
+    if all((path / name).is_dir() for name in ("calibration", "validation")):
         return Recognised("calibration trials (experiment 2)", (f"hbm calibration rank {path}",))
     from pipeline.io.read import is_recording  # numpy, which the others do without
 
-    found = [file for file in sorted(path.iterdir()) if file.is_file() and is_recording(file)]
-    if found:
-        what = f"a folder with {counted(len(found), 'recording')} and no study"
-        return Recognised(what, (f"hbm init {path}", f"hbm {found[-1]}"))
+    recordings = [file for file in sorted(path.iterdir()) if file.is_file() and is_recording(file)]
+    if recordings:
+        what = f"a folder with {counted(len(recordings), 'recording')} and no study"
+        return Recognised(what, (f"hbm init {path}", f"hbm {recordings[-1]}"))
     what = "a folder without study, results or recordings"
     return Recognised(what, (f"hbm init {path}", "hbm demo"))
 

@@ -129,34 +129,34 @@ def check(
     from pipeline.statistics.design import in_words
 
     console, loaded = PlainConsole(), read_study(study)
-    found, recordings = check_study(loaded, jobs=None), study_recordings(loaded)
+    findings, recordings = check_study(loaded, jobs=None), study_recordings(loaded)
     agree = 0
     if second_reader:
         with StepProgress(console, "reading twice", "files") as progress:
             for done, path in enumerate(recordings, 1):
-                agree += read_twice(path, found)
+                agree += read_twice(path, findings)
                 progress.show(path.name, done, len(recordings))
-    for fault in found.faults:
+    for fault in findings.faults:
         console.say(f"FAULT {fault}")
-    places = {remark.place for remark in found.remarks}.intersection(loaded.files)
-    doubtful = [remark for remark in found.remarks if remark.doubtful]
+    places = {remark.place for remark in findings.remarks}.intersection(loaded.files)
+    doubtful = [remark for remark in findings.remarks if remark.doubtful]
     by_text: dict[Note | str, list[str]] = {}  # one of many files is printed once
-    for remark in found.remarks if OUTPUT.verbose else doubtful:
+    for remark in findings.remarks if OUTPUT.verbose else doubtful:
         by_text.setdefault(remark.said, []).append(remark.place)
-    for said, where in by_text.items():
+    for text, where in by_text.items():
         console.say(f"{listed(where, MOST_PLACES)}:")
-        console.say(f"- {said}" if isinstance(said, str) else note_line(said))
+        console.say(f"- {text}" if isinstance(text, str) else note_line(text))
     if (healthy := len(places - {remark.place for remark in doubtful})) and not OUTPUT.verbose:
         console.say(f"no warnings: {counted(healthy, 'file')} (--verbose shows their contents)")
     if second_reader:
         console.say(f"both readers read the same in {agree} of {len(recordings)} files")
     design = in_words(study_design(loaded.file))
-    if not found.faults:
+    if not findings.faults:
         console.say(
             f"{'' if loaded.file.comparison else 'no [comparison] in study.toml: '}{design}"
         )
     trials = sum(trial.exclude is None for trial in loaded.trials.values())
-    remarks = [remark for remark in found.remarks if isinstance(remark.said, str)]
+    remarks = [remark for remark in findings.remarks if isinstance(remark.said, str)]
     OUTPUT.result.update(
         faults=[],
         subjects=len(loaded.subjects),
@@ -164,18 +164,18 @@ def check(
         remarks=[{"place": remark.place, "text": remark.said} for remark in remarks],
         notes=[
             {"place": remark.place, **plain_notes([remark.said])[0]}
-            for remark in found.remarks
+            for remark in findings.remarks
             if not isinstance(remark.said, str)
         ],
     )
     counts = (
         f"{counted(len(loaded.subjects), 'subject')}, {counted(trials, 'trial')}, "
-        f"{counted(len(found.faults), 'fault')}"
+        f"{counted(len(findings.faults), 'fault')}"
     )
-    if found.faults and (OUTPUT.quiet or OUTPUT.json):
-        raise StudyFaults([str(fault) for fault in found.faults], loaded.folder)
-    console.say(counts if found.faults else f"{counts}; next: hbm run {quote(str(study))}")
-    return 2 if found.faults else 0
+    if findings.faults and (OUTPUT.quiet or OUTPUT.json):
+        raise StudyFaults([str(fault) for fault in findings.faults], loaded.folder)
+    console.say(counts if findings.faults else f"{counts}; next: hbm run {quote(str(study))}")
+    return 2 if findings.faults else 0
 
 
 def run(
@@ -306,7 +306,7 @@ def view(
         show(recording, web=web, cursor=cursor, others=others, announce=console.say)
 
 
-def _result_of(folder: Path, *wanted: str | None) -> Path:
+def _result_of(folder: Path, *asked: str | None) -> Path:
     """Find the result of a subject's recording of a condition; of the first where not given."""
     from pipeline.run.store import read_trial
 
@@ -315,7 +315,7 @@ def _result_of(folder: Path, *wanted: str | None) -> Path:
     names = []
     for path in sorted((folder / "trials").glob(f"*{RESULT}")):
         name = read_trial(path, frames=False).name
-        if all(one in (None, own) for one, own in zip(wanted, name, strict=True)):
+        if all(one in (None, part) for one, part in zip(asked, name, strict=True)):
             return path
         names.append(str(name))
     if not names:

@@ -28,8 +28,6 @@ ALWAYS: Final = (
     *("Landmarks", "Plate calibration", "Platform pose", "Treadmill calibration"),
 )
 """Items of provenance that change numbers; --verbose prints the others too."""
-SYMBOLS: Final = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}
-"""Of rated cells, as on the page."""
 WIDE: Final = 10_000
 """Columns in which any table has room."""
 
@@ -97,6 +95,7 @@ def print_block(block: "Block", console: PlainConsole, *, narrow: bool = False) 
     """
     numbers = block.css_class == "numbers"
     names = 2 if numbers else len(block.heads)
+    symbols = {"pass": "✔ ", "check": "▲ ", "fail": "✖ "}  # as on the page
     table = Table(title=block.caption)
     for k, head in enumerate(block.heads):
         table.add_column(head, justify="left" if k < names else "right")
@@ -105,7 +104,7 @@ def print_block(block: "Block", console: PlainConsole, *, narrow: bool = False) 
         for cell in row:
             rated = [("", cell, "")] if isinstance(cell, str) else cell
             texts = (
-                f"{SYMBOLS.get(rating, '')}{value}{f', {detail}' if detail else ''}"
+                f"{symbols.get(rating, '')}{value}{f', {detail}' if detail else ''}"
                 for rating, value, detail in rated
             )
             cells.append("; ".join(texts))

@@ -96,8 +96,8 @@ def fit(
     how = {name: getattr(request, name) for name in CalibrationFit.model_fields}
     treadmill = Treadmill(accelerometers=sensors, **how)
     with naming(request.recording):
-        beside, compared = ([*map(read, paths)] for paths in (request.beside, request.check))
-        calibration = of_empty.fit_calibration(empty, treadmill, plates, beside, compared)
+        with_people, compared = ([*map(read, paths)] for paths in (request.beside, request.check))
+        calibration = of_empty.fit_calibration(empty, treadmill, plates, with_people, compared)
         timing = [command_delay(empty, markers, commands)] if commands.channels else []
     laboratory = Laboratory(treadmill, calibration, plates=plates)
     measured = measure_empty(empty, laboratory, Platform(markers=markers) if markers else None)
@@ -278,17 +278,17 @@ def check(
         )
     console = PlainConsole()
     empty = read_empty(recording, request.stated(), any_forward=plates is None)
-    found = check_recording(empty, laboratory)
-    made = add_check(calibration, recording, found, f"{day:%Y-%m-%d}" if day else None)
-    measured = measure_empty(empty, laboratory) if found.plates else None
+    result = check_recording(empty, laboratory)
+    made = add_check(calibration, recording, result, f"{day:%Y-%m-%d}" if day else None)
+    measured = measure_empty(empty, laboratory) if result.plates else None
     say_parts(
         console,
         calibration.parent,
-        check_part(laboratory.calibration, calibration, made, found, measured),
+        check_part(laboratory.calibration, calibration, made, result, measured),
         verdicts=(calibration_in_use(laboratory.calibration, calibration),),
     )
-    notes = (*found.notes, *laboratory.calibration.notes)
+    notes = (*result.notes, *laboratory.calibration.notes)
     console.say_notes(notes)
-    checked = {name: one._asdict() | {"faults": one.faults} for name, one in found.plates.items()}
-    OUTPUT.result.update(valid=found.valid, plates=checked, notes=plain_notes(notes))
-    return 0 if found.valid else 1
+    checked = {name: one._asdict() | {"faults": one.faults} for name, one in result.plates.items()}
+    OUTPUT.result.update(valid=result.valid, plates=checked, notes=plain_notes(notes))
+    return 0 if result.valid else 1

@@ -226,8 +226,8 @@ def _explain_results(
         results = [read_trial(p, frames=False) for p in (folder / "trials").glob(f"*{RESULT}")]
         mass_kg = {result.subject.id: result.body.mass for result in results}
         written, left_out = write_corrected(study, together, mass_kg, folder, corrected)
-        for each in written:
-            console.say(f"corrected: {each.cause}: {each.setting}")
+        for correction in written:
+            console.say(f"corrected: {correction.cause}: {correction.setting}")
         for name in left_out:
             console.say(f"not corrected: {name}")
         count = counted(len(written), "correction")
@@ -273,8 +273,8 @@ def export(
     """
     chosen, trial = {*(form or ())}, request.trial
     if not chosen or chosen - {*FORMATS}:
-        given = listed(sorted(chosen - {*FORMATS})) if chosen else "none given"
-        raise ValueError(f"--format {given}: expected {listed(FORMATS)}, and --out FOLDER")
+        unknown = listed(sorted(chosen - {*FORMATS})) if chosen else "none given"
+        raise ValueError(f"--format {unknown}: expected {listed(FORMATS)}, and --out FOLDER")
     if request.frame and "c3d" not in chosen:
         raise ValueError("--frame goes with --format c3d")
     require_folder(out)
@@ -399,6 +399,6 @@ def _export_folder(request: ExportRequest, chosen: set[str], out: Path) -> int:
 def _checked_by(written: "Written") -> str:
     """Say which readers found that only the plates differ from the original."""
     second = written.verification
-    said = f" and {second.reader}" if not second.refusal else ""
+    second_reader = f" and {second.reader}" if not second.refusal else ""
     why = f"; {second.reader}: {second.refusal}" if second.refusal else ""
-    return f"only the plates differ from the original, as read by this program{said}{why}"
+    return f"only the plates differ from the original, as read by this program{second_reader}{why}"

@@ -41,11 +41,11 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
     ]
     if stated is None:
         return faults
-    where, known = "study.toml: comparison", [*file.conditions]
+    where, conditions = "study.toml: comparison", [*file.conditions]
     faults += [
-        f"{where}.levels: no condition {short(level)!r}{nearest(level, known)}"
+        f"{where}.levels: no condition {short(level)!r}{nearest(level, conditions)}"
         for level in stated.levels or ()
-        if level not in known
+        if level not in conditions
     ]
     design = _design(file, stated)
     if stated.reference not in (None, *design.conditions):

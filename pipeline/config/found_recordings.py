@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from anyascii import anyascii
 
+from hbm.numbers import read_numbers
 from hbm.spelling import shown
 from pipeline.config.input_model import RESERVED
 from pipeline.config.recording_names import DIGITS, WITHOUT, RecordingName, Said, said_by, usual
@@ -21,22 +22,8 @@ from pipeline.config.schema import COVARIATES
 from pipeline.io.read import is_recording, read_with_any_axes
 from pipeline.io.recording import MIN_MARKERS, Recording
 
-FIRST: Final = "sub01"
-"""The subject where names do not say whose recordings they are."""
-CONDITION: Final = "walking"
-"""Of trials where names do not say theirs."""
-SHORT: Final = re.compile("[A-Za-z][0-9]")
-"""A person's number, or that of a session."""
-MAX_READINGS: Final = 4
-"""Ways to read the same names that are shown."""
-TAKEN: Final = (*RESERVED, *COVARIATES, "group", "study")
-"""Names that mean something else to a study or to the file system."""
+LIMITS: Final = read_numbers("pipeline.config", "thresholds.toml", "recordings")
 NO_RECORDING: Final = "no recording"
-MAX_LETTERS: Final = 40
-UNFINISHED: Final = (".part", ".partial", ".filepart", ".crdownload", ".download", ".tmp")
-"""Suffixes of files that are being copied."""
-MAX_STILL_M: Final = 0.3
-"""Path of the marker that moves most while somebody stands: a step is longer, on belts too."""
 
 
 class FoundSubject(NamedTuple):
@@ -122,8 +109,8 @@ def found_subjects(folder: Path, pattern: str = "") -> FoundStudy:
         if readings := _readings(recorded):
             return FoundStudy([], [], unclear, readings)
         raise ValueError(f"{doubtful[0].stem} does not say surely whose it is; state a --pattern")
-    said = said_by(pattern, [one.file for one in recorded]) if pattern else _said(recorded)
-    subjects = _subjects(recorded, said, unused)
+    by_file = said_by(pattern, [one.file for one in recorded]) if pattern else _said(recorded)
+    subjects = _subjects(recorded, by_file, unused)
     if pattern and recorded and not subjects:
         file = next((one.file for one in recorded if not one.pose), recorded[0].file)
         raise ValueError(
@@ -133,38 +120,39 @@ def found_subjects(folder: Path, pattern: str = "") -> FoundStudy:
 
 
 def _subjects(
-    recorded: Sequence[_Found], said: Mapping[str, Said], unused: dict[str, str]
+    recorded: Sequence[_Found], by_file: Mapping[str, Said], unused: dict[str, str]
 ) -> list[FoundSubject]:
     """Group recordings by what their names say; those that are not used, and why."""
-    of_trials = [said[one.file] for one in recorded if not one.pose and one.file in said]
+    of_trials = [by_file[one.file] for one in recorded if not one.pose and one.file in by_file]
     people = {name.person.casefold(): name.person for name in of_trials}
-    names = valid_names(people.values(), FIRST)
-    conditions = valid_names((name.condition for name in of_trials), CONDITION)
+    # where names do not say whose recordings they are, or of what
+    names = valid_names(people.values(), "sub01")
+    conditions = valid_names((name.condition for name in of_trials), "walking")
     of_person: dict[str, list[_Found]] = {key: [] for key in sorted(people)}
     for one in recorded:
-        person = said[one.file].person.casefold() if one.file in said else None
+        person = by_file[one.file].person.casefold() if one.file in by_file else None
         if person not in people and one.pose:
             named = [key for key in people if key and one.name.names(key)]
-            alone = [*people] if not one.name.candidates and one.file not in said else []
+            alone = [*people] if not one.name.candidates and one.file not in by_file else []
             alone = [a for a in alone if not (a.replace("-", "").isdecimal() and one.name.fields)]
             (person,) = named or alone if len(named or alone) == 1 else [person]
         if person in people:
             of_person[str(person)].append(one)
         elif person and one.pose:
-            unused[one.file] = f"there is no trial of {said[one.file].person} on plates"
+            unused[one.file] = f"there is no trial of {by_file[one.file].person} on plates"
         else:
             unused[one.file] = "its name does not say whose it is"
     subjects = []
     for key, recordings in of_person.items():
         static, hip_trial = (_pose(hips, people[key], recordings, unused) for hips in (False, True))
-        days = {said[one.file].session for one in recordings if not one.pose}
+        days = {by_file[one.file].session for one in recordings if not one.pose}
         trials = dict[str, list[dict[str, str]]]()
         for one in recordings:
             if not one.pose and one.file != static:
-                of_day = said[one.file].session if len(days) > 1 else ""
+                of_day = by_file[one.file].session if len(days) > 1 else ""
                 texts = {"file": one.file, "forces": one.forces, "session": of_day}
                 stated = {name: text for name, text in texts.items() if text}
-                trials.setdefault(conditions[said[one.file].condition], []).append(stated)
+                trials.setdefault(conditions[by_file[one.file].condition], []).append(stated)
         subjects.append(FoundSubject(names[people[key]], static, hip_trial, trials))
     return subjects
 
@@ -172,6 +160,7 @@ def _subjects(
 def _people_in(folder: Path) -> tuple[list[_Found], list[str], dict[str, str]]:
     """Read the recordings of people in a folder, and of nobody; what cannot be used, and why."""
     recorded, empty, unused = list[_Found](), list[str](), dict[str, str]()
+    copied = (".part", ".partial", ".filepart", ".crdownload", ".download", ".tmp")
     studies = {path.parent for path in folder.rglob("study.toml")} - {folder}
     for path in sorted(folder.rglob("*")):
         file = path.relative_to(folder).as_posix()
@@ -180,7 +169,7 @@ def _people_in(folder: Path) -> tuple[list[_Found], list[str], dict[str, str]]:
         try:
             if not studies.isdisjoint(path.parents):
                 raise ValueError("its folder has a study of its own")
-            if path.suffix.lower() in UNFINISHED:
+            if path.suffix.lower() in copied:
                 raise ValueError("a part of a file; end its copying or delete it")
             recording = read_with_any_axes(path)
             if (markers := len(recording.markers.names)) < MIN_MARKERS:
@@ -188,10 +177,10 @@ def _people_in(folder: Path) -> tuple[list[_Found], list[str], dict[str, str]]:
                     empty.append(file)
                 raise ValueError(f"it has {markers} markers, too few for a body")
             name, moved_m = RecordingName.of(file), _moved_m(recording)
-            beside = recording.forces_beside
-            forces = beside.relative_to(folder).as_posix() if beside else ""
+            forces_file = recording.forces_beside
+            forces = forces_file.relative_to(folder).as_posix() if forces_file else ""
             on_plates = bool(recording.plates or forces)
-            if not (on_plates or name.kind or moved_m <= MAX_STILL_M):
+            if not (on_plates or name.kind or moved_m <= LIMITS.still_path):
                 raise ValueError(recording.why_no_plates)
             pose = bool(name.kind) or not on_plates
             recorded.append(_Found(file, name, pose, moved_m, forces))
@@ -207,9 +196,10 @@ def _said(recorded: Sequence[_Found]) -> dict[str, Said]:
     """Read names by the numbers of persons; where there are none, all are of one person."""
     if not any(one.name.candidates for one in recorded if not one.pose):
         return {one.file: one.name.read([]) for one in recorded if not one.name.candidates}
-    said = {one.file: one.name.read(one.name.candidates[:1]) for one in recorded if one.name.sure}
+    sure = [one for one in recorded if one.name.sure]
+    by_file = {one.file: one.name.read(one.name.candidates[:1]) for one in sure}
     spelt = dict[tuple[str, int], str]()
-    for person in sorted({words.person for words in said.values()}):
+    for person in sorted({words.person for words in by_file.values()}):
         letters = person.rstrip(DIGITS)
         key = letters[0].casefold(), int(person.removeprefix(letters))
         if (other := spelt.setdefault(key, person)).casefold() != person.casefold():
@@ -217,7 +207,7 @@ def _said(recorded: Sequence[_Found]) -> dict[str, Said]:
                 f"{other} and {person} may be one person; nothing was written; rename recordings, "
                 'or tell them apart by a --pattern such as "{subject}_{condition}_{recording}"'
             )
-    return said
+    return by_file
 
 
 def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
@@ -237,7 +227,7 @@ def _doubtful(recorded: Sequence[_Found]) -> list[RecordingName]:
             if not all(map(usual, one.name.apart(others, person))):  # a word may be another person
                 doubtful.append(one.name)
     # S1 may be a session, where different words follow
-    short = [name for name in sure if SHORT.fullmatch(name.fields[name.candidates[0]])]
+    short = [n for n in sure if re.fullmatch("[A-Za-z][0-9]", n.fields[n.candidates[0]])]
     words = {tuple(name.fields[k] for k in name.candidates[1:]) for name in short}
     return doubtful + (short if len(words) > 1 else [])
 
@@ -254,11 +244,11 @@ def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
     files, ways = [one.file for one in recorded], list[tuple[float, str, list[FoundSubject]]]()
     for pattern in dict.fromkeys(commonest.values()):
         try:
-            said = said_by(pattern, files)
+            by_file = said_by(pattern, files)
         except ValueError:  # folders that it leaves out tell recordings apart
             continue
-        subjects = _subjects(recorded, said, {})
-        read = sum(one.file in said for one in recorded if not one.pose) / len(names)
+        subjects = _subjects(recorded, by_file, {})
+        read = sum(one.file in by_file for one in recorded if not one.pose) / len(names)
         cells = sum(len(subject.trials) for subject in subjects)
         conditions = len({condition for subject in subjects for condition in subject.trials})
         crossed = cells / max(1, len(subjects) * conditions)
@@ -270,14 +260,16 @@ def _readings(recorded: Sequence[_Found]) -> dict[str, list[FoundSubject]]:
     ways = [way for way in ways if way[2]]
     people = [{frozenset(subject.files) for subject in subjects} for *_, subjects in ways]
     different = [way for k, way in enumerate(ways) if people[k] not in people[:k]]
-    return {way[1]: way[2] for way in (different if different[1:] else ways)[:MAX_READINGS]}
+    return {way[1]: way[2] for way in (different if different[1:] else ways)[:4]}
 
 
 def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str, str]) -> str:
     """Give the file of a subject's pose or hip trial, if any; others so named are not used."""
     trials = [one for one in recordings if not one.pose]
     poses = [one for one in recordings if one.pose and hips is (one.name.kind == "functional")]
-    still = [one for one in trials if one.moved_m <= MAX_STILL_M] if trials[1:] and not hips else []
+    # of several trials, one in which nobody makes a step may be the pose
+    still = [one for one in trials if one.moved_m <= LIMITS.still_path]
+    still = still if trials[1:] and not hips else []
     hold = [one for one in poses or still if not one.name.apart([t.name for t in trials], name)]
     pose = min(hold, key=lambda one: one.moved_m).file if hold else ""
     what = "hip trial" if hips else "pose"
@@ -290,10 +282,11 @@ def _pose(hips: bool, name: str, recordings: Sequence[_Found], unused: dict[str,
 
 def valid_names(texts: Iterable[str], otherwise: str) -> dict[str, str]:
     """Give names that a study can have, in Latin letters; different ones of different texts."""
-    names, taken = dict[str, str](), {*TAKEN}
+    # names that mean something else to a study or to the file system
+    names, taken = dict[str, str](), {*RESERVED, *COVARIATES, "group", "study"}
     for text in dict.fromkeys(texts):
         letters = re.sub("[^A-Za-z0-9]+", "-", re.sub("['’]", "", anyascii(text)))
-        base = letters[:MAX_LETTERS].strip("-") or otherwise
+        base = letters[:40].strip("-") or otherwise
         numbered = (f"{base}-{number}" for number in count(2))
         names[text] = next(n for n in chain([base], numbered) if n.casefold() not in taken)
         taken.add(names[text].casefold())

@@ -16,10 +16,10 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.stated import parse_mending, parse_plate_units
 from pipeline.io.units import acceleration_in_mps2, length_in_m
 
-MAX_NAME: Final = 64
-"""Characters; names of subject and condition together are part of the name of a file."""
-PORTS: Final = {f"{port}{n}" for port in ("com", "lpt") for n in range(10)}
-RESERVED: Final = PORTS | {"con", "prn", "aux", "nul"}
+RESERVED: Final = {
+    *("con", "prn", "aux", "nul"),
+    *(f"{port}{n}" for port in ("com", "lpt") for n in range(10)),
+}
 """Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
 
 
@@ -94,7 +94,8 @@ Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
 """Labels of a sensor's x, y and z channels."""
 Name = Annotated[
     str,
-    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=MAX_NAME),
+    # names of subject and condition together are part of the name of a file
+    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64),
     AfterValidator(_file_name),
 ]
 """Part of a file name on every operating system."""

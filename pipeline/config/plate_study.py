@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -26,8 +26,6 @@ WeightKg = Annotated[float, Field(gt=0, le=500)]
 BeltSpeedMps = Annotated[float, Field(ge=0, le=5)]
 """No treadmill for walking and running is faster."""
 Edges = Annotated[tuple[CoordinateM, CoordinateM], Field(strict=False)]
-MIN_BELT_M: Final = 0.1
-"""Length and width: no foot has room on less."""
 
 
 class StaticRecording(InputModel):
@@ -72,9 +70,9 @@ class Surface(InputModel):
     @field_validator("x_m", "y_m")
     @classmethod
     def _ordered(cls, edges: tuple[float, float]) -> tuple[float, float]:
-        if not edges[1] - edges[0] >= MIN_BELT_M:
+        if not edges[1] - edges[0] >= 0.1:  # no foot has room on less
             raise ValueError(
-                f"must be two edges at least {MIN_BELT_M:g} m apart, the smaller number first, "
+                "must be two edges at least 0.1 m apart, the smaller number first, "
                 f"got {edges[0]:g} and {edges[1]:g}"
             )
         return edges

@@ -17,7 +17,6 @@ PATTERNS: Final = {name: re.compile(text, re.VERBOSE) for name, text in READ["pa
 USUAL: Final = {word for words in READ["words"].values() for word in words}
 TRIAL: Final = (*READ["words"]["trial"], *READ["words"]["folder"])
 DIGITS: Final = "0123456789"
-WORD: Final = re.compile(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+")
 ROLES: Final = ("subject", "condition", "recording")
 """What ``{…}`` in a pattern may stand for."""
 BOUNDARIES: Final = {
@@ -25,10 +24,7 @@ BOUNDARIES: Final = {
     r"(?-i:(?<=[a-z])(?=[A-Z])|(?<=[A-Z]{2})(?=[a-z]))": "+?",
 }
 """Between two places without a mark: the last of digits and letters, else the first capital."""
-INITIALS: Final = re.compile("[A-Z]{2}")
 WITHOUT: Final = "'hbm init' without --pattern shows the ways in which names can be read"
-TIME: Final = re.compile("[Tt][0-9]")
-"""A time of measurement, such as T1, before further fields."""
 
 
 class Said(NamedTuple):
@@ -86,16 +82,17 @@ class RecordingName(NamedTuple):
     def of(cls, file: str) -> "RecordingName":
         """Read the name of a file, relative to a folder."""
         text = stem = normalize("NFC", str(PurePosixPath(file).with_suffix("")))
-        found = dict[str, list[Field]]()
+        fields_of = dict[str, list[Field]]()
+        # in this order: what one has taken is no other's
         for name in ("day", "functional", "pose", "person", "occasion"):
             matches = [*PATTERNS[name].finditer(text)]
-            found[name] = [Field(*m.span(), re.sub("[-_. ]", "", m[0])) for m in matches]
+            fields_of[name] = [Field(*m.span(), re.sub("[-_. ]", "", m[0])) for m in matches]
             text = PATTERNS[name].sub(lambda match: "_" * len(match[0]), text)
         ends = [end for mark in PATTERNS["between"].finditer(text) for end in mark.span()]
         spans = zip([0, *ends[1::2]], [*ends[::2], len(text)], strict=True)
         words = [Field(a, b, text[a:b]) for a, b in spans if text[a:b].strip(".'’")]
-        kind = next((name for name in ("functional", "pose") if found[name]), "")
-        days, people, occasions = (found[name] for name in ("day", "person", "occasion"))
+        kind = next((name for name in ("functional", "pose") if fields_of[name]), "")
+        days, people, occasions = (fields_of[name] for name in ("day", "person", "occasion"))
         # the number of a person may have one digit, but then it may be that of a session too
         parts, free = sorted([*people, *occasions, *words]), all(len(p.text) == 2 for p in people)
         sure = bool(people)
@@ -108,7 +105,7 @@ class RecordingName(NamedTuple):
         first = {0} if fields and fields[0][0].isdecimal() and not kind else set[int]()
         inner = range(len(fields) - 1 if free and not kind else 0)
         first |= {k for k in inner if fields[k].isdecimal() and _counts(fields, k)}
-        initials = (k for k, field in enumerate(fields) if free and INITIALS.fullmatch(field))
+        initials = (k for k, f in enumerate(fields) if free and re.fullmatch("[A-Z]{2}", f))
         unusual = {*initials, *(k for k, field in enumerate(fields) if not usual(field))}
         candidates = sorted(first | unusual | {*numbered})
         day = "".join(one.text for one in days[:1] or occasions).casefold()
@@ -164,10 +161,11 @@ class RecordingName(NamedTuple):
                 place = self.fields.index(part.text)  # a folder said it before
             bare, role, last = _bare(part.text), "{condition}", part is self.parts[-1]
             if place in person:
-                words = WORD.findall(part.text)  # a single letter in JdV is no word
-                known = [usual(word) for word in words if len(word) > 1 or not words[1:]]
-                role = "{subject}" if not any(known) else "{subject}{condition}{recording}"
-                if known and all(known) and not part.text[0].isdecimal():
+                # a single letter in JdV is no word
+                words = re.findall(r"[A-Z]?[^\W\d_A-Z]+|[A-Z]+", part.text)
+                are_usual = [usual(word) for word in words if len(word) > 1 or not words[1:]]
+                role = "{subject}" if not any(are_usual) else "{subject}{condition}{recording}"
+                if are_usual and all(are_usual) and not part.text[0].isdecimal():
                     role = "{condition}{subject}" if part.text[-1] in DIGITS else "{subject}"
             elif place is None or (bare in TRIAL and not last):
                 role = "*"  # a day, or the word before a number
@@ -187,19 +185,19 @@ class RecordingName(NamedTuple):
 
     def words(self, person: str) -> set[str]:
         """Give what its fields say beside the person; of a trial, without a repetition's number."""
-        said = [f for f in self.fields if f.casefold() not in person.casefold().split("-")]
-        return {word.casefold() for word in (said if self.kind else _unnumbered(said)) if word}
+        fields = [f for f in self.fields if f.casefold() not in person.casefold().split("-")]
+        return {word.casefold() for word in (fields if self.kind else _unnumbered(fields)) if word}
 
     def apart(self, trials: Sequence["RecordingName"], person: str) -> set[str]:
         """Give words of a pose by which it may not be of all these trials of a person.
 
         Some trials have the word and others do not; or none has, and one has another such word.
         """
-        said, others = self.words(person), [trial for trial in trials if trial is not self]
+        pose_words, others = self.words(person), [trial for trial in trials if trial is not self]
         words = [trial.words(person) for trial in others]
-        apart = {w for w in said if 0 < sum(w in of_trial for of_trial in words) < len(words)}
-        if self.kind and any(trial.telling(trial.words(person) - said) for trial in others):
-            apart |= self.telling(said.difference(*words))
+        apart = {w for w in pose_words if 0 < sum(w in of_trial for of_trial in words) < len(words)}
+        if self.kind and any(trial.telling(trial.words(person) - pose_words) for trial in others):
+            apart |= self.telling(pose_words.difference(*words))
         return apart
 
     def telling(self, words: set[str]) -> set[str]:
@@ -233,7 +231,7 @@ def said_by(pattern: str, files: Iterable[str]) -> dict[str, Said]:
         )
         for boundary, times in BOUNDARIES.items()
     ]
-    said, above = dict[str, Said](), set[str]()
+    by_file, above = dict[str, Said](), set[str]()
     for file in files:
         name = RecordingName.of(file)
         fits = (re.fullmatch(f"(?:(.*)/)?{way}", name.stem, re.IGNORECASE) for way in ways)
@@ -242,16 +240,21 @@ def said_by(pattern: str, files: Iterable[str]) -> dict[str, Said]:
             pairs = [*zip(roles, match.groups()[1:], strict=True)]
             said_of = {role: dict.fromkeys(t for r, t in pairs if r == role) for role in ROLES}
             person, what = "-".join(said_of["subject"]), "-".join(said_of["condition"])
-            said[file] = Said(person, what.lower(), name.session)
+            by_file[file] = Said(person, what.lower(), name.session)
     if len(above) > 1:
         raise ValueError(f"--pattern: the folders {listed(sorted(above))} are not in it; {WITHOUT}")
-    return said
+    return by_file
 
 
 def condition(fields: Sequence[str]) -> str:
     """Give what fields of a name say of the condition; the last number is that of a repetition."""
-    words = (w for w in _unnumbered(fields) if TIME.fullmatch(w) or _bare(w) not in ("", *TRIAL))
-    return "-".join(words).lower()
+    # a time of measurement, such as T1, may stand before further fields
+    kept = (
+        word
+        for word in _unnumbered(fields)
+        if re.fullmatch("[Tt][0-9]", word) or _bare(word) not in ("", *TRIAL)
+    )
+    return "-".join(kept).lower()
 
 
 def _letters(text: str) -> str:

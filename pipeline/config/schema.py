@@ -43,8 +43,6 @@ MAIN: Final = "main"
 """Name of the study's own way of processing among its variants."""
 FigureFormat = Literal["pdf", "svg", "png", "tiff"]
 FIGURE_FORMATS: Final[tuple[FigureFormat, ...]] = get_args(FigureFormat)
-TWO_COLUMNS_MM: Final = 120.0
-"""Columns of journals are 80 to 95 mm wide, two of them 165 mm or more."""
 EventMethod = Literal["file", "zeni", "plates", "auto"]
 """Where a trial's gait events come from."""
 
@@ -147,8 +145,8 @@ class RecordingRules(InputModel):
 
     def stated(self, marker_set: MarkerSet | None = None) -> Stated:
         """Give what is stated to those who read files, with the set that the markers are of."""
-        own = {name: getattr(self, name) for name in RecordingRules.model_fields}
-        return Stated(**own, marker_set=marker_set)
+        rules = {name: getattr(self, name) for name in RecordingRules.model_fields}
+        return Stated(**rules, marker_set=marker_set)
 
 
 class Platform(InputModel):
@@ -300,14 +298,8 @@ class Plates(InputModel):
         return name
 
 
-ALLOWED: Final = (
-    '"cycle", "step", "stance", "motion", "recording", [start_s, stop_s] or ["10 %", "40 %"]'
-)
 MAX_STOP: Final = 1e6
 """Seconds; no recording is longer."""
-MAX_CYCLES: Final = 1_000_000
-"""No recording holds more."""
-PERCENT: Final = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*%\s*", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,11 +334,15 @@ def _window(stated: object) -> object:
     if isinstance(stated, Interval) or stated in get_args(WindowName):
         return stated
     bounds = stated if isinstance(stated, list | tuple) and len(stated) == 2 else ()
-    percents = [PERCENT.fullmatch(bound) for bound in bounds if isinstance(bound, str)]
+    percent = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*%\s*", re.ASCII)
+    percents = [percent.fullmatch(bound) for bound in bounds if isinstance(bound, str)]
     numbers = [float(match[1]) for match in percents if match]
     numbers += [b for b in bounds if isinstance(b, int | float) and not isinstance(b, bool)]
     if len(numbers) != 2 or len(percents) == 1:
-        raise ValueError(f"must be {ALLOWED}, got {shown(stated)}")
+        raise ValueError(
+            'must be "cycle", "step", "stance", "motion", "recording", [start_s, stop_s] or '
+            f'["10 %", "40 %"], got {shown(stated)}'
+        )
     unit: Literal["s", "%"] = "%" if percents else "s"
     start, stop = numbers
     if start < 0:
@@ -378,7 +374,7 @@ class Condition(InputModel):
     10 to 40 %
     """
 
-    cycles: Annotated[int, Field(ge=1, le=MAX_CYCLES)] | None = Field(default=None, examples=[20])
+    cycles: Annotated[int, Field(ge=1, le=1_000_000)] | None = Field(default=None, examples=[20])
     """How many gait cycles are analysed; default: all."""
     skip_s: Annotated[float, Field(ge=0, le=MAX_STOP)] = 0.0
     """Time left out at the start."""
@@ -507,7 +503,8 @@ class Figures(InputModel):
     @property
     def of_one_column(self) -> bool:
         """Whether panels have to stand below each other."""
-        return self.width_mm is not None and self.width_mm < TWO_COLUMNS_MM
+        # columns of journals are 80 to 95 mm wide, two of them 165 mm or more
+        return self.width_mm is not None and self.width_mm < 120.0
 
 
 class PlateContact(InputModel):

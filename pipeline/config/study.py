@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import TypeVar
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
@@ -31,12 +31,6 @@ from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_tabl
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.shown import Overview, Shown
 from pipeline.io.stated import Stated
-
-RESERVED_VARIANTS: Final = (MAIN, "measured", "compensated")
-MIN_PLATFORM_MARKERS: Final = 3
-"""Fewer points do not determine the pose of a rigid body."""
-OTHER_TABLES: Final = ("markers", "trunk", *SEGMENTS)
-"""Tables of marker sets and of segments, old or new, which stand among the subjects' files."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -131,12 +125,12 @@ class Study(Shown):
         subjects, conditions = (
             [names] if isinstance(names, str) else names for names in (subjects, conditions)
         )
-        wanted = {self.subject(name).id for name in subjects} or self.subjects
+        chosen = {self.subject(name).id for name in subjects} or self.subjects
         of = [*conditions] or self.file.conditions
         for condition in of:
             self.condition(condition)
         names = [name for name, trial in self.trials.items() if trial.exclude is None]
-        names = [name for name in names if name.subject in wanted and name.condition in of]
+        names = [name for name in names if name.subject in chosen and name.condition in of]
         if not names:
             none = "all trials of these subjects and conditions are excluded, or there are none"
             raise StudyFaults([f"{self.folder}: nothing to process: {none}"], self.folder)
@@ -144,11 +138,11 @@ class Study(Shown):
 
     def stated_of(self, trial: Trial) -> Stated:
         """How the recording of a trial is to be read: as all, and what is stated of it alone."""
-        every = self.stated
+        common = self.stated
         return replace(
-            every,
-            mend_plates=(*every.mend_plates, *trial.mend_plates),
-            rename={**every.rename, **trial.rename},
+            common,
+            mend_plates=(*common.mend_plates, *trial.mend_plates),
+            rename={**common.rename, **trial.rename},
         )
 
     def trial(self, name: TrialName) -> Trial:
@@ -175,9 +169,9 @@ Stating = TypeVar("Stating")
 
 def _known(kind: str, name: Key, stated: Mapping[Key, Stating]) -> Stating:
     if name not in stated:
-        known = [str(each) for each in stated]
-        hint = did_you_mean(str(name), known)
-        raise ValueError(f"no {kind} {str(name)!r}{hint}; there are {', '.join(known)}")
+        texts = [str(value) for value in stated]
+        hint = did_you_mean(str(name), texts)
+        raise ValueError(f"no {kind} {str(name)!r}{hint}; there are {', '.join(texts)}")
     return stated[name]
 
 
@@ -279,7 +273,7 @@ def _variants(folder: Path, file: StudyFile, faults: list[str]) -> dict[str, Stu
         tables = {key: stated[key] for key in kinds if isinstance(stated.get(key), dict)}
         others = {key: value for key, value in stated.items() if key not in tables}
         tables["settings"] = tables.get("settings", {}) | others
-        if name.casefold() in RESERVED_VARIANTS:
+        if name.casefold() in (MAIN, "measured", "compensated"):
             faults.append(f"{where}: {name!r} is what a variant differs from; choose another name")
         if not stated:
             faults.append(f"{where}: has no setting that differs")
@@ -308,7 +302,9 @@ def _subjects(around: Around, faults: list[str]) -> dict[str, SubjectFile]:
         if path.name == "study.toml" or path.name.startswith("."):
             continue
         table = _table(path, faults)
-        if table is None or ("trials" not in table and not table.keys().isdisjoint(OTHER_TABLES)):
+        # tables of marker sets and of segments stand among the subjects' files
+        others = {"markers", "trunk", *SEGMENTS}
+        if table is None or ("trials" not in table and not table.keys().isdisjoint(others)):
             continue
         subject = check_table(path.name, table, SubjectFile, faults, around)
         if subject is None:
@@ -344,10 +340,10 @@ def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerS
         return None
     path = folder / name
     if not is_file(path):
-        known = ", ".join(marker_sets())
+        names = ", ".join(marker_sets())
         faults.append(
             f"study.toml: settings.marker_set: {shown(name)} is neither a file here nor one of "
-            f"{known}"
+            f"{names}"
         )
         return None
     try:
@@ -367,9 +363,9 @@ def _laboratory_faults(folder: Path, file: StudyFile) -> list[str]:
             faults.append(f"{where}: give either markers or channels, not both")
         elif not markers and not platform.channels:
             faults.append(f"{where}: give its markers, or its sway_channel or pitch_channel")
-        elif markers and len(markers) < MIN_PLATFORM_MARKERS:
+        elif markers and len(markers) < 3:  # fewer do not determine the pose of a rigid body
             faults.append(
-                f"{where}.markers: at least {MIN_PLATFORM_MARKERS} different markers are needed, "
+                f"{where}.markers: at least 3 different markers are needed, "
                 f"got {', '.join(platform.markers)}"
             )
     for name, condition in file.conditions.items():

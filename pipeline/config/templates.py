@@ -22,10 +22,6 @@ from pipeline.io.write import whole_file
 
 WIDTH: Final = 30
 """Columns of a key and its value, before the description."""
-ASKED: Final = ("sex", "mass_kg", "height_m")
-"""What a person should state of each subject, though it may be missing."""
-BEHIND: Final = "hip_trial"
-"""What is written behind a #, because another setting decides whether it has an effect."""
 in_toml = partial(json.dumps, ensure_ascii=False)
 TEMPLATE: Final = packaged_toml("pipeline.config", "template.toml")
 
@@ -53,8 +49,8 @@ def write_template(
     conditions = {condition: dict[str, Any]() for subject in found for condition in subject.trials}
     stated = {"name": printable(folder.resolve().name), "treadmill": treadmill or {}}
     study, subject = TEMPLATE["study"], TEMPLATE["subject"]
-    given = study["given"] | ({**stated, "conditions": conditions} if found else {})
-    texts = {folder / "study.toml": template(StudyFile, study["heading"], given, every=every)}
+    values = study["given"] | ({**stated, "conditions": conditions} if found else {})
+    texts = {folder / "study.toml": template(StudyFile, study["heading"], values, every=every)}
     for person in [_given(subject) for subject in found] or [subject["given"]]:
         file = folder / f"{person['id']}.toml"
         texts[file] = template(SubjectFile, subject["heading"], person, every=every)
@@ -75,27 +71,29 @@ def _given(subject: FoundSubject) -> dict[str, Any]:
         several = tables if any(len(table) > 1 for table in tables) else files
         trials[name] = several if tables[1:] else tables[0]
     poses = {"static": subject.static, "hip_trial": subject.hip_trial}
-    given = {key: file for key, file in poses.items() if file}
-    return {"id": subject.name, "sex": "unspecified", **given, "trials": trials}
+    keys = {key: file for key, file in poses.items() if file}
+    return {"id": subject.name, "sex": "unspecified", **keys, "trials": trials}
 
 
 def template(
-    kind: type[BaseModel], headings: Mapping[str, str], given: Mapping[str, Any], *, every: bool
+    kind: type[BaseModel], headings: Mapping[str, str], stated: Mapping[str, Any], *, every: bool
 ) -> str:
     """Give a TOML file of a model: what is given or, with `every`, all keys, others behind a #."""
-    lines = _lines(kind, "", given, every)
+    lines = _lines(kind, "", stated, every)
     return "\n".join([headings["every" if every else "used"], *lines]) + "\n"
 
 
 def _lines(
-    kind: type[BaseModel], table: str, given: Mapping[str, Any] | None, every: bool
+    kind: type[BaseModel], table: str, values: Mapping[str, Any] | None, every: bool
 ) -> list[str]:
     """Lay out a model's keys, then its tables; all behind a # where nothing is given."""
-    others = {k: v for k, v in (given or {}).items() if k not in kind.model_fields}
+    others = {k: v for k, v in (values or {}).items() if k not in kind.model_fields}
     keys, tables = [f"{k} = {in_toml(v)}" for k, v in others.items()], list[str]()
+    # what a person should state of each subject, though it may be missing
+    asked = ("sex", "mass_kg", "height_m")
     for name, field in kind.model_fields.items():
-        stated = None if given is None else given.get(name)
-        if field.exclude or not (every or stated or name in ASKED):
+        stated = None if values is None else values.get(name)
+        if field.exclude or not (every or stated or name in asked):
             continue
         place = f"{table}.{name}" if table else name
         if inner := models_in(field.annotation):
@@ -109,20 +107,21 @@ def _lines(
             tables += ["", *comment, *(f"{sign}{k} = {in_toml(v)}" for k, v in example.items())]
         else:
             value = _example(field) if stated is None else stated
-            sign = "# " if stated is None or name == BEHIND else ""
+            # another setting decides whether a hip trial has an effect
+            sign = "# " if stated is None or name == "hip_trial" else ""
             if value is not None:
                 keys += _comment(f"{sign}{name} = {in_toml(value)}", field.description)
     return keys + tables
 
 
 def _tables(
-    kind: type[BaseModel], place: str, field: FieldInfo, given: Any, every: bool
+    kind: type[BaseModel], place: str, field: FieldInfo, values: Any, every: bool
 ) -> list[str]:
     """Lay out the table of a model, of each name of a mapping, or of a list's item."""
     kind_of_table = str(field.annotation)
     if kind_of_table.startswith("dict"):
         lines = list[str]()
-        for name, stated in given.items():
+        for name, stated in values.items():
             header = f"[[{place}.{name}]]" if isinstance(stated, list) else f"[{place}.{name}]"
             for one in stated if isinstance(stated, list) else [stated]:
                 keys = [f"{key} = {in_toml(value)}" for key, value in (one or {}).items()]
@@ -133,8 +132,8 @@ def _tables(
     header = f"[[{place}]]" if "tuple" in kind_of_table else f"[{place}]"
     about = (kind.__doc__ or "").partition("\n\n    Examples")[0].replace("\n    ", "\n")
     lines = [f"# {line}".rstrip() for line in about.strip().splitlines() if every]
-    sign = "# " if given is None else ""
-    return ["", *lines, f"{sign}{header}", *_lines(kind, place, given, every)]
+    sign = "# " if values is None else ""
+    return ["", *lines, f"{sign}{header}", *_lines(kind, place, values, every)]
 
 
 def _example(field: FieldInfo) -> Any:

@@ -15,13 +15,9 @@ from pipeline.io.input_file import fault_line, is_file, naming, read_text
 
 SIMULATED: Final = "truth/setting.toml"
 """Where a simulated study states what was simulated, relative to its folder."""
-MAX_FILE_NAME: Final = 100
-"""Characters of a file's name in a message."""
 Model = TypeVar("Model", bound=BaseModel)
 Option = str | float | bool | None | Path | Sequence[str] | Mapping[str, str | tuple[str, str, str]]
 """Value of an option of the command line."""
-UNITS: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
-"""In which a number is, by the end of its key."""
 NO_LONGER_NEEDED: Final = {"engine": "there is one engine of the inverse dynamics"}
 """Keys of older studies that state nothing now -> what is done instead."""
 
@@ -81,13 +77,13 @@ def check_table(
 
     None where it is wrong by itself, whatever it stands among.
     """
-    found, model = dict[str, None](), None
+    faults_of_table, model = dict[str, None](), None
     for context in (around, None):
         try:
             model = model or kind.model_validate(table, context=context)
         except ValidationError as error:
-            found |= dict.fromkeys(describe_faults(error, kind, table))
-    faults += [f"{name}: {fault}" for fault in found]
+            faults_of_table |= dict.fromkeys(describe_faults(error, kind, table))
+    faults += [f"{name}: {fault}" for fault in faults_of_table]
     return model
 
 
@@ -97,17 +93,17 @@ def read_segments(path: Path) -> dict[str, SegmentOverride]:
         return read_overrides(read_text(path), path.name)
 
 
-def nearest(name: object, known: Iterable[str]) -> str:
+def nearest(name: object, names: Iterable[str]) -> str:
     """Give the known name that is nearest to another, or else all, as the end of a message."""
-    known = [*known]
-    return did_you_mean(name, known) or f"; there are {listed(known)}"
+    names = [*names]
+    return did_you_mean(name, names) or f"; there are {listed(names)}"
 
 
 def require_file(folder: Path, name: str) -> None:
     """Refuse the name of a file that is not in the folder, with the nearest that is: ValueError."""
     if not is_file(folder / name):
         near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
-        raise ValueError(f"no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}")
+        raise ValueError(f"no file {short(name, 100)!r} in {folder}{near}")
 
 
 def _among(check: Callable[[str, Around, Mapping[str, Any]], None]) -> AfterValidator:
@@ -132,9 +128,9 @@ def _readable(name: str, around: Around, stated: Mapping[str, Any]) -> None:
 
 
 def _known(name: str, around: Around, stated: Mapping[str, Any]) -> None:
-    known = around.conditions
-    if known is not None and name not in known:
-        raise ValueError(f"no such condition in study.toml{nearest(name, known)}")
+    conditions = around.conditions
+    if conditions is not None and name not in conditions:
+        raise ValueError(f"no such condition in study.toml{nearest(name, conditions)}")
 
 
 Named = Annotated[str, Field(min_length=1)]
@@ -185,9 +181,9 @@ def _line(fault: ErrorDetails, kind: type[BaseModel], place: Sequence[str]) -> s
     if fault["type"] == "extra_forbidden" and place[-1] in NO_LONGER_NEEDED:
         return f"{key}: no longer needed: {NO_LONGER_NEEDED[place[-1]]}; remove it"
     if fault["type"] == "extra_forbidden":
-        known = _known_keys(kind, fault["loc"][:-1])
+        keys = _known_keys(kind, fault["loc"][:-1])
         elsewhere = _place_of(place[-1], kind)
-        hint = elsewhere or did_you_mean(place[-1], known) or f"; known: {', '.join(known)}"
+        hint = elsewhere or did_you_mean(place[-1], keys) or f"; known: {', '.join(keys)}"
         return f"{key}: unknown key{hint}"
     if fault["type"] == "missing":
         return f"{key}: is missing"
@@ -207,7 +203,8 @@ def _hint(fault: ErrorDetails, key: str) -> str:
     """Give the nearest allowed word, or the unit of a number that is beyond its bounds."""
     if fault["type"] == "literal_error" and isinstance(fault["input"], str):
         return did_you_mean(fault["input"], re.findall(r"'(.*?)'", fault["ctx"]["expected"]))
-    unit = next((unit for suffix, unit in UNITS.items() if key.endswith(suffix)), None)
+    units = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
+    unit = next((unit for suffix, unit in units.items() if key.endswith(suffix)), None)
     beyond = fault["type"] in ("less_than_equal", "greater_than_equal")
     return f" (it is in {unit})" if beyond and unit else ""
 
@@ -217,7 +214,7 @@ def _place_of(key: str, kind: type[BaseModel]) -> str:
     if key in kind.model_fields:
         return "; it belongs above the first [table]"
     inner = ((name, models_in(field.annotation)) for name, field in kind.model_fields.items())
-    tables = [name for name, models in inner for each in models if key in each.model_fields]
+    tables = [name for name, models in inner for model in models if key in model.model_fields]
     return f"; it belongs in [{tables[0]}]" if tables else ""
 
 

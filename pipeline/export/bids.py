@@ -23,12 +23,9 @@ from pipeline.trial.process import process_trial
 from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
-MAX_AGE_YEARS: Final = 89
-"""BIDS asks for it in place of higher ages, so that old people are not recognised."""
 TEMPLATES: Final = files("pipeline.export") / "bids_files"
 System = tuple[float, pd.DataFrame, Array]
 """Rate [Hz], one row per channel, samples (N, channels)."""
-CHANNEL_COLUMNS: Final = ("name", "component", "type", "tracked_point", "units", "reference_frame")
 
 
 def write_bids(
@@ -146,7 +143,7 @@ def _systems(recording: Recording) -> dict[str, System]:
     markers, plates, analog = recording.markers, recording.plates, recording.analog
     points = [(f"{name}_{a}", a, "POS", name, "m", "lab") for name in markers.names for a in "xyz"]
     position = markers.position.reshape(len(markers.time), -1)
-    found = {"optical": (markers.time, points, position)}
+    systems_read = {"optical": (markers.time, points, position)}
     if plates:
         if any(not np.array_equal(plate.time, plates[0].time) for plate in plates):
             raise ValueError("the plates have different clocks")
@@ -157,14 +154,15 @@ def _systems(recording: Recording) -> dict[str, System]:
             for a in "xyz"
         ]
         wrenches = np.hstack([plate.wrench for plate in plates])
-        found["plates"] = (plates[0].time, of_plates, wrenches)
+        systems_read["plates"] = (plates[0].time, of_plates, wrenches)
     if analog is not None:
         named = zip(analog.names, analog.units, strict=True)
         others = [(name, "n/a", "MISC", "n/a", unit or "n/a", "n/a") for name, unit in named]
-        found["analog"] = (analog.time, others, analog.values)
+        systems_read["analog"] = (analog.time, others, analog.values)
     systems = {}
-    for name, (time, rows, values) in found.items():
-        channels = pd.DataFrame(rows, columns=CHANNEL_COLUMNS)
+    columns = ("name", "component", "type", "tracked_point", "units", "reference_frame")
+    for name, (time, rows, values) in systems_read.items():
+        channels = pd.DataFrame(rows, columns=columns)
         systems[name] = even_rate_hz(time, f"BIDS ({name})"), channels, values
     return systems
 
@@ -175,7 +173,8 @@ def _person(recording: Recording, result: TrialResult | None, group: str | None)
     height_m = result.body.height_m if result else of_file.height_m
     mass_kg = result.body.mass if result else of_file.mass_kg
     return {
-        "age": subject.age_years and min(subject.age_years, MAX_AGE_YEARS),
+        # BIDS asks for 89 in place of higher ages, so that old people are not recognised
+        "age": subject.age_years and min(subject.age_years, 89),
         "sex": None if subject.sex == "unspecified" else subject.sex,
         "height": height_m and round(height_m, 3),
         "weight": mass_kg and round(mass_kg, 1),
@@ -191,20 +190,20 @@ def _data_set(folder: Path, subject: str, person: Mapping[str, Any]) -> list[Pat
         written.append(folder / "README.md")
         write_text((TEMPLATES / "README.md").read_text(encoding="utf-8"), written[-1])
     people = folder / "participants.tsv"
-    known = pd.DataFrame({"participant_id": []}, dtype=str)
+    participants = pd.DataFrame({"participant_id": []}, dtype=str)
     if people.exists():
-        known = pd.read_csv(people, sep="\t", dtype=str, keep_default_na=False)
-    if "participant_id" not in known:
+        participants = pd.read_csv(people, sep="\t", dtype=str, keep_default_na=False)
+    if "participant_id" not in participants:
         raise ValueError(f"{people}: no column participant_id")
-    table = known
-    if subject not in set(known["participant_id"]):
-        table = pd.concat([known, pd.DataFrame({"participant_id": [subject]})])
-    columns = dict.fromkeys([*known, *person])
+    table = participants
+    if subject not in set(participants["participant_id"]):
+        table = pd.concat([participants, pd.DataFrame({"participant_id": [subject]})])
+    columns = dict.fromkeys([*participants, *person])
     table = table.reindex(columns=[*columns]).astype(object).fillna("n/a")
     for name, value in person.items():
         unknown = (table["participant_id"] == subject) & (table[name] == "n/a")
         table.loc[unknown, name] = _cell(value)
-    return written if table.equals(known) else [*written, _tsv(people, table)]
+    return written if table.equals(participants) else [*written, _tsv(people, table)]
 
 
 def _cell(value: Any) -> str:

@@ -57,13 +57,8 @@ from pipeline.trial.study_files import read_study_file, read_study_laboratory
 
 PROGRAM: Final = "hbm-residuals"
 Frame = Literal["plate", "lab"]
-FRAMES_PER_SLICE: Final = 4096
-"""Some megabytes at a time: large enough for NumPy, small beside the trial."""
 DATA_BLOCK: Final = 8
 """Word of the header that says where the data section begins."""
-LABEL_RANGE: Final = 147
-LABEL_RANGE_KEY: Final = 12345
-"""This number in this word of the header: the file has a section of labels and ranges."""
 
 
 class Written(NamedTuple):
@@ -307,15 +302,16 @@ def _changed_samples(
     scale = analog_scaling(header)[1][[*plate.channels]]
     numbers = floats(stored.tobytes(), order).reshape(stored.shape) if real else stored
     before = numbers.astype(float)
-    known = np.isfinite(before).all(axis=1)
+    is_known = np.isfinite(before).all(axis=1)
     change = np.zeros(before.shape)
-    change[known] = channel_change(plate, wrench[known])
+    change[is_known] = channel_change(plate, wrench[is_known])
     # value = (sample − offset) · scale
     with np.errstate(divide="ignore", invalid="ignore"):
         after = np.where(change == 0, before, before + change / scale)
     unusable = np.broadcast_to((scale == 0) | ~np.isfinite(scale), after.shape)
     faults = {"its scale is 0 or no number": unusable}
     if not real:
+        # whole samples are counts of a converter, with its range
         after, limits = np.rint(after), np.iinfo(stored.dtype)
         reason = (
             f"the compensated sample is outside the range of the file's samples, {limits.min} to "
@@ -395,8 +391,9 @@ def rewrite_plates(
                 section = with_group(section, header.byte_order, GROUP, group)
                 copy.write(_moved(head, header, len(section) // BLOCK_BYTES))
                 copy.write(_changed_section(section, header, plates, corners))
-                for start in range(0, header.frames, FRAMES_PER_SLICE):
-                    count = min(FRAMES_PER_SLICE, header.frames - start)
+                # some megabytes at a time: much for NumPy, and little beside the trial
+                for start in range(0, header.frames, 4096):
+                    count = min(4096, header.frames - start)
                     data = source.read(count * header.frame.bytes)
                     copy.write(_changed_frames(data, header, plates, changes, start))
                 shutil.copyfileobj(source, copy)
@@ -417,7 +414,8 @@ def _moved(head: bytes, header: Header, parameter_blocks: int) -> bytes:
     if len(head) < BLOCK_BYTES:
         raise ValueError("its parameters begin within the header")
     data_block = header.parameter_block + parameter_blocks
-    if data_block != words[DATA_BLOCK] and words[LABEL_RANGE] == LABEL_RANGE_KEY:
+    # 12345 in word 147: the file has a section of labels and ranges
+    if data_block != words[DATA_BLOCK] and words[147] == 12345:
         raise ValueError("it has a section of labels and ranges, which this program cannot move")
     words[DATA_BLOCK] = data_block
     return words.tobytes()
@@ -436,6 +434,7 @@ def _changed_section(
         values = parameters.numbers("FORCE_PLATFORM", "CORNERS")
         by_plate = values if values.ndim == 3 else values[..., np.newaxis]
         for plate, moved_corners in zip(plates, corners, strict=True):
+            # from the plate's axes about its centre to the file's
             in_file = moved_corners @ plate.rotation.T + plate.corners.mean(axis=0)
             stored = by_plate[:3, :4, plate.number - 1]
             # the unit of the file's corners [m]
@@ -485,19 +484,19 @@ def check_rewritten(
     try:
         free = {*changed_parameters, *map(":".join, DATA_STARTS)}
         _require_same(original, written, changed_channels, free)
-        found = compare_readers(written)
-        before = found if found == SecondReading(reader()) else compare_readers(original)
-        if found.refusal and not before.refusal:
-            raise ValueError(f"{found.reader} reads the original only: {found.refusal}")
-        if found.disagreements and not before.disagreements:
-            raise ValueError(f"{found.disagreements[0]}, and not of the original")
+        reading = compare_readers(written)
+        before = reading if reading == SecondReading(reader()) else compare_readers(original)
+        if reading.refusal and not before.refusal:
+            raise ValueError(f"{reading.reader} reads the original only: {reading.refusal}")
+        if reading.disagreements and not before.disagreements:
+            raise ValueError(f"{reading.disagreements[0]}, and not of the original")
     except ValueError as error:
         raise ValueError(f"the copy is not {original.name} written again: {error}") from error
     if before.disagreements:
         return SecondReading(
-            found.reader, f"it reads the original otherwise: {before.disagreements[0]}"
+            reading.reader, f"it reads the original otherwise: {before.disagreements[0]}"
         )
-    return found
+    return reading
 
 
 def _require_same(

@@ -66,6 +66,7 @@ def write_osim(body: Body, path: str | Path) -> None:
 def _axes(joints: Sequence[Joint]) -> list[tuple[str, Array]]:
     """Give three axes with their coordinates: those of joints, then others without one."""
     axes = np.array([joint.axis for joint in joints]).reshape(-1, 3)
+    # rows of the basis beyond the joints' number are perpendicular to their axes
     _, _, basis = np.linalg.svd(axes)
     names = [joint.name for joint in joints] + [""] * (3 - len(joints))
     return list(zip(names, [*axes, *basis[len(joints) :]], strict=True))

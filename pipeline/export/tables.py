@@ -8,7 +8,7 @@ splines to whole columns, so give them an interval without gaps.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,10 +22,6 @@ from pipeline.export.models import write_template
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.run.store import by_column, event_labels, following_blocks, stored_blocks
 from pipeline.trial.result import TrialResult
-
-MAX_JITTER: Final = 0.1
-"""Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
-smaller."""
 
 
 def write_tables(
@@ -113,8 +109,8 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
     ValueError
         If the ankle's zero is unknown.
     """
-    seen = motion.observed.any(axis=0)
-    angles = clinical_angles(np.where(seen, motion.q, np.nan), ankle_zero=ankle_zero)
+    is_observed = motion.observed.any(axis=0)
+    angles = clinical_angles(np.where(is_observed, motion.q, np.nan), ankle_zero=ankle_zero)
     columns = {"time_s": motion.time}
     for name, value in zip(HBM_ORDER, angles.T, strict=True):
         columns[f"{name}_{'m' if _translates(name) else 'deg'}"] = _in_degrees(name, value)
@@ -237,7 +233,8 @@ def even_rate_hz(time: Array, format_name: str) -> float:
     """Give the rate of times that a format with one rate needs evenly spaced; else a ValueError."""
     rate = (len(time) - 1) / np.ptp(time) if len(time) > 1 else np.nan
     regular = time[:1] + np.arange(len(time)) / rate
-    if not np.abs(time - regular).max(initial=0) < MAX_JITTER / rate:
+    # a tenth of a sampling interval; rounding of written times is smaller
+    if not np.abs(time - regular).max(initial=0) < 0.1 / rate:
         raise ValueError(f"{format_name} needs two or more samples, evenly spaced in time")
     return float(rate)
 

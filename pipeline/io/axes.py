@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from hbm.markers import MarkerSet, exchange, recognise_marker_set, usual_landmarks
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.samples import medians_of_known
 from hbm.spatial import Array, Mask, cross
 from hbm.spelling import listed, short
@@ -18,14 +19,10 @@ from pipeline.io.recording import Fact
 from pipeline.io.stated import correction
 
 PELVIS_AND_SHOULDERS: Final = ("ASIS", "PSIS", "SHO")
-HEEL: Final = "HEE"
 TOES: Final = ("TOE", "MT2", "MT5", "MTS")
-ANKLES: Final = ("LM", "MM")
 """Landmarks without their side."""
-MAX_LENGTH_RATIO: Final = 5.0
-"""Of a vector between two markers to its median: no joint changes it so much, a damaged number or a
-mislabelled frame does."""
-
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "axes")
+MIN_MEAN_LOAD_N: Final[float] = LIMITS.least_mean_load
 Pair = tuple[int, int]
 DIRECTIONS: Final = {
     "forward": (1, 0, 0),
@@ -35,23 +32,9 @@ DIRECTIONS: Final = {
     "up": (0, 0, 1),
     "down": (0, 0, -1),
 }
-MIN_MEAN_LOAD_N: Final = 50.0
-"""Mean force of a plate on which somebody stood; drift of an empty plate is less."""
-MAX_FORCE_N: Final = 20_000.0
-"""On a plate that somebody stands, walks or lands on; a larger number is damaged."""
-MIN_SHARE_FACING_ONE_WAY: Final = 0.9
-"""Of the frames in which left and right are seen; the rest may be swapped labels."""
-MAX_ANGLE_TO_AXIS_DEG: Final = 30.0
-"""Beyond it a direction is too close to the diagonal to belong to one axis."""
-MAX_COSINE_OPPOSITE: Final = -0.5
-"""Cosine to left of a marker pair that lies the other way round: 120°; legs cross by less."""
 PAIRS_NAMED: Final = 3
 """Marker pairs and contradictions that a note or message names: enough to check by eye."""
 ABOVE: Final = "pelvis or shoulders above feet"
-ASK: Final = (
-    'give the axes, for example --axes forward,left,up, or axes = "forward,left,up" in '
-    "study.toml, or a static recording that shows them (--static)"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,14 +81,15 @@ def find_sites(names: tuple[str, ...], marker_set: MarkerSet | None = None) -> S
         of_set, no_set = {}, str(error)
     marked = {**of_set, **usual_landmarks(names)} | of_set  # the set's come first, and count
     columns = {landmark: column[name] for landmark, name in marked.items()}
-    trunk, every = _sides(columns, PELVIS_AND_SHOULDERS), _sides(columns) or _sides(column)
-    heels_and_toes = ((f"{side}{HEEL}", f"{side}{toe}") for side in "LR" for toe in TOES)
+    trunk, all_pairs = _sides(columns, PELVIS_AND_SHOULDERS), _sides(columns) or _sides(column)
+    heels_and_toes = ((f"{side}HEE", f"{side}{toe}") for side in "LR" for toe in TOES)
+    feet = ("HEE", *TOES, "LM", "MM")  # heel, toes and ankles
     return Sites(
         high=[k for mark, k in columns.items() if mark[1:] in PELVIS_AND_SHOULDERS],
-        low=[k for mark, k in columns.items() if mark[1:] in (HEEL, *TOES, *ANKLES)],
-        across={f"{names[left]}/{names[right]}": (right, left) for right, left in trunk or every},
+        low=[k for mark, k in columns.items() if mark[1:] in feet],
+        across={f"{names[k]}/{names[right]}": (right, k) for right, k in trunk or all_pairs},
         on_trunk=bool(trunk),
-        every=every,
+        every=all_pairs,
         feet=[(columns[a], columns[b]) for a, b in heels_and_toes if {a, b} <= {*columns}],
         no_set=no_set,
     )
@@ -119,10 +103,11 @@ def between(position: Array, pairs: Iterable[Pair]) -> Array:
 
 def typical(vectors: Array) -> Array:
     """Give the means of vectors, (N, ..., 3), without gaps and those far longer than most."""
-    known = np.isfinite(vectors).all(axis=-1)
+    is_known = np.isfinite(vectors).all(axis=-1)
     with np.errstate(over="ignore", invalid="ignore"):
-        length = np.where(known, np.linalg.norm(vectors, axis=-1), np.nan)
-        usual = length <= MAX_LENGTH_RATIO * medians_of_known(length.T)
+        # one damaged number outweighs thousands of frames in a mean
+        length = np.where(is_known, np.linalg.norm(vectors, axis=-1), np.nan)
+        usual = length <= LIMITS.largest_length_ratio * medians_of_known(length.T)
         total = np.where(usual[..., None], vectors, 0.0).sum(axis=0)
         return np.asarray(total / usual.sum(axis=0)[..., None])
 
@@ -141,9 +126,9 @@ def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> li
 
 def _middle(points: Array) -> Array:
     """Give the mean of the points seen in each frame, (T, 3); NaN where none is."""
-    seen = np.isfinite(points).all(axis=-1, keepdims=True)
+    is_seen = np.isfinite(points).all(axis=-1, keepdims=True)
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.asarray(np.where(seen, points, 0.0).sum(axis=1) / seen.sum(axis=1))
+        return np.asarray(np.where(is_seen, points, 0.0).sum(axis=1) / is_seen.sum(axis=1))
 
 
 def parse_axes(axes: str) -> Array:
@@ -170,6 +155,7 @@ def parse_axes(axes: str) -> Array:
         raise ValueError(
             f'axes {short(axes)!r} must be three of {", ".join(DIRECTIONS)}, such as "left,back,up"'
         )
+    # columns are the file's axes in the lab; −1 is left-handed, 0 has a direction twice
     rotation = np.array([DIRECTIONS[word] for word in words], float).T
     if round(np.linalg.det(rotation)) != 1:
         raise ValueError(
@@ -250,6 +236,7 @@ def settle_axes(
         for k, force in enumerate(forces, start=1)
         if np.linalg.norm(force) > MIN_MEAN_LOAD_N
     }
+    # of one who stands or walks, pelvis and shoulders are above the feet in most frames
     above = typical(_middle(position[:, sites.high]) - _middle(position[:, sites.low]))
     if np.isfinite(above).all():
         evidence[ABOVE] = above
@@ -265,7 +252,11 @@ def settle_axes(
             if sites.no_set and not sites.on_trunk:
                 reason = f"{sites.no_set}; for plates without a person, give --axes"
             else:
-                reason = f"axes cannot be inferred: {error}; {ASK}"
+                reason = (
+                    f"axes cannot be inferred: {error}; give the axes, for example --axes "
+                    'forward,left,up, or axes = "forward,left,up" in study.toml, or a static '
+                    "recording that shows them (--static)"
+                )
             raise AxesUnknownError(reason) from error
         words = tuple(map(_direction_name, np.transpose([cross(left, up), left, up])))
         by_toes = np.isfinite(between(position, sites.feet)).all(axis=-1).any()
@@ -275,6 +266,7 @@ def settle_axes(
         )
         return ",".join(words), [Note.of("axes", axes=words, evidence=shown), *doubts]
     rotation = parse_axes(axes)
+    # lab = rotation @ file: the third row is the lab's up in the file's axes
     up = rotation[2]
     down = [source for source, vector in evidence.items() if vector @ up < 0]
     with suppress(AxesUnknownError):  # most of all that shows up count, if they are no tie
@@ -305,7 +297,7 @@ def mean_force(force: Array) -> Array:
     """Give the mean of a plate's forces, (N, 3), without gaps and damaged samples, (3,) [N]."""
     components = np.ascontiguousarray(force.T)
     with np.errstate(invalid="ignore"):
-        measured = np.all(np.abs(components) < MAX_FORCE_N, axis=0)
+        measured = np.all(np.abs(components) < LIMITS.largest_force, axis=0)
     return np.asarray(np.where(measured, components, 0.0).sum(axis=1) / max(len(force), 1))
 
 
@@ -332,6 +324,7 @@ def _infer_up(
     if screen_up[-1:].upper() in {"X", "Y", "Z"}:
         screen = np.eye(3)["XYZ".index(screen_up[-1].upper())]
         lines["Y_SCREEN"] = -screen if screen_up[:1] == "-" else screen
+    # loads and the body have a direction; surfaces and screens show the line, less surely the way
     surely = [axis for axis in (of_plates, signed.get(ABOVE)) if axis is not None]
     rather = [axis for axis in (of_surfaces, lines.get("Y_SCREEN")) if axis is not None]
     # up needs most votes, and most witnesses for its line, whichever way these point
@@ -360,15 +353,16 @@ def _infer_left(
     position: Array, sites: Sites, up: Array, file: str
 ) -> tuple[Array, list[str], list[Note | Fact]]:
     """Give the file's axis that points to the subject's left, (3,), what shows it, and doubts."""
+    # level parts: the pelvis drops to one side, and shoulders are not level
     across = between(position, sites.across.values())
     across = across - (across @ up)[..., None] * up
     by_pair = typical(across)
-    seen: Mask = np.asarray(np.isfinite(by_pair).all(axis=-1))
-    names = [short(name) for name, known in zip(sites.across, seen, strict=True) if known]
+    is_seen: Mask = np.asarray(np.isfinite(by_pair).all(axis=-1))
+    names = [short(name) for name, seen in zip(sites.across, is_seen, strict=True) if seen]
     if not names:
         absent = listed(sites.across or ["such as LASIS and RASIS"])
         raise AxesUnknownError(f"none of the marker pairs {absent} is seen")
-    by_pair, across = by_pair[seen], across[:, seen]
+    by_pair, across = by_pair[is_seen], across[:, is_seen]
     source = f"the marker pairs {', '.join(names[:PAIRS_NAMED])}"
     # opposite pairs show the same line; which way is left, most pairs of the whole body say
     same_way = by_pair * np.where(by_pair @ by_pair[0] < 0, -1, 1)[:, None]
@@ -380,15 +374,16 @@ def _infer_left(
         )
     left = line * np.sign(votes)
     cosines = by_pair @ left / np.maximum(np.linalg.norm(by_pair, axis=1), np.finfo(float).tiny)
+    # pairs that are not exchanged: whoever turns around has them the other way in many frames
     facing = across[:, cosines > 0]
     facing = facing[np.isfinite(facing).all(axis=-1)] @ left
-    if sites.on_trunk and np.mean(facing > 0) < MIN_SHARE_FACING_ONE_WAY:
+    if sites.on_trunk and np.mean(facing > 0) < LIMITS.least_facing_one_way:
         raise AxesUnknownError("the subject turns around")
     reason = "left and right contradict most others: exchange them in the capture software, or "
     doubts: list[Note | Fact] = [
         Fact("in_doubt", f"marker pair {pair}", reason + exchange([tuple(pair.split("/"))], file))
         for pair, cosine in zip(names, cosines, strict=True)
-        if cosine < MAX_COSINE_OPPOSITE
+        if cosine < LIMITS.largest_cosine_exchanged
     ]
     agreeing = [name for name, cosine in zip(names, cosines, strict=True) if cosine > 0]
     forward, pairs = cross(left, up), agreeing[:PAIRS_NAMED]
@@ -403,11 +398,11 @@ def _infer_left(
 
 
 def _nearest_axis(vector: Array, source: str) -> Array:
-    k = int(np.argmax(np.abs(vector)))
-    if not abs(vector[k]) > np.cos(np.deg2rad(MAX_ANGLE_TO_AXIS_DEG)) * np.linalg.norm(vector):
+    k, angle_deg = int(np.argmax(np.abs(vector))), LIMITS.largest_angle_to_axis
+    if not abs(vector[k]) > np.cos(np.deg2rad(angle_deg)) * np.linalg.norm(vector):
         raise AxesUnknownError(
-            f"the direction of {source} is more than {MAX_ANGLE_TO_AXIS_DEG:g}° away from every "
-            "axis of the file"
+            f"the direction of {source} is more than {angle_deg:g}° away from every axis of the "
+            "file"
         )
     return np.asarray(np.sign(vector[k]) * np.eye(3)[k])
 

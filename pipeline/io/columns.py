@@ -11,6 +11,7 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
@@ -19,27 +20,8 @@ from pipeline.io.recording import Fact, Plate, Recording, impossible_samples, sa
 from pipeline.io.stated import CONVERT, Stated, parse_mending
 from pipeline.io.units import LENGTHS, length_in_m
 
-MIN_SPAN_M: Final = 0.05
-MAX_SPAN_M: Final = 20.0
-"""Between the markers of a person and a treadmill, or of a walkway."""
-USUAL_SPAN_M: Final = 1.5
-"""To which the unit comes nearest that is said instead of a wrong one."""
-MAX_POSITION_M: Final = 50.0
-"""From the origin along any axis; no laboratory is larger."""
-MIN_AWAY_M: Final = 0.05
-"""Of a code of missing samples from the marker's median; nearer, the marker itself is there."""
-MIN_FORCE_RATIO: Final = 1e-3
-"""To the largest force of a plate; with less, noise alone is far away."""
-MIN_VERTICAL_FORCE_N: Final = 100.0
-"""Below it the centre of pressure is too noisy to compare with."""
-MIN_LOADED_SAMPLES: Final = 10
-"""Samples from which the point is found; it has up to three unknown coordinates."""
-EQUAL_MISFIT_M: Final = 1e-4
-"""Files round centres of pressure to tenths of a millimetre: less is no difference."""
-EQUAL_MISFIT_RATIO: Final = 1.05
-"""A simpler point that fits 5 % worse than the best one is as good."""
-MAX_MISFIT_M: Final = 0.01
-"""Moments of one plate agree with its centres of pressure within millimetres."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "positions")
+MOMENTS: Final = read_numbers("pipeline.io", "thresholds.toml", "moments")
 SI_UNITS: Final = ("N", "Nm", "m")
 """Of plates in formats that state none."""
 DFLOW_PLATE: Final = re.compile(r"FP(\d+)\.(For|Mom|Cop)([XYZ])")
@@ -117,22 +99,23 @@ def settle_markers(
         Labels or unit are unknown or contradictory, or the unit contradicts the markers' extent.
     """
     metre = stated.metre(unit) if labels else 1.0
-    said = [*notes, *without_impossible_positions([*labels.values()], position, metre)]
+    remarks = [*notes, *without_impossible_positions([*labels.values()], position, metre)]
     if held:  # one by one: a file may be as large as the memory allows
         same = [(path[1:] == path[:-1]).all(axis=-1) for path in position.swapaxes(0, 1)]
         position[1:][np.transpose(same)] = np.nan
         if count := np.count_nonzero(same):
-            said.append(Fact("missing", "markers", f"{count} samples held at their last place"))
+            remarks.append(Fact("missing", "markers", f"{count} samples held at their last place"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     position *= metre
     columns, joined = join_trajectories(labels, position, stated)
-    said += joined
-    with saying(said):
+    remarks += joined
+    with saying(remarks):
         markers, renamed, absent = rename_markers(columns, stated)
+        # copied only where columns are left out: a file may be as large as the memory allows
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
         _require_extent(position, stated.units or unit)
-    return FileMarkers(tuple(markers), position, unit, [*said, *renamed], absent)
+    return FileMarkers(tuple(markers), position, unit, [*remarks, *renamed], absent)
 
 
 def without_impossible_positions(
@@ -149,18 +132,20 @@ def without_impossible_positions(
     equal = (position == x[..., None]).all(axis=-1) & (x != 0)
     codes, counts = np.unique(x[equal], return_counts=True)
     for code in codes[counts > 1]:
+        # samples at the code, but of a marker that is there in its other samples too
         written = equal & (x == code)
         for column in np.flatnonzero(written.any(axis=0)).tolist():
             others = position[~written[:, column], column]
             others = others[np.isfinite(others).all(axis=-1) & others.any(axis=-1)]
             away = np.abs(np.median(others, axis=0) - code).max() if len(others) else np.inf
-            written[:, column] &= away * metre > MIN_AWAY_M
+            written[:, column] &= away * metre > LIMITS.least_away_from_code
         position[written] = np.nan
         by_name = zip(names, written.sum(axis=0), strict=True)
         if counted := [f"{short(name)} {n}" for name, n in by_name if n]:
             reason = f"samples at {code:.7g} in x, y and z, a code of missing ones"
             yield Fact("missing", of, f"{reason}: {listed(counted)}")
-    far = (np.abs(position) > MAX_POSITION_M / metre).any(axis=-1)
+    # where most are too far away, the unit is wrong, which the extent shows
+    far = (np.abs(position) > LIMITS.farthest / metre).any(axis=-1)
     if 2 * np.count_nonzero(far) < np.count_nonzero(np.isfinite(x) & position.any(axis=-1)):
         position[far] = np.nan
         yield from impossible_samples(names, far.sum(axis=0))
@@ -171,17 +156,22 @@ def _require_extent(position: Array, unit: str) -> None:
     several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
     if not several.any():
         return
-    highest, lowest = (each.reduce(position, axis=1)[several] for each in (np.fmax, np.fmin))
+    highest, lowest = (extreme.reduce(position, axis=1)[several] for extreme in (np.fmax, np.fmin))
+    # diagonal of the box around all markers of a frame
     with np.errstate(over="ignore"):
         span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
-    if not MIN_SPAN_M < span < MAX_SPAN_M:
+    least, largest = LIMITS.spans.tolist()
+    if not least < span < largest:
+        # the unit is said in which the extent comes nearest to that of a person
         spans = {name: span / length_in_m(unit) * metre for name, metre in LENGTHS.items()}
-        right, metres = min(spans.items(), key=lambda of: abs(np.log(of[1] / USUAL_SPAN_M + 1e-9)))
+        right, metres = min(
+            spans.items(), key=lambda of: abs(np.log(of[1] / LIMITS.usual_span + 1e-9))
+        )
         stating = f'--units {right}, or units = "{right}" in study.toml'
         remedy = f"{metres:.3g} m in {right}: give {stating}"
-        likely = MIN_SPAN_M < metres < MAX_SPAN_M
+        likely = least < metres < largest
         remedy = remedy if likely else "no unit m, cm or mm mends that: correct the positions"
-        limits = f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m"
+        limits = f"{least} to {largest:g} m"
         fault = f"{span:.3g} m if their unit is {short(unit)!r}, expected {limits}"
         raise ValueError(f"the markers spread over {fault}; {remedy}")
 
@@ -229,22 +219,22 @@ class PlateColumns:
         if self.pressure is None:
             return []
         size, of = np.linalg.norm(self.force, axis=1), "centres of pressure"
-        small = size <= MIN_FORCE_RATIO * np.nanmax(size, initial=0)
+        small = size <= LIMITS.least_force_ratio * np.nanmax(size, initial=0)
         self.pressure[size == 0] = 0
         # noise by hardly a force is far away too, but not the same in x, y and z
         judged = ~small | (self.pressure == self.pressure[:, :1]).all(axis=1)
         pressure = self.pressure[judged]
-        said = [*without_impossible_positions([self.name], pressure[:, None], 1.0, of)]
+        facts = [*without_impossible_positions([self.name], pressure[:, None], 1.0, of)]
         self.pressure[judged] = np.where(small[judged, None], np.nan_to_num(pressure), pressure)
-        return said
+        return facts
 
 
 def vectors(columns: Mapping[str, Array], stems: Iterable[str], axes: str = "XYZ") -> Array:
     """Stack the columns of several vectors, (N, stems, 3); a ValueError where one is absent."""
-    wanted = [f"{stem}{axis}" for stem in stems for axis in axes]
-    if absent := [name for name in wanted if name not in columns]:
+    names = [f"{stem}{axis}" for stem in stems for axis in axes]
+    if absent := [name for name in names if name not in columns]:
         raise ValueError(f"{short(absent[0])} is absent, but others that belong to it are there")
-    stacked = np.stack([columns[name] for name in wanted], axis=1)
+    stacked = np.stack([columns[name] for name in names], axis=1)
     return stacked.reshape(len(stacked), -1, 3)
 
 
@@ -260,10 +250,10 @@ def plate_of(
 ) -> PlateColumns | Fact:
     """Give a plate from the columns of force, moment and, if given, pressure; or why it lacks."""
     try:
-        found = vectors(columns, stems, axes)
+        stacked = vectors(columns, stems, axes)
     except ValueError as error:
         return Fact("left_out", name, str(error), plate=True)
-    return PlateColumns(number, name, time, *found.transpose(1, 0, 2), units=units)
+    return PlateColumns(number, name, time, *stacked.transpose(1, 0, 2), units=units)
 
 
 def dflow_plates(
@@ -273,11 +263,11 @@ def dflow_plates(
 
     Units are those of the columns by their names; without any, N, N·m and m.
     """
-    found = (DFLOW_PLATE.fullmatch(name) for name in columns)
-    for number in dict.fromkeys(int(match[1]) for match in found if match):
+    matches = (DFLOW_PLATE.fullmatch(name) for name in columns)
+    for number in dict.fromkeys(int(match[1]) for match in matches if match):
         stems = [f"FP{number}.{part}" for part in ("For", "Mom", "Cop")]
-        given = zip((f"{stem}X" for stem in stems), SI_UNITS, strict=True)
-        of_plate = tuple(units.get(name, unit) for name, unit in given)
+        usual = zip((f"{stem}X" for stem in stems), SI_UNITS, strict=True)
+        of_plate = tuple(units.get(name, unit) for name, unit in usual)
         stems = stems[: 3 if f"{stems[2]}X" in columns else 2]
         yield plate_of(number, f"plate {number}", time, columns, stems, units=of_plate)
 
@@ -332,12 +322,13 @@ def recording_of(
         What was done, is in doubt or to be noted, and further attributes of the recording.
     """
     plates = list(plates)
-    said = [*markers.notes, *notes, *(p for p in plates if isinstance(p, Fact))]
-    found = [plate for plate in plates if isinstance(plate, PlateColumns)]
+    remarks = [*markers.notes, *notes, *(p for p in plates if isinstance(p, Fact))]
+    described = [plate for plate in plates if isinstance(plate, PlateColumns)]
     mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
-    with saying(said):
-        columns = [plate.in_si(stated) for plate in found]
-        said += [fact for plate in columns for fact in plate.without_codes()]
+    with saying(remarks):
+        columns = [plate.in_si(stated) for plate in described]
+        remarks += [fact for plate in columns for fact in plate.without_codes()]
+        # a plate that a person mends does not show the axes until it is mended
         forces = [mean_force(p.force) * (p.number not in mended) for p in columns if on_subject]
         forces += [p.rotation @ mean_force(p.wrench_in_plate[:, :3]) for p in witnesses]
         settled, axes_notes = settle_axes(
@@ -352,17 +343,18 @@ def recording_of(
             file=source.name,
         )
         to_lab = parse_axes(settled)
-        said = [*axes_notes, *said]
-        written = [*units, *(unit for plate in found for unit in plate.units)]
-        said += stated.unit_notes([markers.unit], written)
+        remarks = [*axes_notes, *remarks]
+        written = [*units, *(unit for plate in described for unit in plate.units)]
+        remarks += stated.unit_notes([markers.unit], written)
         # gravity acts along up, whoever stores its reaction or the load on the plates
         total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
-        if not on_subject and np.linalg.norm(total) > max(MIN_VERTICAL_FORCE_N, 2 * abs(total[2])):
+        loaded_n = max(MOMENTS.least_vertical_force, 2 * abs(total[2]))
+        if not on_subject and np.linalg.norm(total) > loaded_n:
             why = "forces and markers have different axes; export both in the same ones"
             raise ValueError(f"the plates' mean force is level in the axes of the markers: {why}")
         if not on_subject and total[2] < 0:
-            columns = [replace(each, force=-each.force, moment=-each.moment) for each in columns]
-            said.append(Note.of("forces_reversed"))
+            columns = [replace(p, force=-p.force, moment=-p.moment) for p in columns]
+            remarks.append(Note.of("forces_reversed"))
         made = [plate.turned(to_lab) for plate in placed]
         moments, locate = [], wrench_of_torque if torques else wrench_about_origin
         for plate in columns:
@@ -372,7 +364,7 @@ def recording_of(
             made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, of_plate))
             moments.append(f"{plate.name} {where}")
         if moments:
-            said.append(Note.of("moments_about", plates=moments))
+            remarks.append(Note.of("moments_about", plates=moments))
         numbers = (str(plate.number) for plate in made)
         require_unique(numbers, "several plates have the same number")
         position = frozen(to_lab @ np.moveaxis(markers.position, 0, -1))
@@ -383,8 +375,8 @@ def recording_of(
             stated=stated,
             axes=split_axes(settled),
             labels_absent=markers.absent,
-            facts=tuple(each for each in said if isinstance(each, Fact)),
-            notes=tuple(each.note if isinstance(each, Fact) else each for each in said),
+            facts=tuple(fact for fact in remarks if isinstance(fact, Fact)),
+            notes=tuple(note.note if isinstance(note, Fact) else note for note in remarks),
             **others,
         )
 
@@ -427,7 +419,7 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
     """
     force, moment = plate.force, plate.moment
     center = np.zeros(3) if plate.place is None else plate.place.center
-    loaded = np.abs(force @ up) > MIN_VERTICAL_FORCE_N
+    loaded = np.abs(force @ up) > MOMENTS.least_vertical_force
     if loaded.any() and not (moment[loaded] @ up).any():
         why = "the vertical moment is zero while the plate is loaded; export all three moments"
         raise ValueError(f"{plate.name}: {why}")
@@ -436,10 +428,10 @@ def wrench_about_origin(plate: PlateColumns, up: Array) -> Located:
         at = "origin of the file's axes" if plate.place is None else "centre of its surface"
         return np.hstack([force, moment + np.cross(center, force)]), f"about the {at}, unchecked"
     point, misfit = _simplest(*rows, up, center)
-    if misfit > MAX_MISFIT_M:
+    if misfit > MOMENTS.largest_misfit:
         fault = f"moments and centres of pressure disagree by {1000 * misfit:.0f} mm about any"
-        limit = f"expected less than {1000 * MAX_MISFIT_M:.0f} mm: units, axes or signs are wrong"
-        raise ValueError(f"{plate.name}: {fault} point, {limit}")
+        limit = f"expected less than {1000 * MOMENTS.largest_misfit:.0f} mm"
+        raise ValueError(f"{plate.name}: {fault} point, {limit}: units, axes or signs are wrong")
     return _about(plate, point, misfit)
 
 
@@ -448,9 +440,10 @@ def _loaded(plate: PlateColumns, up: Array) -> tuple[Array, Array, Array]:
     if plate.pressure is None:
         return (np.empty((0, 3)),) * 3
     rows = np.stack([plate.force, plate.moment, plate.pressure])
-    loaded = np.abs(plate.force @ up) > MIN_VERTICAL_FORCE_N
+    loaded = np.abs(plate.force @ up) > MOMENTS.least_vertical_force
     loaded &= np.isfinite(rows).all(axis=(0, 2)) & plate.pressure.any(axis=1)
-    force, moment, pressure = rows[:, loaded if loaded.sum() >= MIN_LOADED_SAMPLES else []]
+    enough = loaded.sum() >= MOMENTS.loaded_samples
+    force, moment, pressure = rows[:, loaded if enough else []]
     return force, moment, pressure
 
 
@@ -481,34 +474,38 @@ def wrench_of_torque(plate: PlateColumns, up: Array) -> Located:
     at = np.zeros_like(plate.force) if plate.pressure is None else plate.pressure
     free = np.hstack([plate.force, np.cross(at, plate.force) + plate.moment]), FREE
     force, torque, point = rows = _loaded(plate, up)
-    if not len(force) or np.ptp(point, axis=0).max() <= EQUAL_MISFIT_M:
+    if not len(force) or np.ptp(point, axis=0).max() <= MOMENTS.rounding:
         return free
-    vertical = np.linalg.norm(torque - np.outer(torque @ up, up), axis=1) / np.abs(force @ up)
+    # level part of the torque, as a distance of the force's line from the point
+    level = np.linalg.norm(torque - np.outer(torque @ up, up), axis=1) / np.abs(force @ up)
     about, misfit = _simplest(*rows, up)
-    enough = misfit * EQUAL_MISFIT_RATIO + EQUAL_MISFIT_M
-    if np.median(vertical) <= enough or misfit > MAX_MISFIT_M:
+    as_good = misfit * MOMENTS.simpler_ratio + MOMENTS.rounding
+    if np.median(level) <= as_good or misfit > MOMENTS.largest_misfit:
         return free
     return _about(plate, about, misfit)
 
 
 def _simplest(
-    force: Array, moment: Array, pressure: Array, up: Array, *known: Array
+    force: Array, moment: Array, pressure: Array, up: Array, *likely: Array
 ) -> tuple[Array, float]:
     """Give the simplest point about which the moments may be, (3,), and its misfit [m]."""
     axes = np.eye(3)
     level = axes[np.abs(axes @ up) < 0.5]
+    # m − p × f, which is −point × f but for a vertical part if m is about the point
     tilt = moment - np.cross(pressure, force)
 
     def misfit(point: Array) -> float:
         rest = (tilt + np.cross(point, force)) @ level.T
         return float(np.median(np.linalg.norm(rest, axis=1) / np.abs(force @ up)))
 
-    candidates = [np.zeros(3), *known]
+    candidates = [np.zeros(3), *likely]
+    # least squares of the level components, for a point on the floor and for one anywhere
     for directions in (level, axes):
         columns = [(np.cross(axis, force) @ level.T).ravel() for axis in directions]
         solved = np.linalg.lstsq(np.stack(columns, 1), -(tilt @ level.T).ravel())[0]
         candidates.append(solved @ directions)
     misfits = [misfit(point) for point in candidates]
-    enough = min(misfits) * EQUAL_MISFIT_RATIO + EQUAL_MISFIT_M
-    chosen = next(k for k, value in enumerate(misfits) if value <= enough)
+    # candidates stand from simple to free: the first that fits as well as the best one
+    as_good = min(misfits) * MOMENTS.simpler_ratio + MOMENTS.rounding
+    chosen = next(k for k, value in enumerate(misfits) if value <= as_good)
     return candidates[chosen], misfits[chosen]

@@ -17,16 +17,12 @@ from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import MAX_RATE_HZ, MIN_RATE_HZ, labels_in, read_table
 
-CUSTOMARY_RATES_HZ: Final = np.array(
-    [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000], float
-)
 SEGMENTS: Final = {
     *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
     *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
     *(f"{side}{name}" for side in "lr" for name in ("humerus", "forearm", "hand", "clavicle")),
 }
 """Columns of D-Flow's body model that are named as markers are."""
-UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
 MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 
 
@@ -47,11 +43,16 @@ def read_record(path: Path) -> tuple[Analog, list[Note | Fact]]:
         if len(time) < 2 or not (np.diff(time) >= 0).all():
             raise ValueError(f"its {len(time)} rows are not two or more with increasing times")
         units = ("",) * len(names[1:])
-        return Analog(time, tuple(names[1:]), units, values[:, 1:]), table.said
+        return Analog(time, tuple(names[1:]), units, values[:, 1:]), table.remarks
 
 
 def on_clock(
-    record: Analog, name: str, stamps: Array, time: Array, analog: Analog, said: list[Note | Fact]
+    record: Analog,
+    name: str,
+    stamps: Array,
+    time: Array,
+    analog: Analog,
+    remarks: list[Note | Fact],
 ) -> Analog:
     """Bring a record onto the cameras' clock.
 
@@ -67,7 +68,7 @@ def on_clock(
         The frames' times on the recording's clock, (T,) [s].
     analog
         Channels that are already on that clock, which the record's follow.
-    said
+    remarks
         Becomes longer by the note ``record_short`` where the record covers less than nine tenths of
         the frames.
 
@@ -86,9 +87,10 @@ def on_clock(
     Time stamps scatter and bunch up when D-Flow lags, so the clocks are related by a straight line
     through all of them, not frame by frame.
     """
-    seen = np.isfinite(stamps)
-    rate, start = np.polyfit(time[seen] - time[seen].mean(), stamps[seen], 1)
-    start = float(np.median(stamps[seen] - rate * time[seen]))
+    # stamp = start + rate · time, in D-Flow's seconds
+    is_known = np.isfinite(stamps)
+    rate, start = np.polyfit(time[is_known] - time[is_known].mean(), stamps[is_known], 1)
+    start = float(np.median(stamps[is_known] - rate * time[is_known]))
     clock = (record.time - start) / rate
     if clock[-1] < time[0] or clock[0] > time[-1]:
         raise ValueError(
@@ -101,7 +103,7 @@ def on_clock(
     first_s, last_s = np.clip(clock[[0, -1]], time[0], time[-1])
     # both modules are started and stopped by hand, some frames apart
     if last_s - first_s < 0.9 * np.ptp(time):
-        said.append(Note.of("record_short", file=name, first_s=first_s, last_s=last_s))
+        remarks.append(Note.of("record_short", file=name, first_s=first_s, last_s=last_s))
     values = np.column_stack([analog.values, *at_frames])
     return Analog(time, tuple(names), analog.units + record.units, values)
 
@@ -143,7 +145,7 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     and moments as about the common origin of plates and cameras; `wrench_about_origin` checks this
     against the centres of pressure and takes another point where they demand it.
     """
-    columns, first_frame, rate_hz, said = _columns(path)
+    columns, first_frame, rate_hz, remarks = _columns(path)
     matches = filter(None, map(MARKER.fullmatch, columns))
     stems = [s for s in dict.fromkeys(m[1] for m in matches) if s.lower() not in SEGMENTS]
     if not stems:
@@ -164,8 +166,8 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     if record:
         signals, of_record = read_record(record)
         with naming(record):
-            analog = on_clock(signals, record.name, stamps, time, analog, said)
-        said += of_record
+            analog = on_clock(signals, record.name, stamps, time, analog, remarks)
+        remarks += of_record
     del stamps
     columns.clear()  # as large as all that is read from it
     return recording_of(
@@ -176,7 +178,7 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
         plates,
         axes="right,up,back",
         program="D-Flow",
-        notes=said,
+        notes=remarks,
         analog=analog if analog.names else None,
         first_frame=first_frame,
     )
@@ -198,9 +200,9 @@ def _columns(path: Path) -> tuple[dict[str, Array], int, float, list[Note | Fact
     index = np.flatnonzero(np.isfinite(stamps))
     rate_hz = _rate_hz(index, stamps[index])
     scatter_s = np.ptp(stamps[index] - index / rate_hz)
-    table.said.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
+    table.remarks.append(Note.of("sample_clock", of="frames", rate_hz=rate_hz, scatter_s=scatter_s))
     columns = table.distinct(told_apart(names, MARKER), values)
-    return columns, int(frames[0]), rate_hz, table.said
+    return columns, int(frames[0]), rate_hz, table.remarks
 
 
 def _rate_hz(index: Indices, stamps: Array) -> float:
@@ -208,7 +210,8 @@ def _rate_hz(index: Indices, stamps: Array) -> float:
     slope = float(np.polyfit(index, stamps, 1)[0])
     if not 1 / MAX_RATE_HZ < slope < 1 / MIN_RATE_HZ:
         raise ValueError(f"its time stamps advance {slope:.3g} s per frame, expected 1e-5 to 1 s")
-    nearest = float(CUSTOMARY_RATES_HZ[np.argmin(np.abs(CUSTOMARY_RATES_HZ * slope - 1))])
+    customary = [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000]
+    nearest = min(map(float, customary), key=lambda rate_hz: abs(rate_hz * slope - 1))
     # the slope of time stamps that lag is a customary rate to 2 %
     return nearest if abs(nearest * slope - 1) < 0.02 else 1 / slope
 
@@ -221,5 +224,6 @@ def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog
     if np.count_nonzero(modelled) > 1:
         failed = (values[:, modelled] == 0).all(axis=1)
         values[failed[:, None] & modelled] = np.nan
-    units = [next((u for end, u in UNITS.items() if n.endswith(end)), "") for n in names]
+    by_ending = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
+    units = [next((u for end, u in by_ending.items() if n.endswith(end)), "") for n in names]
     return Analog(time, tuple(names), tuple(units), values)

@@ -11,20 +11,12 @@ from typing import BinaryIO, Final
 
 from hbm.spelling import both_ends, printable
 
-MAX_MESSAGE: Final = 699
-"""Characters of what is said about a file: twenty labels, two sets and what to do."""
-
-
 UNUSABLE: Final = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 """In a name: it has a control character, or bytes that are no UTF-8."""
 RENAME: Final = "a name that is not UTF-8, or has a control character; rename the file or folder"
 NO_MEMORY: Final = "there is not enough memory; close other programs or use a larger machine"
 MAX_BYTES: Final = 2**31
 """Of a recording, or of a table: three hours of markers and plates."""
-MAX_TEXT_BYTES: Final = 2**26
-"""Of settings, calibrations and explanations, which have some megabytes."""
-MAX_REASON: Final = 200
-"""Characters of an error that nobody expects."""
 
 
 class FileFault(ValueError):
@@ -56,15 +48,15 @@ def naming(path: Path) -> Iterator[None]:
 
 def fault_line(text: str) -> str:
     """Give what is said about a file in one printable line; of a long one its two ends."""
-    return both_ends(printable(text), MAX_MESSAGE)
+    return both_ends(printable(text), 699)  # twenty labels, two sets and what to do
 
 
 def expected(error: BaseException) -> bool:
     """Say whether an error is about what people gave; otherwise it is a fault of this program."""
     if isinstance(error, KeyError):
         return any(isinstance(text, str) and " " in text for text in error.args[:1])
-    told = isinstance(error, ValueError | OSError) and str(error) != ""
-    return told or isinstance(error, MemoryError)
+    is_told = isinstance(error, ValueError | OSError) and str(error) != ""
+    return is_told or isinstance(error, MemoryError)
 
 
 def describe_error(error: BaseException) -> str:
@@ -78,7 +70,7 @@ def describe_error(error: BaseException) -> str:
     elif not expected(error):
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = (
-            f"a fault of this program: {type(error).__name__}: {text[:MAX_REASON]} "
+            f"a fault of this program: {type(error).__name__}: {text[:200]} "
             f"({Path(place.filename).name}, line {place.lineno}); please report it with what "
             "--debug shows"
         )
@@ -124,7 +116,10 @@ def too_large(size: float, most: float) -> str:
     return f"{sizes}; give another file, or a part of it"
 
 
-def read_text(path: Path, most: int = MAX_TEXT_BYTES) -> str:
-    """Read a file in UTF-8, with or without a byte order mark; a ValueError if it is not."""
+def read_text(path: Path, most: int = 2**26) -> str:
+    """Read a file in UTF-8, with or without a byte order mark; a ValueError if it is not.
+
+    By default of at most 64 MB: settings, calibrations and explanations have some megabytes.
+    """
     with open_file(path, most) as file:
         return file.read().decode("utf-8-sig")

@@ -12,6 +12,7 @@ import numpy as np
 
 from hbm.markers import MarkerSet, marker_sets, recognise_marker_set, renaming
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, Mask
 from hbm.spelling import listed, short
 from pipeline.io.recording import Fact
@@ -19,14 +20,9 @@ from pipeline.io.stated import Stated
 
 SEPARATORS: Final = " _-.:"
 """Between a subject's prefix and a label."""
-FEWEST_OF_A_SUBJECT: Final = 8
-"""Labels that begin alike, for their beginning to be the prefix of a subject."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "labels")
 AGAIN: Final = "\N{WORD JOINER}"
 """Added to a name in a file that occurred before, where names have to differ."""
-UNLABELLED: Final = re.compile(r"\*.*|(u|un\w*)[ _*.-]*\d*", re.IGNORECASE)
-"""Labels of trajectories that nobody labelled, such as "*12", "U 3" or "Unlabelled_7"."""
-MAX_ROUNDING_M: Final = 1e-3
-"""Between two copies of one trajectory, which programs round differently."""
 
 
 def without_prefixes(
@@ -75,14 +71,15 @@ def without_prefixes(
             notes.append(Fact("corrected", "labels", reason))
     prefixes = list(dict.fromkeys(filter(None, owners)))
     if stated.label_prefix is not None:
-        chosen = {str(k): each for k, each in enumerate(prefixes, start=1)}
-        chosen |= {each.rstrip(SEPARATORS): each for each in prefixes}
+        chosen = {str(k): owner for k, owner in enumerate(prefixes, start=1)}
+        chosen |= {owner.rstrip(SEPARATORS): owner for owner in prefixes}
         prefix = chosen.get(stated.label_prefix.rstrip(SEPARATORS))
         if prefix is None:
             raise ValueError(
                 f"no label begins with the given prefix; it has {len(prefixes)}, numbered from 1: "
                 "correct --label-prefix, or label_prefix in study.toml, or leave it out"
             )
+        # other subjects carry the same labels; a platform, whose labels are its own, is no subject
         of_subject = {label for k, label in bare.items() if owners[k] == prefix}
         others = {owners[k] for k, label in bare.items() if label in of_subject} - {prefix}
         kept = {
@@ -96,7 +93,7 @@ def without_prefixes(
     carried = {(label, owners[k]) for k, label in bare.items()}
     carriers = Counter(label for label, _ in carried)
     if alike := {owner for label, owner in carried if carriers[label] > 1}:
-        numbers = [str(k) for k, each in enumerate(prefixes, start=1) if each in alike]
+        numbers = [str(k) for k, owner in enumerate(prefixes, start=1) if owner in alike]
         raise ValueError(
             f"{len(alike)} subjects carry the same labels: choose one by the prefix of its labels "
             f"or by its number in the file ({listed(numbers)}), for example --label-prefix "
@@ -133,13 +130,13 @@ def _stems(labels: Sequence[str], stated: Stated, owners: Sequence[str]) -> list
     prefix = stated.label_prefix
     if prefix is None and _are_of_a_set(labels, stated):
         return []
-    known = _known(stated)
+    meaningful, fewest = _known(stated), LIMITS.fewest_of_a_subject
     # what stands before the longest end of each label that means something
     before = (
-        next((label[:k] for k in range(1, len(label)) if label[k:].casefold() in known), "")
+        next((label[:k] for k in range(1, len(label)) if label[k:].casefold() in meaningful), "")
         for label in labels
     )
-    often = [stem for stem, n in Counter(before).items() if stem and n >= FEWEST_OF_A_SUBJECT]
+    often = [stem for stem, n in Counter(before).items() if stem and n >= fewest]
     of_stem = {s: [label[len(s) :] for label in labels if label.startswith(s)] for s in often}
     stems = [stem for stem, rest in of_stem.items() if _are_of_a_set(rest, stated)]
     if stems or prefix is None or prefix.rstrip(SEPARATORS) in owners:
@@ -172,26 +169,32 @@ def join_trajectories(
         in different places at once, and no marker set has the numbered label, or that of the other
         side occurs once.
     """
-    known, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
+    # labels of trajectories that nobody labelled, such as "*12", "U 3" or "Unlabelled_7"
+    unlabelled = re.compile(r"\*.*|(u|un\w*)[ _*.-]*\d*", re.IGNORECASE)
+    meaningful, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
     names = dict(enumerate(labels.values()))
     alike: dict[str, list[int]] = defaultdict(list)
     for column, name in names.items():
         alike["".join(name.split()).casefold()].append(column)
     for label, (first, *others) in alike.items():
-        if not others or UNLABELLED.fullmatch(label):
+        if not others or unlabelled.fullmatch(label):
             continue
         # the spelling of a marker set, if one of them has it
         spellings = [names[column] for column in (first, *others)]
-        name = names[first] = next((n for n in spellings if n.casefold() in known), spellings[0])
-        seen = np.isfinite(position[:, first, 0])
-        one = [f"{places[first]} ({_when(seen)})"]
+        meant = (spelling for spelling in spellings if spelling.casefold() in meaningful)
+        name = names[first] = next(meant, spellings[0])
+        is_seen = np.isfinite(position[:, first, 0])
+        one = [f"{places[first]} ({_when(is_seen)})"]
         for column in others:
-            its = np.isfinite(position[:, column, 0])
-            away_m = np.linalg.norm(position[:, column] - position[:, first], axis=-1)[seen & its]
-            if away_m.max(initial=0.0) > MAX_ROUNDING_M:
+            # parts of one trajectory are never seen at once; copies of it are at the same place
+            is_seen_too = np.isfinite(position[:, column, 0])
+            both = is_seen & is_seen_too
+            away_m = np.linalg.norm(position[:, column] - position[:, first], axis=-1)[both]
+            if away_m.max(initial=0.0) > LIMITS.largest_rounding:
                 names[column] = second = free_name(name, {*names.values()})
+                # sets with two markers of one name have them on both sides
                 twin = {"l": "r", "r": "l"}.get(label[0], "") + label[1:]
-                if f"{label}_2" not in known or len(alike.get(twin, ())) == 1:
+                if f"{label}_2" not in meaningful or len(alike.get(twin, ())) == 1:
                     reason = (
                         f"trajectories {places[first]} and {places[column]} have this label, "
                         f"{1000 * np.median(away_m):.0f} mm apart in {len(away_m)} frames; the "
@@ -200,9 +203,9 @@ def join_trajectories(
                     )
                     facts.append(Fact("in_doubt", f"marker {short(name)}", reason))
                 continue
-            position[its & ~seen, first] = position[its & ~seen, column]
-            seen |= its
-            one.append(f"{places[column]} ({_when(its)})")
+            position[is_seen_too & ~is_seen, first] = position[is_seen_too & ~is_seen, column]
+            is_seen |= is_seen_too
+            one.append(f"{places[column]} ({_when(is_seen_too)})")
             del names[column]
         if len(one) > 1:
             reason = f"trajectories {listed(one)} have this label"
@@ -210,8 +213,8 @@ def join_trajectories(
     return numbered(names), facts
 
 
-def _when(seen: Mask) -> str:
-    frames = np.flatnonzero(seen) + 1
+def _when(is_seen: Mask) -> str:
+    frames = np.flatnonzero(is_seen) + 1
     return f"frames {frames[0]}–{frames[-1]}" if len(frames) else "never seen"
 
 
@@ -239,8 +242,8 @@ def numbered(names: Mapping[int, str]) -> dict[str, int]:
 
 def free_name(name: str, taken: Container[str]) -> str:
     """Give a name that is not taken: the name itself, else numbered from 2."""
-    every = chain([name], (f"{name}_{number}" for number in count(2)))
-    return next(free for free in every if free not in taken)
+    names = chain([name], (f"{name}_{number}" for number in count(2)))
+    return next(free for free in names if free not in taken)
 
 
 def rename_markers(
@@ -274,14 +277,14 @@ def rename_markers(
 
 def _renamed(names: Collection[str], stated: Stated) -> list[str]:
     """Give labels as they are wanted, by labels and by beginnings such as L* = R*."""
-    spelt, wanted = {name.casefold(): name for name in names}, dict[str, str]()
+    spelt, renamed = {name.casefold(): name for name in names}, dict[str, str]()
     for old, new in stated.rename.items():
         begins, other = old[:-1].casefold(), new.removesuffix("*").casefold()
         for folded, name in spelt.items() if old.endswith("*") else ():
             if folded.startswith(begins) and (there := spelt.get(other + folded[len(begins) :])):
-                wanted[name] = there
-    wanted |= stated.rename
-    return [wanted.get(name, name) for name in names]
+                renamed[name] = there
+    renamed |= stated.rename
+    return [renamed.get(name, name) for name in names]
 
 
 def require_unique(labels: Iterable[str], fault: str) -> None:

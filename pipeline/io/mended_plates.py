@@ -7,13 +7,13 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.converters import Wraps, find_wraps
 from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import parse_mending
 
-LEAST_WRAP: Final = (10.0, 10.0, 10.0, 1.0, 1.0, 1.0)
-"""Of the period of a channel that overflows [N, N·m]."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "plates")
 
 
 def channels_about(plate: Plate) -> Iterator[tuple[Array, Array]]:
@@ -28,8 +28,8 @@ def channels_about(plate: Plate) -> Iterator[tuple[Array, Array]]:
 def find_overflows(plate: Plate) -> tuple[Array, dict[int, Wraps]]:
     """Find the channels of a plate that overflow: about where, (3,), and number -> overflows."""
     for about, channels in channels_about(plate):
-        found = map(find_wraps, channels.T, LEAST_WRAP)
-        if overflows := {axis: wraps for axis, wraps in enumerate(found) if wraps is not None}:
+        by_axis = enumerate(map(find_wraps, channels.T, LIMITS.least_wrap.tolist()))
+        if overflows := {axis: wraps for axis, wraps in by_axis if wraps is not None}:
             return about, overflows
     return plate.transducer, {}
 
@@ -62,23 +62,23 @@ def with_mended_plates(recording: Recording) -> Recording:
     return replace(recording, plates=plates, notes=(*recording.notes, note))
 
 
-def mended_plates(given: Sequence[Plate], stated: Sequence[str]) -> tuple[Plate, ...]:
+def mended_plates(measured: Sequence[Plate], stated: Sequence[str]) -> tuple[Plate, ...]:
     """Mend plates in their own axes; errors are those of `with_mended_plates`."""
-    plates = {plate.number: plate for plate in given}
+    plates = {plate.number: plate for plate in measured}
     for text in stated:
         number, deed, what = parse_mending(text)
-        for wanted in (number, int(what) if deed == "exchange" else number):
-            if wanted not in plates:
+        for named in (number, int(what) if deed == "exchange" else number):
+            if named not in plates:
                 has = ", ".join(map(str, plates)) or "none"
                 raise ValueError(
-                    f"mend_plates: there is no plate {wanted}; the recording has plates {has}"
+                    f"mend_plates: there is no plate {named}; the recording has plates {has}"
                 )
         plate = plates[number]
         if deed == "exchange":
             other = plates[int(what)]
-            for one, measured in ((plate, other), (other, plate)):
-                plates[one.number] = replace(
-                    one, time=measured.time, wrench_in_plate=measured.wrench_in_plate
+            for here, there in ((plate, other), (other, plate)):
+                plates[here.number] = replace(
+                    here, time=there.time, wrench_in_plate=there.wrench_in_plate
                 )
         elif deed == "drift":
             continue
@@ -103,6 +103,7 @@ def _mended(plate: Plate, deed: str, what: str) -> Array:
     about, overflows = find_overflows(plate)
     if axis not in overflows:
         return plate.wrench_in_plate
+    # a converter overflows in its own channels, whose moments are about the transducer
     channels = shift_wrench(wrench, about)
     channels[:, axis] = overflows[axis].undone
     return shift_wrench(channels, -about)
@@ -113,6 +114,7 @@ def of_channels(plate: Plate, change: Array, wrench: Array) -> Array:
 
     Channels hold moments about the transducer.
     """
+    # to the transducer, where the change is, and back to the centre of the surface
     return shift_wrench(shift_wrench(wrench, plate.transducer) @ change.T, -plate.transducer)
 
 

@@ -91,10 +91,10 @@ def read_mox(path: Path, stated: Stated) -> Recording:
         values = np.column_stack([*signals.values()])
         analog = Analog(times, tuple(signals), ("",) * len(signals), values)
     if left_out := [name for name in rest if name not in signals]:
-        table.said.append(Note.of("parts_left_out", parts=left_out))
+        table.remarks.append(Note.of("parts_left_out", parts=left_out))
     if plates:
-        table.said.append(Note.of("force_sign_unconfirmed"))
-    return recording_of(path, stated, markers, time, plates, notes=table.said, analog=analog)
+        table.remarks.append(Note.of("force_sign_unconfirmed"))
+    return recording_of(path, stated, markers, time, plates, notes=table.remarks, analog=analog)
 
 
 def _channels(content: bytes) -> tuple[dict[str, Channel], dict[str, str]]:

@@ -16,7 +16,6 @@ from pipeline.io.recording import Analog, Fact, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import TextTable, read_rate, read_table
 
-TITLES: Final = ("devices", "trajectories")
 HEADER_LINES: Final = 5
 """Title, rate, groups, components, units."""
 
@@ -55,11 +54,11 @@ def _blocks(path: Path) -> tuple[dict[str, Block], list[Note | Fact]]:
     for _, part in groupby(enumerate(table.rows), key=lambda place: place[1][0] - place[0]):
         block = [row for _, row in part]
         title = block[0][1].strip()
-        if title.lower() in TITLES and title.lower() not in blocks:
+        if title.lower() in ("devices", "trajectories") and title.lower() not in blocks:
             blocks[title.lower()] = _block(replace(table, rows=block))
         else:
-            table.said.append(Note.of("parts_left_out", parts=[short(title)]))
-    return blocks, table.said
+            table.remarks.append(Note.of("parts_left_out", parts=[short(title)]))
+    return blocks, table.remarks
 
 
 def _block(table: TextTable) -> Block:
@@ -76,6 +75,7 @@ def _block(table: TextTable) -> Block:
         )
     values = replace(table, rows=rows[HEADER_LINES:]).numbers(labels)
     units += [""] * len(labels)
+    # a name stands above the first of its components, after the two columns of the clock
     starts = [k for k, name in enumerate(names) if name and k >= 2]
     groups = [
         Group(names[a], tuple(labels[a:b]), tuple(units[a:b]), values[:, a:b])
@@ -86,6 +86,7 @@ def _block(table: TextTable) -> Block:
 
 def _time(title: str, block: Block, trajectories: Block) -> Array:
     """Give the times of a block's rows from the first frame of the trajectories, (N,) [s]."""
+    # whole frames of the cameras, and within one the samples of the device
     time: Array = (block.frame - trajectories.frame[0]) / trajectories.rate_hz
     time = time + block.sub_frame / block.rate_hz
     # in samples, as rates are rounded
@@ -129,7 +130,7 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
     change sign. Its moments are about the plate's centre, which the file does not state:
     `wrench_about_origin` finds it from the centres of pressure.
     """
-    blocks, said = _blocks(path)
+    blocks, remarks = _blocks(path)
     if "trajectories" not in blocks:
         raise ValueError(f"no Trajectories block; blocks: {listed(blocks)}")
     block = blocks["trajectories"]
@@ -154,7 +155,7 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
         _time("Trajectories", block, block),
         plates,
         on_subject=False,
-        notes=said,
+        notes=remarks,
         analog=analog,
         first_frame=int(block.frame[0]),
     )

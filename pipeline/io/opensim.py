@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import SI_UNITS, PlateColumns, file_markers, plate_of, recording_of
@@ -26,13 +27,7 @@ OTHER_COLUMNS: Final = (
 )
 """Of OpenSim's C3DFileAdapter, such as f1_x, p1_2 or f1_vx, of Cortex, such as FX1, X1, MZ1, and
 of others, such as FP1_vx."""
-TORQUE_COLUMNS: Final = tuple(product(("torque", "moment", "force"), ("_", "_m")))
-"""How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
-word in the place of "force", and what stands before the axis."""
-OF_CONTENT: Final = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
-"""Words in names that say what a file holds, not which trial it is of."""
-MIN_SPAN_IN_MS: Final = 100.0
-"""Of the markers' span: no file of forces is so much longer, but in ms it would be 1000."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "times")
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,25 +175,25 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
         with naming(forces):
             loads = read_sto(forces)
             held = np.column_stack([loads.time, *loads.columns.values()])
-            if np.ptp(held[:, 0]) > MIN_SPAN_IN_MS * np.ptp(time):
+            if np.ptp(held[:, 0]) > LIMITS.least_span_in_ms * np.ptp(time):
                 held[:, 0] /= 1000
                 in_ms = (
                     "its times are read as ms: in s they would last much longer than the markers"
                 )
-                table.said.append(Fact("corrected", forces.name, in_ms))
+                table.remarks.append(Fact("corrected", forces.name, in_ms))
             clock, held = loads.text.regular(held, 0)
             of_sto, lasts_s, last_s = loads.units == SI_UNITS, np.ptp(clock), np.ptp(time)
             if not of_sto and abs(lasts_s - last_s) < 2 * (time[1] - time[0]):
                 clock = clock - clock[0] + time[0]
             elif not of_sto:
                 doubt = f"it lasts {lasts_s:.2f} s by its SampleRate, the markers {last_s:.2f} s"
-                table.said.append(Fact("in_doubt", forces.name, doubt))
+                table.remarks.append(Fact("in_doubt", forces.name, doubt))
             if clock[-1] < time[0] or clock[0] > time[-1]:
                 times = f"{clock[0]:.2f}–{clock[-1]:.2f} s do not overlap the {time[0]:.2f}"
                 raise ValueError(f"its times {times}–{time[-1]:.2f} s of {path.name}; same clock?")
             columns = dict(zip(loads.columns, held.T[1:], strict=True))
             plates = list(_forces(columns, clock - time[0], loads.units))
-            table.said += loads.text.said
+            table.remarks += loads.text.remarks
     return recording_of(
         path,
         stated,
@@ -207,7 +202,7 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
         plates,
         on_subject=of_sto,
         torques=True,
-        notes=table.said,
+        notes=table.remarks,
         first_frame=first,
         forces_beside=forces_beside(path) if forces is None else None,
     )
@@ -215,10 +210,12 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
 
 def forces_beside(path: Path) -> Path | None:
     """Give the file beside a TRC file that holds forces of its trial by its name, if it is one."""
+    # words that say what a file holds, not which trial it is of
+    of_content = {"markers", "marker", "trc", "grf", "grfs", "forces", "force", "mot"}
     of_forces = []
     for file in path.parent.glob("*"):
         words, others = (
-            {*re.findall(r"[^\W_]+", f.stem.lower())} - OF_CONTENT for f in (file, path)
+            {*re.findall(r"[^\W_]+", f.stem.lower())} - of_content for f in (file, path)
         )
         alike = words <= others or others <= words
         if alike and file.suffix.lower() in (".mot", ".sto", ".forces"):
@@ -249,9 +246,11 @@ def _forces(
     stems = dict.fromkeys((match["stem"], match["letter"]) for match in matches)
     if not stems:
         raise ValueError(f"no forces such as ground_force_vx; columns: {listed(columns)}")
+    # torques of ground_force_vx are ground_torque_x, ground_moment_x, ground_force_mx and the like
+    of_torques = [*product(("torque", "moment", "force"), ("_", "_m"))]
     for k, (stem, letter) in enumerate(stems, start=1):
         name = f"plate {k} ({short(stem)})"
-        torques = [stem.replace("force", word) + before for word, before in TORQUE_COLUMNS]
+        torques = [stem.replace("force", word) + before for word, before in of_torques]
         there = [torque for torque in torques if f"{torque}x" in columns]
         if len(there) > 1:
             raise ValueError(f"the torques of {name} are there twice: {listed(there)}; remove one")

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.io.c3d.force_plates import plate_axes, unit_of_corners
@@ -22,12 +23,7 @@ from pipeline.io.text_table import GAPS, NUMBER, TextTable, read_number, read_ra
 
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
 """Stem of a file of forces: of the only plate, or of one with its number."""
-KEY: Final = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT")
-PARTS: Final = ("Force_", "Moment_", "COP_")
-CORNERS: Final = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")
-"""In the order of the C3D format."""
-MAX_CORNER_ERROR_M: Final = 0.02
-"""Corners that are measured miss a rectangle by millimetres, those in no order by decimetres."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "plates")
 Header = Mapping[str, str]
 """Key -> what follows it, empty if it is absent; of events with their lines' numbers. Without a key
 are the names of the columns."""
@@ -40,9 +36,10 @@ def _export(path: Path) -> tuple[Header, TextTable]:
     numbers = (k for k, first in enumerate(firsts) if first in GAPS or NUMBER.fullmatch(first))
     start = next(numbers, len(table.rows))
     header = defaultdict[str, str](str)
+    is_key = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|DESCRIPTION|EVENT")
     for k, line in table.rows[:start]:
         key, _, text = line.partition("\t")
-        if KEY.fullmatch(key.strip()):
+        if is_key.fullmatch(key.strip()):
             header[f"EVENT {k}" if key == "EVENT" else key.strip()] = text.strip()
         else:
             header[""] = line
@@ -131,9 +128,11 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     files = plate_files(forces or path) or ([] if forces is None else [forces])
     for file in files:
         with naming(file):
-            plates.append(_plate(file, start_s, markers.position, table.said))
+            plates.append(_plate(file, start_s, markers.position, table.remarks))
     if files:
-        table.said.append(Fact("joined", path.name, f"with {listed(file.name for file in files)}"))
+        table.remarks.append(
+            Fact("joined", path.name, f"with {listed(file.name for file in files)}")
+        )
     return recording_of(
         path,
         stated,
@@ -141,13 +140,13 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
         time - time[0],
         plates,
         on_subject=False,
-        notes=table.said,
+        notes=table.remarks,
         first_frame=first,
-        events=tuple(_events(header, time[0], table.said)),
+        events=tuple(_events(header, time[0], table.remarks)),
     )
 
 
-def _events(header: Header, start_s: float, said: list[Note | Fact]) -> Iterator[Event]:
+def _events(header: Header, start_s: float, remarks: list[Note | Fact]) -> Iterator[Event]:
     """Give the foot strikes and foot offs, and say which others are left out."""
     for text in (text for key, text in header.items() if key.startswith("EVENT ")):
         name, *_, written = text.split("\t")
@@ -155,11 +154,11 @@ def _events(header: Header, start_s: float, said: list[Note | Fact]) -> Iterator
         if kind and side:
             yield Event(read_number(written, of) - start_s, kind, side)
         else:
-            said.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
+            remarks.append(Fact("left_out", of, "it is no foot strike or foot off of a side"))
 
 
 def _plate(
-    path: Path, start_s: float | None, position: Array, said: list[Note | Fact]
+    path: Path, start_s: float | None, position: Array, remarks: list[Note | Fact]
 ) -> PlateColumns | Fact:
     """Give the plate of a file in the axes of the markers, or why it is left out.
 
@@ -175,13 +174,15 @@ def _plate(
     table.check_counts(header, {"NO_OF_SAMPLES": len(table.rows)})
     rate_hz = _rate_hz(header, timed is not None)
     time, values = table.regular(table.numbers(columns), timed, rate_hz)
-    said += table.said
+    remarks += table.remarks
     clock = time - (time[0] if start_s is None or timed is None else start_s)
-    place, axes = _place(header, number, position, said), header["DESCRIPTION"].lower()
+    place, axes = _place(header, number, position, remarks), header["DESCRIPTION"].lower()
     try:
-        parts = vectors(dict(zip(columns, values.T, strict=True)), PARTS)
+        stems = ("Force_", "Moment_", "COP_")
+        parts = vectors(dict(zip(columns, values.T, strict=True)), stems)
     except ValueError as error:
         return Fact("left_out", name, str(error), plate=True)
+    # from the plate's axes to the file's, and centres of pressure from the file's origin
     if "local" in axes and place is not None:
         parts = parts @ place.rotation.T
         parts[:, 2] += 1000 * place.center  # in mm, as the file
@@ -192,16 +193,19 @@ def _plate(
     return PlateColumns(number, name, clock, *parts.transpose(1, 0, 2), units=units, place=place)
 
 
-def _place(header: Header, number: int, position: Array, said: list[Note | Fact]) -> Plate | None:
+def _place(
+    header: Header, number: int, position: Array, remarks: list[Note | Fact]
+) -> Plate | None:
     """Give where a plate lies [m]; None where its file states no rectangle of a plate's size."""
-    keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in CORNERS for axis in "XYZ")
+    order = ("POSX_POSY", "NEGX_POSY", "NEGX_NEGY", "POSX_NEGY")  # of the C3D format
+    keys = (f"FORCE_PLATE_CORNER_{corner}_{axis}" for corner in order for axis in "XYZ")
     try:
         corners = np.array([header[key] for key in keys], float).reshape(4, 3)
         unit, facts = unit_of_corners(number, corners, 1e-3, position)
         place = plate_at(number, corners * unit)
     except ValueError:
         return None
-    said += facts
+    remarks += facts
     return place
 
 
@@ -211,7 +215,8 @@ def plate_at(number: int, corners: Array) -> Plate:
     A ValueError where they are no rectangle.
     """
     rotation = plate_axes(corners)
-    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < MAX_CORNER_ERROR_M:
+    # of a rectangle, both diagonals have one middle
+    if not np.linalg.norm(corners.T @ [1, -1, 1, -1]) < LIMITS.largest_disorder:
         raise ValueError("its corners are no rectangle")
     wrench, center = np.empty((0, 6)), corners.mean(axis=0)
     return Plate(number, np.empty(0), wrench, rotation, center, corners)

@@ -34,12 +34,6 @@ READERS: Final[dict[str, Callable[..., Recording]]] = {
 """What reads each format, given path, what is stated, and a file of forces or record beside it."""
 FORCES_BESIDE: Final = ("TRC", "Qualisys")
 """Formats whose forces are in a file of their own."""
-HEAD_BYTES: Final = 65536
-"""Read to recognise a format: the longest first line of D-Flow is shorter."""
-FIRST_LINES: Final = 100
-"""Within them are the keys of a Qualisys file, of which each event has one."""
-MOX_ROOT_CHARACTERS: Final = 4096
-"""The root of a .mox file is within them."""
 
 
 def read_recording(
@@ -97,9 +91,9 @@ def read_recording(
             raise ValueError(f"a file of forces goes with a TRC or Qualisys file, this is {kind}")
         if record is not None and kind != "D-Flow":
             raise ValueError(f"a record file goes with a D-Flow file, this is {kind}")
-        beside = [Path(file) for file in (forces, record) if file is not None]
+        files = [Path(file) for file in (forces, record) if file is not None]
         try:
-            return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *beside))
+            return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *files))
         except AxesUnknownError:
             if static is None or file_format(static) != kind:
                 raise
@@ -107,7 +101,7 @@ def read_recording(
             axes = READERS[kind](static, stated.of_file(static.name)).axes
         by = f"as in the static recording {static.name}; this recording does not show them itself"
         there = replace(stated.of_file(path.name), axes=",".join(axes), axes_by=by)
-        return with_mended_plates(READERS[kind](path, there, *beside))
+        return with_mended_plates(READERS[kind](path, there, *files))
 
 
 def file_format(path: Path) -> str:
@@ -135,7 +129,7 @@ def file_format(path: Path) -> str:
             raise ValueError(RENAME)
         if path.name.startswith(".") and path.suffix == PART:
             raise ValueError("a part of a file whose writing was stopped; delete it")
-        return _format(file.read(HEAD_BYTES))
+        return _format(file.read(65536))  # the longest first line of D-Flow is shorter
 
 
 def is_recording(path: Path) -> bool:
@@ -166,11 +160,12 @@ def _format(head: bytes) -> str:
         text = ""
     lines = text.splitlines() or [""]
     first = [name.strip() for name in lines[0].split("\t")]
-    firsts = {line.split("\t")[0].strip('"') for line in lines[:FIRST_LINES]}
+    # the keys of a Qualisys file, of which each event has one, are within a hundred lines
+    firsts = {line.split("\t")[0].strip('"') for line in lines[:100]}
     kinds = {
         "TRC": lines[0].strip('"').startswith("PathFileType"),
         "Qualisys": "MARKER_NAMES" in firsts,
-        "MOX": ROOT in text[:MOX_ROOT_CHARACTERS],
+        "MOX": ROOT in text[:4096],
         "D-Flow": "FrameNumber" in first,
         "Nexus": is_nexus(lines),
     }

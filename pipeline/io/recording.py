@@ -73,12 +73,12 @@ def impossible_samples(names: Sequence[str], counts: Iterable[SupportsInt]) -> l
 
 
 @contextmanager
-def saying(said: Iterable[Note | Fact]) -> Iterator[None]:
+def saying(remarks: Iterable[Note | Fact]) -> Iterator[None]:
     """Add to a later error the facts found on reading: it may be a consequence."""
     try:
         yield
     except ValueError as error:
-        for fact in dict.fromkeys(each for each in said if isinstance(each, Fact)):
+        for fact in dict.fromkeys(note for note in remarks if isinstance(note, Fact)):
             if str(fact) not in str(error):
                 error.add_note(f"on reading, {fact}")
         raise
@@ -361,8 +361,8 @@ class Recording(Shown):
         if unused := [str(f) for f in self.facts if f.plate and f.kind == "left_out"]:
             return f"no force plate can be used ({'; '.join(unused)})"
         file = self.forces_beside
-        beside = f"; {file.name} beside it seems to: --forces {file.name}" if file else ""
-        return f"the file has no force plates{beside}"
+        remedy = f"; {file.name} beside it seems to: --forces {file.name}" if file else ""
+        return f"the file has no force plates{remedy}"
 
 
 def _rate_hz(time: Array) -> float:

@@ -21,26 +21,10 @@ CONVERT: Final[dict[Quantity, Callable[[str], float]]] = {
     "moment": moment_in_nm,
     "pressure": length_in_m,
 }
-STATE_PLATE_UNITS: Final = 'give them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
 RAW_SIGNALS: Final = dict.fromkeys(("v", "mv", "uv", "volt", "volts"), "volts") | dict.fromkeys(
     ("adc", "adu", "bit", "bits", "count", "counts"), "numbers of the converter"
 )
 """Unit of a plate's channel before its calibration, in lower case -> what the channel holds."""
-ASK_FOR_GAINS: Final = (
-    "export forces and moments, or ask the laboratory for the plate's calibration matrix and gains "
-    "(FORCE_PLATFORM:CAL_MATRIX, TYPE 4); if the numbers are forces, give --plate-units N,Nmm"
-)
-MENDING: Final = re.compile(
-    r"\s*(\d{1,2})\s*:\s*(?:(reverse)\s+([FM][xyz]|all)|(turn)\s+(90|180|270)"
-    r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz])|(drift)()"
-    r"|(gain|zero)\s+([FM][xyz]\s+[-+]?\d+(?:\.\d+)?)"
-    r"|(move)\s+([xyz]\s+[-+]?\d+(?:\.\d+)?))\s*",
-    re.ASCII,
-)
-EXAMPLES: Final = (
-    "3: reverse Fx, 2: turn 90, 1: exchange 2, 2: unwrap Mz, 1: gain Fz 0.97, 1: zero Fx 2.5, "
-    "1: drift or 1: move x -0.008"
-)
 
 
 def parse_mending(text: str) -> tuple[int, str, str]:
@@ -51,9 +35,19 @@ def parse_mending(text: str) -> tuple[int, str, str]:
     >>> parse_mending("2: turn 90")
     (2, 'turn', '90')
     """
-    match = MENDING.fullmatch(text)
+    pattern = (
+        r"\s*(\d{1,2})\s*:\s*(?:(reverse)\s+([FM][xyz]|all)|(turn)\s+(90|180|270)"
+        r"|(exchange)\s+(\d{1,2})|(unwrap)\s+([FM][xyz])|(drift)()"
+        r"|(gain|zero)\s+([FM][xyz]\s+[-+]?\d+(?:\.\d+)?)"
+        r"|(move)\s+([xyz]\s+[-+]?\d+(?:\.\d+)?))\s*"
+    )
+    match = re.fullmatch(pattern, text, re.ASCII)
     if match is None:
-        raise ValueError(f"give a correction of a plate such as {EXAMPLES}; got {short(text)!r}")
+        raise ValueError(
+            "give a correction of a plate such as 3: reverse Fx, 2: turn 90, 1: exchange 2, "
+            "2: unwrap Mz, 1: gain Fz 0.97, 1: zero Fx 2.5, 1: drift or 1: move x -0.008; got "
+            f"{short(text)!r}"
+        )
     number, deed, what = (part for part in match.groups() if part is not None)
     return int(number), deed, what
 
@@ -67,7 +61,7 @@ def correction(*mendings: str) -> str:
     'mend_plates = ["2: turn 90"] above the tables of study.toml (--mend-plates "2: turn 90")'
     """
     quoted = [f'"{mending}"' for mending in mendings]
-    options = " ".join(f"--mend-plates {each}" for each in quoted)
+    options = " ".join(f"--mend-plates {mending}" for mending in quoted)
     stated = f"mend_plates = [{', '.join(quoted)}]"
     return f"{stated} above the tables of study.toml ({options})"
 
@@ -170,11 +164,17 @@ class Stated:
         """
         unit = self.used_unit(quantity, unit)
         if raw := RAW_SIGNALS.get(unit.strip().lower()):
-            raise ValueError(f"it holds {raw} ({short(unit)}), not a {quantity}; {ASK_FOR_GAINS}")
+            raise ValueError(
+                f"it holds {raw} ({short(unit)}), not a {quantity}; export forces and moments, or "
+                "ask the laboratory for the plate's calibration matrix and gains "
+                "(FORCE_PLATFORM:CAL_MATRIX, TYPE 4); if the numbers are forces, give "
+                "--plate-units N,Nmm"
+            )
         try:
             return CONVERT[quantity](unit)
         except ValueError as error:
-            raise ValueError(f"{error}; {STATE_PLATE_UNITS}") from error
+            stating = '--plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
+            raise ValueError(f"{error}; give them: {stating}") from error
 
     def unit_notes(self, markers: Iterable[str], plates: Iterable[str]) -> list[Note]:
         """Note stated units with what the file states in their place."""

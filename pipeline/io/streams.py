@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import scipy
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import listed, printable, short
 from pipeline.io.labels import AGAIN, rename_markers, require_unique, without_prefixes
@@ -23,19 +24,12 @@ from pipeline.io.recording import Fact, FactKind, Plate
 from pipeline.io.stated import Stated
 from pipeline.io.units import force_in_n, moment_in_nm
 
-MOCAP: Final = "mocap"
-"""Content type of motion capture, in whatever case."""
 POSITION: Final = re.compile(r"Position([XYZ])", re.IGNORECASE)
 """Type of a channel that holds a coordinate of a position."""
 COORDINATE: Final = re.compile(r"(.+?)[._ -](?:Pos)?([XYZ])", re.IGNORECASE)
 """Label of a marker's channel, such as LASIS_X or LASIS.PosX."""
 AXES: Final = "XYZ"
-CONTROL: Final = re.compile(
-    r"[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]"
-    r"|&#(0*([0-8]|1[124-9]|2\d|3[01])|x0*([0-8bcef]|1[\da-f]));",
-    re.IGNORECASE,
-)
-"""Characters that XML may not hold, as they are or by their number."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "streams")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +55,13 @@ class Channel:
 
 def parse_xml(text: str) -> Element:
     """Parse what a stream says of itself, with "?" in place of control characters; a ValueError."""
+    # characters that XML may not hold, as they are or by their number
+    control = (
+        r"[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]"
+        r"|&#(0*([0-8]|1[124-9]|2\d|3[01])|x0*([0-8bcef]|1[\da-f]));"
+    )
     try:
-        return ElementTree.fromstring(CONTROL.sub("?", text))
+        return ElementTree.fromstring(re.sub(control, "?", text, flags=re.IGNORECASE))
     except ElementTree.ParseError as error:
         raise ValueError(f"its description is no XML: {error}; correct it in the sender") from error
 
@@ -116,7 +115,7 @@ def has_markers(content_type: str, channels: Sequence[Channel]) -> bool:
     """Whether a stream holds positions of markers, by its content type or its channels' types."""
     labelled = any(COORDINATE.fullmatch(channel.label) for channel in channels)
     typed = any(POSITION.fullmatch(channel.type) for channel in channels)
-    return typed or (labelled and content_type.lower() == MOCAP)
+    return typed or (labelled and content_type.lower() == "mocap")
 
 
 def marker_channels(channels: Sequence[Channel]) -> tuple[list[str], Indices, str]:
@@ -190,10 +189,10 @@ def marker_layout(
     bare, _ = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
     require_unique(bare.values(), "several markers have the same label")
     markers, *_ = rename_markers({label: k for k, label in bare.items()}, stated)
-    wanted, metre = columns[[*markers.values()]], stated.metre(unit)
+    coordinates, metre = columns[[*markers.values()]], stated.metre(unit)
 
     def positions(values: Array) -> Array:
-        position = np.take(values, wanted, axis=1) * metre
+        position = np.take(values, coordinates, axis=1) * metre
         position[~position.any(axis=-1)] = np.nan
         return position
 
@@ -314,27 +313,8 @@ def _place(number: int, described: Element) -> Plate:
     return Plate(number, np.empty(0), np.empty((0, 6)), rotation, center, corners)
 
 
-MAX_BACK_S: Final = 0.5
-"""Samples that are farther back than this are not out of order, their clock was set."""
-SAME_TIME_FRAMES: Final = 0.1
-"""Samples that are less apart are at the same time."""
-MAX_SAME: Final = 0.1
-"""Of samples at the same time; where more are, they were sent in chunks."""
-CLEAR_FRAMES: Final = 0.15
-"""Time stamps whose steps are off whole frames by less show which sample came late or again."""
 MIN_STEP_S: Final = 1e-9
 """Time stamps that differ by less do not advance."""
-USUAL_HZ: Final = 100.0
-MAX_RATE_DIFFERENCE: Final = 0.02
-"""Relative; beyond it the nominal rate is not that of the samples."""
-MIN_BURST_S: Final = 0.25
-"""Within it, some sample is stamped without delay."""
-MAX_DROPPED_RATIO: Final = 2
-"""Frames spanned per sample held: with more dropped, this is not one recording."""
-MAX_STEP_FRAMES: Final = 1.5
-"""From one sample to the next where none is lost; the usual step shows the rate by itself."""
-MAX_GAP_FRAMES: Final = 10**9
-MAX_SCATTER_FRAMES: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,12 +366,6 @@ class Clock:
         return replace(self, index=frames, samples=np.arange(len(frames))).on_frames(values)
 
 
-MAX_LOSS_S: Final = 0.0417
-"""From one sample of a force or another signal to the next: over it, or over one sample, it is
-interpolated. It is a quarter of the period of 6 Hz, over which filters go on when frames are lost.
-Residuals of a walk whose plates lose 30 ms four times a second err by 2 N."""
-
-
 def over_short_losses(time: Array, values: Array, rate_hz: float) -> tuple[Array, Array]:
     """Put interpolated samples, (N,) [s] and (N, K), where a few were lost.
 
@@ -405,14 +379,16 @@ def over_short_losses(time: Array, values: Array, rate_hz: float) -> tuple[Array
     steps = np.rint(np.diff(time) * rate_hz).astype(int)
     if steps.max(initial=0) <= 1:
         return time, values
-    lost = np.where(steps <= max(MAX_LOSS_S * rate_hz, 2), steps - 1, 0).clip(0)
+    # how many samples are put in after each: none where the loss is long
+    lost = np.where(steps <= max(LIMITS.longest_loss * rate_hz, 2), steps - 1, 0).clip(0)
     before = np.repeat(np.arange(len(lost)), lost)
     number = 1 + np.arange(len(before)) - np.searchsorted(before, before)
-    share = (number / steps[before])[:, None]
+    # along the straight line from the sample before the loss to that after it
+    part = (number / steps[before])[:, None]
     both = np.column_stack([time, values])
-    between = (1 - share) * both[before] + share * both[before + 1]
-    every = np.insert(both, before + 1, between, axis=0)
-    return every[:, 0], every[:, 1:]
+    between = (1 - part) * both[before] + part * both[before + 1]
+    filled = np.insert(both, before + 1, between, axis=0)
+    return filled[:, 0], filled[:, 1:]
 
 
 def find_clock(
@@ -466,14 +442,15 @@ def find_clock(
     samples, stamps, reasons = _settle(stamps, different if values is None else values, nominal_hz)
     period = _period(stamps, nominal_hz)
     index = _find_frames(stamps, period, nominal_hz)
-    if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
+    if index[-1] + 1 > LIMITS.largest_dropped_ratio * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
+    # time = start + index / rate, by least squares
     slope = _slope(stamps, index)
     residual = stamps - index * slope
     scatter = float(np.std(residual))
-    if scatter > MAX_SCATTER_FRAMES * slope:
+    if scatter > LIMITS.largest_scatter * slope:
         raise ValueError(f"its time stamps scatter by {scatter:.3g} s about a constant rate")
-    if nominal_hz and abs(1 / slope / nominal_hz - 1) > MAX_RATE_DIFFERENCE:
+    if nominal_hz and abs(1 / slope / nominal_hz - 1) > LIMITS.largest_rate_difference:
         doubt = f"its time stamps show {1 / slope:.4g} Hz, its description {nominal_hz:.4g} Hz"
         reasons.append(("in_doubt", f"{doubt}; check its sender"))
     if lost := int(index[-1]) + 1 - len(index):
@@ -510,6 +487,7 @@ def _settle(
     count, steps = len(stamps), np.diff(stamps)
     if not (steps > MIN_STEP_S).any():
         raise ValueError("its time stamps do not advance")
+    # in frames: where every sample is later than the one before, all count
     steps *= nominal_hz or 1 / float(np.median(steps[steps > MIN_STEP_S]))
     if ((steps > 0.5) & (steps < count)).all():
         return np.arange(count), stamps, []
@@ -517,6 +495,7 @@ def _settle(
     period = 1 / nominal_hz if nominal_hz else _period(np.sort(stamps[~again]), 0.0)
     repeated = _repeated(stamps, values, again, period)
     there = np.flatnonzero(~repeated)
+    # the longest series that advances is the clock, to which the others are compared
     times = _in_order(stamps[there], period)
     advancing = _longest_advance(times)
     period = _period(times[advancing], nominal_hz)
@@ -526,17 +505,20 @@ def _settle(
     if 2 * len(longest := max(pieces, key=len)) > len(there):
         advancing = longest
     time, k = times[advancing], np.arange(len(there))
+    # by how much each is off the time that its place in the file shows, also beyond the series
     beyond = np.minimum(k - advancing[0], 0) + np.maximum(k - advancing[-1], 0)
     off_s = times - np.interp(k, advancing, time) - beyond * period
+    # a sample that is off by little came late: it belongs where the series has a gap
     gap_s = np.diff(time, prepend=-np.inf, append=np.inf)[np.searchsorted(time, times, "right")]
-    strange = (np.abs(off_s) > MAX_BACK_S) | (gap_s < MAX_STEP_FRAMES * period)
+    strange = (np.abs(off_s) > LIMITS.out_of_order) | (gap_s < LIMITS.longest_step * period)
     strange[advancing] = False
     frames = np.diff(time) / period
-    first = np.append(True, frames >= SAME_TIME_FRAMES)
-    if np.median(np.abs(frames - np.rint(frames))) < CLEAR_FRAMES and np.mean(~first) < MAX_SAME:
+    first = np.append(True, frames >= LIMITS.same_time)
+    is_clear = np.median(np.abs(frames - np.rint(frames))) < LIMITS.clear_steps
+    if is_clear and np.mean(~first) < LIMITS.most_at_same_time:
         # those of a chunk fill the frames that are missing before their time
         before = np.diff(time[first], prepend=time[0])[np.cumsum(first) - 1]
-        chunk = (before > MAX_STEP_FRAMES * period) & (before < MIN_BURST_S)
+        chunk = (before > LIMITS.longest_step * period) & (before < LIMITS.burst)
         strange[advancing[~first & ~chunk]] = True
     if 2 * np.count_nonzero(strange) >= len(there):
         raise ValueError(
@@ -562,12 +544,9 @@ def _settle(
     return there[kept], times[kept], reasons
 
 
-MIN_FILLING: Final = 3
-"""Of samples of chunks that fill missing frames: a single one is a repeated one beside a loss."""
-
-
 def _repeated(stamps: Array, values: Array, again: Mask, period: float) -> Mask:
     """Find samples, (N,), that came before; equal ones of a chunk with one stamp did not."""
+    # a chunk has one stamp: it came again if its first sample did
     begins = np.append(True, np.diff(stamps) != 0)
     repeated = again & again[begins][np.cumsum(begins) - 1]
     order = np.flatnonzero(~repeated)
@@ -576,13 +555,13 @@ def _repeated(stamps: Array, values: Array, again: Mask, period: float) -> Mask:
     same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
     alike = np.append(False, same.all(axis=1))
     frames = np.diff(stamps, prepend=stamps[0]) / period
-    clear = np.median(np.abs(frames - np.rint(frames))) < CLEAR_FRAMES
-    candidate = again | (clear & alike & (frames < 0.5))
+    is_clear = np.median(np.abs(frames - np.rint(frames))) < LIMITS.clear_steps
+    candidate = again | (is_clear & alike & (frames < 0.5))
     # those of a chunk fill the frames that are missing without them
     others = stamps[~candidate]
     gap = np.diff(others, append=others[-1])[np.cumsum(~candidate)[candidate] - 1]
-    filling = np.count_nonzero(gap > MAX_STEP_FRAMES * period)
-    if filling < MIN_FILLING or 2 * filling <= len(gap):
+    filling = np.count_nonzero(gap > LIMITS.longest_step * period)
+    if filling < LIMITS.fewest_filling or 2 * filling <= len(gap):
         repeated[order[candidate]] = True
     return np.asarray(repeated)
 
@@ -592,12 +571,13 @@ def _in_order(stamps: Array, period: float) -> Array:
 
     Stamps that are whole frames behind show the order, else only those that are behind by more.
     """
-    width = max(1, round(MIN_BURST_S / period))
+    width = max(1, round(LIMITS.burst / period))
     newest = scipy.ndimage.maximum_filter1d(stamps, width, mode="nearest", origin=(width - 1) // 2)
     behind = (newest - stamps) / period
     late = behind[(behind > 0.5) & (behind < width)]
     jitter = 0.5
-    if len(late) and np.median(np.abs(late - np.rint(late))) > CLEAR_FRAMES:
+    # stamps between whole frames jitter: three times what four of five are behind by
+    if len(late) and np.median(np.abs(late - np.rint(late))) > LIMITS.clear_steps:
         jitter = np.clip(3 * np.quantile(behind, 0.8), 2, width)
     return np.asarray(np.where(behind <= jitter, newest, stamps))
 
@@ -631,7 +611,7 @@ def lost_before(stamps: Array, nominal_hz: float) -> Indices:
     if len(stamps) < 2:
         return np.zeros(len(stamps), np.intp)
     period = _period(stamps, nominal_hz)
-    period = period if period * nominal_hz < MAX_STEP_FRAMES else 1 / nominal_hz
+    period = period if period * nominal_hz < LIMITS.longest_step else 1 / nominal_hz
     return _find_frames(stamps, period, nominal_hz) - np.arange(len(stamps))
 
 
@@ -650,7 +630,7 @@ def _find_frames(stamps: Array, period: float, nominal_hz: float) -> Indices:
 
 def _frames(lag: Array) -> Indices:
     """Give the frame of each sample, (N,), from its lag [frames]: where it steps up, some drop."""
-    dropped = np.clip(np.rint(np.diff(lag)), 0, MAX_GAP_FRAMES).astype(int)
+    dropped = np.clip(np.rint(np.diff(lag)), 0, 10**9).astype(int)  # as a whole number can hold
     return np.asarray(np.concatenate([[0], np.cumsum(1 + dropped)]), np.intp)
 
 
@@ -660,8 +640,9 @@ def _lag(stamps: Array, period: float) -> Array:
     At the end, where few follow, only what exceeds the usual scatter counts.
     """
     count = len(stamps)
-    window = max(2, round(min(MIN_BURST_S / period, count)))
+    window = max(2, round(min(LIMITS.burst / period, count)))
     lag = (stamps - stamps[0]) / period - np.arange(count)
+    # stamps may be late, but not early: the least lag of those that follow is that of the clock
     on_time = scipy.ndimage.minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
     if (last := count - window) > 0:
         usual = on_time[last] + np.max(lag[:last] - on_time[:last])
@@ -684,7 +665,8 @@ def _slope(stamps: Array, index: Indices) -> float:
 def _period(stamps: Array, nominal_hz: float) -> float:
     """Give the time per frame [s]: of clear steps, else the nominal one where stamps agree."""
     count = len(stamps)
-    step = max(1, min(round(MIN_BURST_S * (nominal_hz or USUAL_HZ)), count // 4))
+    # over many frames at once, in which the jitter of two stamps counts little
+    step = max(1, min(round(LIMITS.burst * (nominal_hz or 100.0)), count // 4))
     usual = float(np.median(stamps[step:] - stamps[:-step])) / step
     mean = float(stamps[-1] - stamps[0]) / (count - 1)
     if min(mean, usual) < MIN_STEP_S:
@@ -693,7 +675,8 @@ def _period(stamps: Array, nominal_hz: float) -> float:
     for _ in range(5):  # until it is the mean of the steps about it, from one frame to the next
         about = steps[np.abs(steps / single - 1) < 0.5]
         single = float(about.mean()) if len(about) else single
-    if min(usual, mean) < MAX_STEP_FRAMES * single and 2 * len(about) > len(steps):
+    # where single frames are lost, or chunks sent, few steps are from one frame to the next
+    if min(usual, mean) < LIMITS.longest_step * single and 2 * len(about) > len(steps):
         return single
-    near = any(abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in (usual, mean))
-    return 1 / nominal_hz if near else min(usual, mean)
+    off = (abs(period * nominal_hz - 1) for period in (usual, mean))
+    return 1 / nominal_hz if min(off) < LIMITS.largest_rate_difference else min(usual, mean)

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, Indices
 from hbm.spelling import listed, printable, short
 from pipeline.io.input_file import open_file
@@ -19,12 +20,9 @@ from pipeline.io.units import MAX_VALUE
 
 Rows = list[tuple[int, str]]
 """Numbers and lines."""
-DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
-COMMA_IN_NUMBER: Final = re.compile(r"(?<=\d),(?=\d)")
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "times")
 NUMBER: Final = re.compile(r"[-+]?(\d+(\.\d*|,\d+)?|\.\d+)([eE][-+]?\d+)?|[-+]?nan", re.IGNORECASE)
 SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
-BATCH_ROWS: Final = 500
-"""Rows that are parsed together, so that parsing takes little memory."""
 ROWS_COMPARED: Final = 20
 """Last ones of a file, which show how it is written."""
 GAPS: Final = [
@@ -34,10 +32,6 @@ GAPS: Final = [
 ]
 """How programs write a number that is missing; "nan(ind)" is that of C on Windows."""
 MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
-MAX_TIME_ERROR: Final = 0.1
-"""In steps: files round their times, but not by more than this beyond half of their last digit."""
-MAX_ROUNDING: Final = 1.2
-"""Of half of the last digit: how far rounded times may be from those of a fitted rate."""
 ROUNDED: Final = 1e-6
 """Of a digit: closer to a whole one, a number has no further digits."""
 MIN_STEP_S: Final = 0.5 / MAX_RATE_HZ
@@ -71,7 +65,7 @@ def read_table(path: Path, separators: str = "\t") -> "TextTable":
     """
     with open_file(path) as file:
         text = decoded(file.read()).replace("\r\n", "\n").replace("\r", "\n")
-    lines, said = text.replace('"', "").split("\n"), list[Note | Fact]()
+    lines, remarks = text.replace('"', "").split("\n"), list[Note | Fact]()
     of_numbers = (line for line in reversed(lines) if NUMBER.match(line.lstrip()))
     last_rows = list(islice(of_numbers, ROWS_COMPARED))
     fields = {s: [f.strip() for row in last_rows for f in row.split(s)] for s in SEPARATORS}
@@ -80,19 +74,20 @@ def read_table(path: Path, separators: str = "\t") -> "TextTable":
         lines = ["\t".join(line.split(separator.strip() or None)) for line in lines]
     if separator not in separators:
         what = f"its columns are separated by {SEPARATORS[separator]}, expected tabs"
-        said.append(Fact("corrected", path.name, what))
-    commas = separator != "," and any(map(DECIMAL_COMMA.fullmatch, fields[separator]))
+        remarks.append(Fact("corrected", path.name, what))
+    decimal_comma = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+    commas = separator != "," and any(map(decimal_comma.fullmatch, fields[separator]))
     if commas and not any("." in field for field in fields[separator]):
-        lines = [COMMA_IN_NUMBER.sub(".", line) for line in lines]
-        said.append(Fact("corrected", path.name, "its decimal commas are read as points"))
+        lines = [re.sub(r"(?<=\d),(?=\d)", ".", line) for line in lines]
+        remarks.append(Fact("corrected", path.name, "its decimal commas are read as points"))
     *above, shape = (
         (line.count("\t"), len(line.rpartition("\t")[2].partition(".")[2]))
         for line in lines[1:][-1 - ROWS_COMPARED :]
     )
     if lines[-1].strip() and (not shape[1] or {*above} != {shape}):
-        said.append(Note.of("cut_short", file=path.name, sign="it ends within a line"))
+        remarks.append(Note.of("cut_short", file=path.name, sign="it ends within a line"))
     rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
-    return TextTable(path, rows, said)
+    return TextTable(path, rows, remarks)
 
 
 def labels_in(line: str, count: int) -> list[str]:
@@ -123,13 +118,13 @@ class TextTable:
     rows
         Its lines that are not empty, with their numbers in the file and tabs between fields; from
         `labels_in` on those of numbers.
-    said
+    remarks
         How the file ends, and what was corrected, left out or is in doubt.
     """
 
     path: Path
     rows: Rows
-    said: list[Note | Fact]
+    remarks: list[Note | Fact]
 
     @property
     def width(self) -> int:
@@ -143,7 +138,7 @@ class TextTable:
                 # a file that holds less may have been cut short
                 kind: FactKind = "in_doubt" if read_number(written, key) > held else "corrected"
                 what = f"its header says {key} {short(written)}, but it holds {held}"
-                self.said.append(Fact(kind, self.path.name, what))
+                self.remarks.append(Fact(kind, self.path.name, what))
 
     def numbers(self, names: Sequence[str]) -> Array:
         """Read rows of numbers, (rows, columns) by their names; an empty field is NaN.
@@ -151,7 +146,8 @@ class TextTable:
         A ValueError where a row has too few or too many fields, tabs at its end excepted, or a
         field is no number, or too large for one.
         """
-        batches = (self.rows[k : k + BATCH_ROWS] for k in range(0, len(self.rows), BATCH_ROWS))
+        # 500 rows at once, so that parsing takes little memory
+        batches = (self.rows[k : k + 500] for k in range(0, len(self.rows), 500))
         parts = [_parse_batch(batch, names) for batch in batches]
         return np.concatenate([np.empty((0, len(names))), *parts])
 
@@ -166,7 +162,7 @@ class TextTable:
                 )
             if first < k:
                 of, what = f"{self.path.name}, column {k}", f"it is the same as column {first}"
-                self.said.append(Fact("left_out", of, what))
+                self.remarks.append(Fact("left_out", of, what))
         return by_name
 
     def regular(
@@ -213,12 +209,12 @@ class TextTable:
                     what = f"{of} {time[k]:.9g} occurs twice with other values"
                     raise ValueError(f"line {lines[k]}: {what}; delete one row, or export it again")
             where = f"{file}, line {listed(compress(lines, ~new), 3)}"
-            self.said.append(Fact("left_out", where, f"{of} occurs twice"))
+            self.remarks.append(Fact("left_out", where, f"{of} occurs twice"))
             self.rows = [*compress(self.rows, new)]
             return self.regular(values[new], column, rate_hz, of)
         if grid is None:
             step = 1 / rate_hz if rate_hz else float(np.median(np.diff(time)))
-            k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > MAX_TIME_ERROR * step))
+            k = 1 + int(np.argmax(np.abs(np.diff(time) - step) > LIMITS.largest_error * step))
             raise ValueError(
                 f"line {lines[k]}: {of} {time[k]:.9g}, expected {time[k - 1] + step:.9g} in "
                 f"steps of {step:.6g}; correct the file, or export it again"
@@ -226,16 +222,16 @@ class TextTable:
         start_s, rate, index, rounding = grid
         if rate_hz and rate != rate_hz:
             what = f"its header says {rate_hz:g} Hz, but its times are those of {rate:.6g} Hz"
-            self.said.append(Fact("corrected", file, what))
+            self.remarks.append(Fact("corrected", file, what))
         if rounding:
             what = f"its times, rounded to {2 * rounding:g} s, are taken as those of {rate:.6g} Hz"
-            self.said.append(Fact("corrected", file, what))
+            self.remarks.append(Fact("corrected", file, what))
         filled = np.full((index[-1] + 1, values.shape[1]), np.nan)
         filled[index] = values
         if missing := len(filled) - len(values):
             after = lines[int(np.argmax(np.diff(index) > 1))]
             what = f"{missing} rows are not there, the first after line {after}"
-            self.said.append(Fact("missing", file, what))
+            self.remarks.append(Fact("missing", file, what))
         return start_s + np.arange(len(filled)) / rate, filled
 
     def markers(
@@ -270,10 +266,11 @@ def _grid(time: Array, stated_hz: float) -> tuple[float, float, Indices, float] 
     median = np.quantile(steps, 0.5, method="lower")
     usual_s = max(float(np.mean(steps[np.isclose(steps, median, rtol=0.5, atol=0)])), MIN_STEP_S)
     slope_s = max(float(np.polyfit(count, time, 1)[0]), MIN_STEP_S)
+    # the last digit to which times are written
     digits = (0.01, 0.001, 1e-4, 1e-5)
     digit = next((d for d in digits if np.abs(time / d - np.rint(time / d)).max() < ROUNDED), 1e-6)
     # equal steps need no rounding to be explained
-    uneven = MAX_ROUNDING * bool(np.ptp(steps) > MAX_TIME_ERROR * usual_s)
+    uneven = LIMITS.largest_rounding * bool(np.ptp(steps) > LIMITS.largest_error * usual_s)
     # all rows and rounded times, or some rows missing and times as they are
     tries = (
         (stated_hz, True),
@@ -286,15 +283,16 @@ def _grid(time: Array, stated_hz: float) -> tuple[float, float, Indices, float] 
         if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
             continue
         index = count if complete else np.rint((time - time[0]) * rate_hz).astype(int)
+        # a step of whole digits, or of many fine ones, needs no rounding to be explained
         in_digits = 1 / rate_hz / digit
         whole = abs(in_digits - round(in_digits)) < ROUNDED
-        fine = digit < 0.001 and in_digits > 1 / MAX_TIME_ERROR
+        fine = digit < 0.001 and in_digits > 1 / LIMITS.largest_error
         rounding = 0.0 if whole or fine else digit / 2
         start_s = float(np.mean(time - index / rate_hz) if rounding else time[0])
         error_s = np.abs(time - start_s - index / rate_hz).max()
         # with more than half of the rows missing, this is not one recording
         increases = np.diff(index).min() == 1 and index[-1] < 2 * len(time)
-        if increases and error_s < MAX_TIME_ERROR / rate_hz + uneven * rounding * complete:
+        if increases and error_s < LIMITS.largest_error / rate_hz + uneven * rounding * complete:
             return start_s, rate_hz, index, rounding
     return None
 

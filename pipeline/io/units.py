@@ -10,11 +10,9 @@ from hbm.spelling import short
 
 MAX_VALUE: Final = 1e9
 """In any unit; beyond it a number was not measured: it is damaged."""
-STANDARD_GRAVITY_MPS2: Final = 9.80665
-"""What accelerometers mean by 1 g, wherever they are."""
 LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 ACCELERATIONS: Final = {
-    "g": STANDARD_GRAVITY_MPS2,
+    "g": 9.80665,  # standard gravity: what accelerometers mean by it, wherever they are
     **{f"{m}/{s}": scale for m, scale in LENGTHS.items() for s in ("s²", "s2", "s^2", "s/s")},
 }
 SPEEDS: Final = {
@@ -35,8 +33,6 @@ WORDS: Final = {
     "kilonewtons": "kn",
 }
 """Unit spelled out -> its symbol."""
-MIN_LETTERS: Final = 3
-"""Of a word that a file has cut off: fewer may be the beginning of another unit."""
 
 
 def length_in_m(unit: str) -> float:
@@ -52,8 +48,8 @@ def force_in_n(unit: str) -> float:
 def moment_in_nm(unit: str) -> float:
     """Give one moment unit in newton metres; raises ValueError where it is unknown."""
     force, length = _force_and_length(unit)
-    known = {f + m: FORCES[f] * LENGTHS[m] for f in FORCES for m in LENGTHS}
-    return _lookup(unit, force + length, known, "moment", "Nmm or Nm")
+    moments = {f + m: FORCES[f] * LENGTHS[m] for f in FORCES for m in LENGTHS}
+    return _lookup(unit, force + length, moments, "moment", "Nmm or Nm")
 
 
 def length_unit(unit: str, moment: str) -> str:
@@ -77,12 +73,12 @@ def angle_in_rad(unit: str) -> float:
     return _lookup(unit, _symbol(_plain(unit)), ANGLES, "angle", "deg or rad")
 
 
-def _lookup(unit: str, plain: str, known: Mapping[str, float], what: str, examples: str) -> float:
+def _lookup(unit: str, plain: str, units: Mapping[str, float], what: str, examples: str) -> float:
     if not unit.strip():
         raise ValueError(f"no {what} unit is given, expected {examples}")
-    if plain not in known:
+    if plain not in units:
         raise ValueError(f"unknown {what} unit {short(unit)!r}, expected {examples}")
-    return known[plain]
+    return units[plain]
 
 
 def _plain(unit: str) -> str:
@@ -92,14 +88,16 @@ def _plain(unit: str) -> str:
 def _symbol(word: str) -> str:
     """Give the symbol of a word or of its beginning, a word that is unknown as it is."""
     word, per, time = word.partition("/")
-    if len(word) >= MIN_LETTERS:
-        word = next((symbol for known, symbol in WORDS.items() if known.startswith(word)), word)
+    # a file may have cut a word off; fewer letters may be the beginning of another unit
+    if len(word) >= 3:
+        word = next((symbol for full, symbol in WORDS.items() if full.startswith(word)), word)
     return f"{word}{per}{time}"
 
 
 def _force_and_length(unit: str) -> tuple[str, str]:
     """Give the symbols of force and length in a unit of moment; empty where it is unknown."""
     plain = _plain(unit)
+    # such as "nmm", at each place where it may be cut in two
     for k in range(1, len(plain)):
         force, length = _symbol(plain[:k]), _symbol(plain[k:])
         if force in FORCES and length in LENGTHS:

@@ -32,17 +32,12 @@ if sys.platform != "win32":
 
 PART: Final = ".part"
 """Suffix of a file that is being written."""
-NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a disk that is full, of a quota and of a limit; they name no file."""
 HOST: Final = f"{crc32(platform.node().encode()) & 0xFFFF:04x}"
 """This machine in names of parts: locks of another one may not be seen on a shared disk."""
-MAX_WRITING_S: Final = 3600.0
-"""Longer than any one file takes: the age of a leftover where locks tell nothing."""
 MAX_EXPANDED_BYTES: Final = 2**33
 """Of a study's table in memory: a million gait cycles."""
 COMPUTED: Final = re.compile(r"'*[=+\-@\t\r\n]")
 """Beginning of a text that a spreadsheet would compute, with or without apostrophes before it."""
-CELL: Final = re.compile(r'("(?:[^"]|"")*"|[^,\r\n]*)(?:,|\r?\n|$)')
 _unfinished: Final = set[Path]()
 """Temporary files that this process is writing."""
 
@@ -129,7 +124,8 @@ def read_csv(path: str | Path) -> "pd.DataFrame":
     text = read_text(Path(path), MAX_BYTES)
     names = pd.read_csv(StringIO(text), nrows=0).columns
     # the quotes of the first row tell text from numbers, which pandas does not
-    row = CELL.finditer(text, text.find("\n") + 1)
+    cell_of_row = re.compile(r'("(?:[^"]|"")*"|[^,\r\n]*)(?:,|\r?\n|$)')
+    row = cell_of_row.finditer(text, text.find("\n") + 1)
     texts = [name for name, cell in zip(names, row, strict=False) if cell[0].startswith('"')]
     kinds, gaps = dict.fromkeys(texts, str), {name: [""] for name in names.difference(texts)}
     table = pd.read_csv(StringIO(text), dtype=kinds, keep_default_na=False, na_values=gaps)
@@ -189,7 +185,9 @@ def whole_file(path: Path) -> Iterator[Path]:
             yield temporary
             temporary.replace(path)
     except OSError as error:
-        if error.errno in NO_ROOM or error.filename in (str(unlocked), str(temporary)):
+        # errors of a full disk, of a quota and of a limit name no file
+        no_room = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        if no_room or error.filename in (str(unlocked), str(temporary)):
             error.filename = str(path)
         raise
     finally:
@@ -221,7 +219,8 @@ def remove_leftovers(folder: Path) -> None:
         with suppress(OSError):
             with path.open("rb") as file:
                 here = path.suffixes[-2].startswith(f".{HOST}") and _locked(file)
-                dead = here or time.time() - path.stat().st_mtime > MAX_WRITING_S
+                # where locks tell nothing: no file takes an hour to write
+                dead = here or time.time() - path.stat().st_mtime > 3600.0
             if dead:
                 path.unlink()
 

@@ -10,6 +10,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from pathlib import Path
 from typing import Any, Final
 from xml.etree.ElementTree import Element, tostring
@@ -39,22 +40,21 @@ from pipeline.io.streams import (
 )
 
 MAGIC: Final = b"XDF:"
-STREAM_HEADER: Final = 2
-SAMPLES: Final = 3
-CLOCK_OFFSET: Final = 4
-STREAM_FOOTER: Final = 6
-OF_NO_STREAM: Final = (1, 5)
-"""The file's header, and boundaries."""
-BOUNDARY: Final = bytes.fromhex("43a546dccbf5410fb30ed5467383cbe4")
-"""In chunks that recorders write now and then, so that damage can be told from an end."""
 SAMPLE_BYTES: Final = {"double64": 8, "float32": 4, "int64": 8, "int32": 4, "int16": 2, "int8": 1}
 """Formats of numbers; streams of text are left out."""
 STAMP_BYTES: Final = 8
-MAX_RATE_HZ: Final = 1e6
-MAX_TIME_S: Final = 1e11
-"""Clocks count from the start of a computer, or from 1970."""
-MAX_CHANNELS: Final = 100_000
 logging.getLogger("pyxdf").addHandler(logging.NullHandler())  # what it drops is counted here
+
+
+class Tag(IntEnum):
+    """Kinds of chunks."""
+
+    FILE_HEADER = 1
+    STREAM_HEADER = 2
+    SAMPLES = 3
+    CLOCK_OFFSET = 4
+    BOUNDARY = 5
+    STREAM_FOOTER = 6
 
 
 @dataclass(slots=True)
@@ -135,7 +135,8 @@ def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
         held, damaged = len(stream.stamps), f"damaged: stream {short(stream.name)!r} has"
         if held < (expected := stream.samples if stream.footer is None else stream.footer):
             raise ValueError(f"{damaged} {held} samples, expected {expected}")
-        if not (np.abs(stream.stamps) < MAX_TIME_S).all():
+        # clocks count from the start of a computer, or from 1970
+        if not (np.abs(stream.stamps) < 1e11).all():
             raise ValueError(f"{damaged} impossible times")
     whole = end == len(content) and all(s.footer is not None for s in streams.values())
     texts = [stream.name for k, stream in streams.items() if k not in numbers]
@@ -153,14 +154,15 @@ def _walk(content: bytes) -> tuple[dict[int, Stream], int]:
         body = content[start : start + length]
         tag, number = (int.from_bytes(part, "little") for part in (body[:2], body[2:6]))
         try:
-            if tag == STREAM_HEADER:
+            if tag == Tag.STREAM_HEADER:
                 streams[number] = _header(body[6:])
-            elif tag not in OF_NO_STREAM:
+            elif tag not in (Tag.FILE_HEADER, Tag.BOUNDARY):  # which are of no stream
                 _count(streams[number], tag, body[6:])
         except (ValueError, KeyError) as error:
             raise ValueError(f"damaged: the chunk at byte {at}: {short(error, 120)}") from error
         at = start + length
-    if BOUNDARY in content[at:]:
+    # recorders write these bytes now and then, so that damage can be told from an end
+    if bytes.fromhex("43a546dccbf5410fb30ed5467383cbe4") in content[at:]:
         raise ValueError(f"damaged: the chunk at byte {at} does not end where the next one begins")
     return streams, at
 
@@ -178,7 +180,7 @@ def _header(body: bytes) -> Stream:
     channels = int(info.findtext("channel_count", ""))
     rate = float(info.findtext("nominal_srate", ""))
     kind = info.findtext("channel_format", "").strip()
-    possible = 0 < channels <= MAX_CHANNELS and 0 <= rate <= MAX_RATE_HZ
+    possible = 0 < channels <= 100_000 and 0 <= rate <= 1e6
     if not possible or kind not in (*SAMPLE_BYTES, "string"):
         raise ValueError(f"a stream of {channels} channels of {kind!r} at {rate:g} Hz")
     return Stream(text_of(info, "name"), text_of(info, "type"), info, rate, channels, kind)
@@ -186,22 +188,21 @@ def _header(body: bytes) -> Stream:
 
 def _count(stream: Stream, tag: int, body: bytes) -> None:
     """Count the samples of a chunk, which have to fit its length, or read the count at the end."""
-    if tag == SAMPLES:
+    if tag == Tag.SAMPLES:
         count, start = _length(body, 0)
         size = SAMPLE_BYTES.get(stream.format, 0)
+        # a byte of each sample says whether it has a stamp; the rest are stamps
         rest = len(body) - start - count * (1 + stream.channels * size)
         if rest < 0 or (size and rest > count * STAMP_BYTES):
             raise ValueError(f"it cannot hold {count} samples of {stream.channels} channels")
         stream.samples += count
-    elif tag == STREAM_FOOTER:
+    elif tag == Tag.STREAM_FOOTER:
         text = parse_xml(body.decode("utf-8", "replace")).findtext("sample_count", "").strip()
         stream.footer = int(text) if text.isdecimal() else None
-    elif tag != CLOCK_OFFSET or len(body) != 2 * STAMP_BYTES:
+    elif tag != Tag.CLOCK_OFFSET or len(body) != 2 * STAMP_BYTES:
         raise ValueError(f"{len(body)} bytes of kind {tag}")
 
 
-SAME_CLOCK_S: Final = 1e-4
-"""Streams whose samples are at the same times within it need no interpolation."""
 Signals = tuple[str, list[Channel], Array, Array]
 """Of one stream: its name, channels, times, (N,) [s], and samples, (N, K)."""
 
@@ -349,46 +350,48 @@ def _columns(channels: Sequence[Channel], plates: Sequence[PlateChannels]) -> di
     return column_of
 
 
-def _of(stream: Stream, find: Callable[..., Any], *given: Any) -> Any:
+def _of(stream: Stream, find: Callable[..., Any], *arguments: Any) -> Any:
     """Find something in a stream; what is wrong is said with its name."""
     try:
-        return find(*given)
+        return find(*arguments)
     except ValueError as error:
         raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
 
 
 def _of_markers(
-    streams: Sequence[Stream], with_markers: Sequence[Stream], wanted: str | None
+    streams: Sequence[Stream], with_markers: Sequence[Stream], name: str | None
 ) -> Stream:
     """Give the stream that holds the markers: the one of the wanted name, or the only one."""
-    found, fault = with_markers, f"{len(with_markers)} streams hold markers"
-    if wanted is not None:
-        found = [s for s in streams if s.name == wanted]
-        fault = f"no stream is called {short(wanted)!r} as marker_stream says"
-    elif not found:
+    candidates, fault = with_markers, f"{len(with_markers)} streams hold markers"
+    if name is not None:
+        candidates = [s for s in streams if s.name == name]
+        fault = f"no stream is called {short(name)!r} as marker_stream says"
+    elif not candidates:
         fault = "no stream holds markers, of content type MoCap or with channels of type PositionX"
-    if len(found) != 1:
-        names = [repr(short(s.name)) for s in found or streams]
+    if len(candidates) != 1:
+        names = [repr(short(s.name)) for s in candidates or streams]
         first = next(iter(names), "'NAME'")
         raise ValueError(
             f"{fault}; streams there: {listed(names)}; choose one, for example --marker-stream "
             f"{first}, or marker_stream = {first} in study.toml"
         )
-    return found[0]
+    return candidates[0]
 
 
 def _analog(signals: Sequence[Signals]) -> tuple[Analog | None, list[Note]]:
     """Give all channels that are not a plate's at the times of the fastest stream with some."""
     if not signals:
         return None, []
+    # by its rate, samples less one over the time that they span
     fastest, _, time, _ = max(signals, key=lambda of: (len(of[2]) - 1) / np.ptp(of[2]))
     labels, values, interpolated = [], [], []
     units: list[str] = []
     for name, channels, its_time, samples in signals:
         si, factors = si_units(channels)
-        if len(its_time) != len(time) or np.abs(its_time - time).max() > SAME_CLOCK_S:
-            each = [np.interp(time, its_time, column, np.nan, np.nan) for column in samples.T]
-            samples = np.stack(each, axis=1)
+        # samples at the same times, but for rounding, need no interpolation
+        if len(its_time) != len(time) or np.abs(its_time - time).max() > 1e-4:
+            resampled = [np.interp(time, its_time, column, np.nan, np.nan) for column in samples.T]
+            samples = np.stack(resampled, axis=1)
             interpolated.append(name)
         labels += [(name, channel.label) for channel in channels]
         units += si

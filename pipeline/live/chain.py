@@ -78,10 +78,8 @@ class LiveFrame:
     platform: tuple[Array, Array] | None = None
 
 
-CHAINS: Final = [np.array(support(LAST_Q[foot])) for foot in FEET]
-"""Coordinates that move each foot."""
-LEGS: Final = np.union1d(*CHAINS)
-MOVES: Final = np.array([np.isin(LEGS, chain) for chain in CHAINS]).T[:, :, None]
+LEGS: Final = np.union1d(*(support(LAST_Q[foot]) for foot in FEET))
+MOVES: Final = np.array([np.isin(LEGS, support(LAST_Q[f])) for f in FEET]).T[:, :, None]
 """Coordinates that move a foot, (n,), and whether they move each of them, (n, 2, 1)."""
 OF_PLACES: Final = np.array(
     [[12 * MOVING.index(segment) + 9 + axis for axis in range(3)] for segment in PLACES]
@@ -91,8 +89,6 @@ OF_PLACES: Final = np.array(
 
 ROUNDING_S: Final = 1e-6
 """Of time stamps; what lies so near the end of a reach has no weight."""
-MAX_WAITING_FRAMES: Final = 1000
-"""Ten seconds at 100 Hz; more come at once only from a file, and wait for nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +185,7 @@ class LiveChain:
         channels = [live.channels_of(plate.number) for plate in plates]
         self.ground = LiveGround(laboratory, settings, plates, channels, self.analog, markers)
         self.wait_s = self.ground.ahead_s
+        # a Butterworth filter of second order delays low frequencies by √2 / (2π cut-off)
         self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
         self.tracker = MarkerTracker(body, markers.labels)
         step_s, forces = 1 / markers.rate_hz, 12 * len(self.ground.variants)
@@ -242,10 +239,11 @@ class LiveChain:
         return [self._next(False, perf_counter()) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
-        every = samples.values.reshape(len(samples.time), len(self.stream.labels), 3)
-        if (gaps := np.asarray(np.isnan(every).any(axis=2))).any():
-            every = np.where(gaps[..., None], np.nan, every)
-        for time, position in zip(samples.time.tolist(), every, strict=True):
+        positions = samples.values.reshape(len(samples.time), len(self.stream.labels), 3)
+        # a marker of which one coordinate is missing is not seen
+        if (gaps := np.asarray(np.isnan(positions).any(axis=2))).any():
+            positions = np.where(gaps[..., None], np.nan, positions)
+        for time, position in zip(samples.time.tolist(), positions, strict=True):
             self.newest_s = time
             self.waiting.append(self._pose(time, position))
 
@@ -256,7 +254,8 @@ class LiveChain:
         if min(newest, default=np.inf) >= needed_s:
             return True
         now_s = max(self.newest_s, *newest)
-        if now_s > needed_s + self.live.wait_s or len(self.waiting) > MAX_WAITING_FRAMES:
+        # ten seconds at 100 Hz: more come at once only from a file, and wait for nothing
+        if now_s > needed_s + self.live.wait_s or len(self.waiting) > 1000:
             return False
         return None
 
@@ -265,17 +264,19 @@ class LiveChain:
         solution = self.tracker.step(time, position)
         self.motion.step(time, solution.q)
         q = self.motion.value
+        # generalized forces and residual of the motion alone: plates are subtracted once they come
         tau, wrench, motion = self.newton_euler(q, self.motion.velocity, self.motion.acceleration)
+        # pressure is compared with unfiltered feet, since plates are not filtered yet either
         feet, places = self._places(solution.q)[1:], self._places(q)
         platform, above = self.ground.seen(position), None
         if platform is not None or self.ground.platform is None:  # else it waits for its commands
             above = self.support.feet(np.array([time]), places[None], _one(platform))
-        shown = (feet[:2] + feet[2:]) / 2, places, above
+        middles = (feet[:2] + feet[2:]) / 2  # between ankle and ball
         # what a wrench under each foot does to the coordinates of the legs
         on_legs = (motion.reshape(N_Q, 1, 6)[LEGS] * MOVES).reshape(len(LEGS), 12)
         needed = tau.copy(), wrench.copy(), on_legs.T, skew(q[:3])
-        quality = self._quality_of_pose(time, solution)
-        return _Pose(time, position, platform, q, *shown, needed, solution.marker_error, quality)
+        shown = needed, solution.marker_error, self._quality_of_pose(time, solution)
+        return _Pose(time, position, platform, q, middles, places, above, *shown)
 
     def _places(self, q: Array) -> Array:
         """Give pelvis, ankles and balls, left before right, coordinates (46,) to (5, 3) [m]."""
@@ -284,22 +285,23 @@ class LiveChain:
 
     def _quality_of_pose(self, time: float, solution: FrameSolution) -> Quality:
         """Say what markers do not show in a frame."""
-        found = Quality(0)
+        quality = Quality(0)
         if self.tracker.left_out.any():
-            found |= Quality.MARKERS_LEFT_OUT
+            quality |= Quality.MARKERS_LEFT_OUT
         if self.tracker.frozen:
-            found |= Quality.MARKERS_FROZEN
+            quality |= Quality.MARKERS_FROZEN
         if not solution.converged:
-            return found | Quality.POSE_UNKNOWN
+            return quality | Quality.POSE_UNKNOWN
+        # only what markers have shown before can be lost: a set may have none on a segment
         self.shown |= solution.observed
         pelvis = bool(np.isfinite(solution.marker_error[self.pelvis]).any())
         if (self.shown & ~solution.observed & OF_LEGS).any() or not pelvis:
-            found |= Quality.LIMB_UNSEEN
+            quality |= Quality.LIMB_UNSEEN
         if pelvis:
             self.pelvis_seen_s = time
         elif time - self.pelvis_seen_s >= CHECKS.longest_unseen_pelvis:
-            found |= Quality.POSE_UNKNOWN
-        return found
+            quality |= Quality.POSE_UNKNOWN
+        return quality
 
     def _next(self, complete: bool, started: float) -> LiveFrame:
         """Compute the frame that has waited longest; its last sample arrived when it started."""
@@ -308,6 +310,7 @@ class LiveChain:
         if self.zeros is not None and (phase := self.zeros.step(time, pose.position)) is not None:
             self.ground.follow(*phase)
         wrenches, platform = self.ground.at(time, pose.platform)
+        # the last variant is the most corrected one: it decides which foot is on which plate
         on, uncertain = self._feet_on_plates(wrenches[-1], pose.feet)
         raw = by_foot(wrenches, on)
         unknown = np.asarray(np.isnan(wrenches).any(axis=(1, 2)))
@@ -319,10 +322,12 @@ class LiveChain:
 
         loads = self.forces.value.reshape(raw.shape)
         alone, wrench, on_legs, to_hip = pose.needed
+        # tau = tau of the motion - Jᵀ f of the feet, of each variant
         tau = alone + np.zeros((len(loads), 1))
         tau[:, LEGS] -= loads.reshape(-1, 12) @ on_legs
+        # what the motion needs less what the plates give, moved from the lab's origin to mid-hip
         residual = wrench - loads.sum(axis=1)
-        residual[:, 3:] += residual[:, :3] @ to_hip  # about mid-hip
+        residual[:, 3:] += residual[:, :3] @ to_hip
 
         quality |= Quality.LATE * (not complete) | Quality.FOOT_UNCERTAIN * uncertain
         if platform is not None and np.isnan(platform[1][0]):
@@ -340,10 +345,10 @@ class LiveChain:
         self.marked += not quality.counts
 
         numbers = tau, reported(residual), loads
-        of_variants = (dict(zip(self.ground.variants, each, strict=True)) for each in numbers)
+        of_variants = (dict(zip(self.ground.variants, array, strict=True)) for array in numbers)
         taus, residuals, by_feet = of_variants
-        known = contact, pose.marker_error, quality, perf_counter() - started, pose.position
-        return LiveFrame(time, pose.q, taus, residuals, by_feet, *known, platform)
+        rest = contact, pose.marker_error, quality, perf_counter() - started, pose.position
+        return LiveFrame(time, pose.q, taus, residuals, by_feet, *rest, platform)
 
     def _feet_on_plates(self, wrenches: Array, feet: Array) -> tuple[Indices, bool]:
         """Give the foot of each plate, 0 left and 1 right, (P,), and whether one is uncertain.
@@ -356,14 +361,15 @@ class LiveChain:
         on = np.where(self.foot_on < 0, pressure.nearer, self.foot_on)
         return on, bool(pressure.uncertain.any())
 
-    def _settled(self, time: float, known: bool, quality: Quality) -> bool:
+    def _settled(self, time: float, is_known: bool, quality: Quality) -> bool:
         """Whether the filters have settled in a frame, of which pose and forces are known or not.
 
         They go on over a few frames that are not, but not over a limb that keeps its pose.
         """
         if quality & Quality.LIMB_UNSEEN:
             self.known_s = -np.inf
-        elif known:
+        elif is_known:
+            # after a longer gap the filters have begun anew
             if time - self.known_s > self.motion.longest_s:
                 self.known_since_s = time
             self.known_s = time

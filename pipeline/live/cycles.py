@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, Indices
 from pipeline.config.schema import Unit
 from pipeline.live.chain import LiveFrame
@@ -17,13 +18,7 @@ from pipeline.trial.gait.events import LIMITS as EVENTS
 from pipeline.trial.gait.events import SIDES
 from pipeline.trial.quality import DOES_NOT_COUNT, Quality, free_of
 
-MAX_CYCLE_S: Final = 2.5
-"""Beyond it, the subject has stood still."""
-TYPICAL_OF: Final = 10
-"""Cycles whose median duration is the usual one."""
-RECENT: Final = 10
-"""Cycles, of both feet: some six seconds, which a bar follows."""
-PERCENT: Final = np.arange(101)
+LIMITS: Final = read_numbers("pipeline.live", "thresholds.toml", "cycles")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +77,7 @@ class _Foot:
         """Give when the foot changed between ground and air, once that is sure."""
         same = self.loaded is None or loaded == self.loaded
         at = self.changed_s = np.inf if same else min(self.changed_s, time)
+        # noise crosses the threshold for less than a contact or a swing lasts
         if same or time - at >= CONTACT.shortest_stance:
             self.loaded, self.changed_s = loaded, np.inf
             return None if same else at
@@ -118,13 +114,16 @@ class GaitTracker:
     _frames: deque[LiveFrame] = field(default_factory=deque)
     _feet: tuple[_Foot, _Foot] = field(default_factory=lambda: (_Foot(), _Foot()))
     _durations: dict[Unit, deque[float]] = field(
-        default_factory=lambda: {u: deque(maxlen=TYPICAL_OF) for u in ("cycle", "step")}
+        default_factory=lambda: {u: deque(maxlen=LIMITS.usual_of) for u in ("cycle", "step")}
     )
 
     def add(self, frame: LiveFrame) -> list[LiveCycle]:
         """Take a frame and give the strides and steps that it ends."""
         self._frames.append(frame)
-        while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * CONTACT.shortest_stance:
+        # the longest stride, and what its strikes are known later
+        while (
+            frame.time - self._frames[0].time > LIMITS.longest_stride + 2 * CONTACT.shortest_stance
+        ):
             self._frames.popleft()
         ended = []
         for side, other_side, foot, other, loaded in zip(
@@ -134,12 +133,13 @@ class GaitTracker:
             if at is None or not loaded:
                 continue
             other.others_strikes += 1
+            # from strike to strike of one foot; the other one strikes once in it, if it strikes
             if self._is_usual("cycle", foot.strike_s, at):
                 whole = other.strike_s == -np.inf or foot.others_strikes == 1
                 ended.append(self._cycle("cycle", side, foot.strike_s, at, whole))
-            last_s = other.strike_s
-            if foot.strike_s < last_s and self._is_usual("step", last_s, at):
-                ended.append(self._cycle("step", other_side, last_s, at, True))
+            others_s = other.strike_s
+            if foot.strike_s < others_s and self._is_usual("step", others_s, at):
+                ended.append(self._cycle("step", other_side, others_s, at, True))
             foot.strike_s, foot.others_strikes = at, 0
         return ended
 
@@ -147,7 +147,7 @@ class GaitTracker:
         duration, past = stop_s - start_s, self._durations[unit]
         usual = float(np.median(past)) if past else duration
         part = 1.0 if unit == "cycle" else 0.5
-        if not part * EVENTS.shortest_stride <= duration <= part * MAX_CYCLE_S:
+        if not part * EVENTS.shortest_stride <= duration <= part * LIMITS.longest_stride:
             return False
         past.append(duration)
         kept = self._frames[0].time <= start_s  # not so after a gap in the stream
@@ -162,17 +162,21 @@ class GaitTracker:
         percent = 100 * (time - start_s) / (stop_s - start_s)
         residual, curve, peak = {}, {}, {}
         for variant in inside[0].residual:
-            every = np.array([f.residual[variant] for f in inside])
-            every[~counts] = np.nan
-            residual[variant] = every[counts]
-            curve[variant] = np.array([np.interp(PERCENT, percent, x) for x in every.T]).T
+            # NaN spreads to the percents around it, so that a curve has gaps where frames have
+            residuals = np.array([f.residual[variant] for f in inside])
+            residuals[~counts] = np.nan
+            residual[variant] = residuals[counts]
+            components = [np.interp(np.arange(101), percent, x) for x in residuals.T]
+            curve[variant] = np.array(components).T
             force = np.array([f.by_foot[variant][:, :3].sum(axis=0) for f in inside])
             peak[variant] = np.linalg.norm(force[counts], axis=1).max(initial=0.0)
-        known = free_of(quality, DOES_NOT_COUNT & ~Quality.NOT_CARRIED).all()
+        # a foot beside the plates makes the mean force small: that is what weighing shall find
+        is_weighed = free_of(quality, DOES_NOT_COUNT & ~Quality.NOT_CARRIED).all()
+        # frames that never came have a flag too: those that filters bridge count as if known
         steps = np.diff(time)
         lost = np.rint(steps / np.median(steps)).astype(int) - 1 if len(steps) else []
         gap = np.where(steps > self.longest_s, Quality.POSE_UNKNOWN, Quality.BRIDGED)
-        vertical_n = float(force[:, 2].mean()) if known else np.nan
+        vertical_n = float(force[:, 2].mean()) if is_weighed else np.nan
         flags = np.append(quality, np.repeat(gap, lost))
         of_frames = time[counts], residual, peak, curve, vertical_n, flags
         return LiveCycle(side, start_s, stop_s, whole, *of_frames, unit)
@@ -204,7 +208,7 @@ class ConditionSoFar:
     unit: Unit = "cycle"
     cycles: int = 0
     left_out: Counter[str] = field(default_factory=Counter)
-    recent: deque[LiveCycle] = field(default_factory=lambda: deque(maxlen=RECENT))
+    recent: deque[LiveCycle] = field(default_factory=lambda: deque(maxlen=LIMITS.shown_of))
     peaks: dict[str, Array] = field(default_factory=dict)
     _sides: Counter[str] = field(default_factory=Counter)
     _counted_s: float = -np.inf
@@ -219,12 +223,14 @@ class ConditionSoFar:
         self.cycles += 1
         self._sides[cycle.side] += 1
         self.recent.append(cycle)
+        # cycles of the two feet overlap; each frame counts once
         new = cycle.time > self._counted_s
         self._counted_s = max(self._counted_s, float(cycle.time[-1]))
         self._frames += int(np.count_nonzero(new))
         for variant, residual in cycle.residual.items():
             squares = (residual[new] ** 2).sum(axis=0)
             self._squares[variant] = self._squares.get(variant, 0.0) + squares
+            # the largest force and the largest moment, as vectors
             size = np.linalg.norm(residual.reshape(-1, 2, 3), axis=2).max(axis=0)
             peaks = np.append(size, cycle.peak_ground_n[variant])
             self.peaks[variant] = np.maximum(self.peaks.get(variant, 0.0), peaks)
@@ -238,8 +244,8 @@ class ConditionSoFar:
     def recent_rms(self) -> Mapping[str, Array]:
         """Variant -> root mean square over the last ten cycles, (6,) [N, N·m]; empty before."""
         variants = self.recent[-1].residual if self.recent else ()
-        every = {v: np.concatenate([each.residual[v] for each in self.recent]) for v in variants}
-        return {v: np.sqrt(np.mean(residual**2, axis=0)) for v, residual in every.items()}
+        frames = {v: np.concatenate([c.residual[v] for c in self.recent]) for v in variants}
+        return {v: np.sqrt(np.mean(residual**2, axis=0)) for v, residual in frames.items()}
 
     @property
     def rms(self) -> Mapping[str, Array]:

@@ -62,10 +62,6 @@ class SampleBuffer:
         self.newest_s = float(self.time[-1]) if len(self.time) else -np.inf
 
 
-HISTORY_S: Final = 2.0
-"""Of samples that are kept: markers are never so much later than analog channels."""
-
-
 @dataclass(frozen=True, slots=True)
 class Channels:
     """Some channels of one stream: which, and what brings each to SI units, (K,)."""
@@ -77,12 +73,12 @@ class Channels:
     rate_hz: float
 
     @classmethod
-    def joined(cls, every: Sequence["Channels"]) -> "Channels":
+    def joined(cls, channels: Sequence["Channels"]) -> "Channels":
         """Give channels of one stream in a row."""
         columns, factor = (
-            np.concatenate([getattr(c, x) for c in every]) for x in ("columns", "factor")
+            np.concatenate([getattr(c, x) for c in channels]) for x in ("columns", "factor")
         )
-        return replace(every[0], columns=columns, factor=factor)
+        return replace(channels[0], columns=columns, factor=factor)
 
     def samples(self, start_s: float = -np.inf, stop_s: float = np.inf) -> tuple[Array, Array]:
         """Give the samples from one time to another, or all: (N,) [s] and (N, K) in SI units."""
@@ -103,6 +99,7 @@ class AnalogStreams:
         """Take what arrived, if it is of a stream of which channels are used."""
         if (buffer := self.used.get(samples.stream)) is None:
             return
+        # a loss may lie between the newest sample before and the first of these
         kept = min(len(buffer.time), 1)
         time = np.concatenate([buffer.time[-1:], samples.time])
         values = np.concatenate([buffer.values[-1:], samples.values])
@@ -141,10 +138,11 @@ class AnalogStreams:
         columns = np.array([stream.labels.index(label) for label in labels])
         sent = [unit or stream.units[column] for column in columns]
         try:
-            factor = [in_si(each) for in_si, each in zip(unit_in_si, sent, strict=True)]
+            factor = [in_si(written) for in_si, written in zip(unit_in_si, sent, strict=True)]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
-        empty = SampleBuffer(len(stream.labels), round(HISTORY_S * stream.rate_hz))
+        # two seconds are kept: markers are never so much later than analog channels
+        empty = SampleBuffer(len(stream.labels), round(2.0 * stream.rate_hz))
         buffer = self.used.setdefault(stream.name, empty)
         return Channels(stream.name, buffer, columns, np.array(factor), stream.rate_hz)
 
@@ -171,24 +169,26 @@ class MarkedPlatform:
 
     def pose(self, position: Array) -> Pose:
         """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
-        seen = position[self.columns]
+        markers = position[self.columns]
         if not len(self.neutral):
             if np.isfinite(position).any():
-                self.first.append(seen)
+                self.first.append(markers)
             if len(self.first) == PLATFORM.neutral_frames:
                 self._find_neutral()
             return UNKNOWN
-        if (np.abs(seen) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
-            center = np.add.reduce(seen) / len(seen)
-            around = seen - center
+        if (np.abs(markers) < MAX_DISTANCE_M).all():  # what `fit_pose` does first, in a tenth of it
+            center = np.add.reduce(markers) / len(markers)
+            around = markers - center
+            # the rotation with the least squares of errors, from the SVD of the covariance
             u, _, vt, _ = dgesdd(around.T @ self.around_then)  # as `fit_rotation`
             rotation = u @ vt
             error = self.around_then @ rotation.T - around
             fits = np.vecdot(error, error).max() <= PLATFORM.largest_marker_error**2
             if fits and np.linalg.det(rotation) > 0:
                 return rotation, center - rotation @ self.center_then
+        # a marker is hidden or wrong: it is left out, if three or more others agree
         try:
-            pose = fit_pose(seen[None], self.neutral, PLATFORM.largest_marker_error).pose
+            pose = fit_pose(markers[None], self.neutral, PLATFORM.largest_marker_error).pose
         except ValueError:
             return UNKNOWN
         return pose.rotation[0], pose.position[0]
@@ -213,8 +213,8 @@ class CommandedPlatform:
         self.pivot_m, self.delay_s = platform.pivot_m, platform.delay_s
         sway, pitch = platform.sway_channel, platform.pitch_channel
         stated = (0, sway, units.length_in_m), (1, pitch, units.angle_in_rad)
-        found = [(k, analog.find([name], [in_si])) for k, name, in_si in stated if name is not None]
-        self.commands = [(k, c, Convolution.between(c.rate_hz, frames_hz)) for k, c in found]
+        sent = [(k, analog.find([name], [in_si])) for k, name, in_si in stated if name is not None]
+        self.commands = [(k, c, Convolution.between(c.rate_hz, frames_hz)) for k, c in sent]
         self.ahead_s = self.delay_s + max(how.reach_s for _, _, how in self.commands)
 
     def pose(self, time: float) -> Pose:
@@ -236,8 +236,6 @@ def _resampled(channels: Channels, how: Convolution, at: float) -> Array:
 
 
 PLATE_UNITS: Final = (*[units.force_in_n] * 3, *[units.moment_in_nm] * 3)
-LIVE: Final = "live"
-"""What is compensated, in messages."""
 
 
 class LiveGround:
@@ -259,10 +257,11 @@ class LiveGround:
     ) -> None:
         treadmill, frames_hz = laboratory.treadmill, markers.rate_hz
         delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
-        self.plates = each = [analog.find(six, PLATE_UNITS) for six in channels]
+        self.plates = [analog.find(six, PLATE_UNITS) for six in channels]
         self.resampled = list[tuple[Channels, Convolution, float]]()
-        of_plates = zip(each, delays_s, strict=True)
-        for (_, delay_s), group in groupby(of_plates, lambda of: (of[0].stream, of[1])):
+        # plates of one stream and delay are resampled together
+        with_delays = zip(self.plates, delays_s, strict=True)
+        for (_, delay_s), group in groupby(with_delays, lambda of: (of[0].stream, of[1])):
             sent = Channels.joined([channels for channels, _ in group])
             how = Convolution.between(sent.rate_hz, frames_hz)
             self.resampled.append((sent, how, delay_s))
@@ -270,16 +269,17 @@ class LiveGround:
         # as sent -> corrected, in the lab with the platform in neutral
         to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
         corrections = zip(*(_correction(plate, laboratory) for plate in plates), strict=True)
-        self.to_lab, self.offsets = (np.array(of_plates) @ to_lab for of_plates in corrections)
+        self.to_lab, self.offsets = (np.array(parts) @ to_lab for parts in corrections)
         self.upward = [plate.rotation[2] for plate in plates]
         self.at_rest = [deque[Array](maxlen=DRIFT.followed_phases) for _ in plates]
         ahead_s = [0.0, *(delay_s + how.reach_s for _, how, delay_s in self.resampled)]
 
         self.sensors: InertiaModel | None = None
         if (calibration := laboratory.calibration) is not None:
-            sensors, rate_hz = treadmill.accelerometers, round(each[0].rate_hz, 6)
+            sensors, rate_hz = treadmill.accelerometers, round(self.plates[0].rate_hz, 6)
             setup = Setup(tuple(sensors), rate_hz, treadmill.cutoff_hz, filter_method=FILTER)
-            models = models_of_plates(calibration, [p.number for p in plates], setup, LIVE)
+            models = models_of_plates(calibration, [p.number for p in plates], setup, "live")
+            # models of the plates read the same sensors at the same lags; their gains differ
             self.sensors, lags_s = models[0], models[0].lags_s
             self.gains = np.array([model.gain for model in models]) @ to_lab
             names = [name for axes in sensors.values() for name in axes]
@@ -287,6 +287,7 @@ class LiveGround:
             self.readings = analog.find(names, in_si, treadmill.accelerometer_unit)
             late_s, rate_hz = sensor_delays_s(treadmill, calibration.sensors), self.readings.rate_hz
             self.accelerometers = RealtimeAccelerometers.of(late_s, lags_s, rate_hz, frames_hz)
+            # sensors are read on the plates' clock, however late these are to one another
             late = relative_delays_s(plates, laboratory.plates)
             earlier_s = self.delays_s - late
             self.earlier_s, self.of_plate = np.unique(earlier_s, return_inverse=True)
@@ -296,10 +297,11 @@ class LiveGround:
         if (belts := laboratory.belts) and (belt := treadmill.belt) is not None:
             if len(belts) != (count := len(plates)):
                 fitted = f"the belt calibration has {len(belts)}"
-                raise ValueError(f"{LIVE}: {count} plates, but {fitted}")
+                raise ValueError(f"live: {count} plates, but {fitted}")
             speeds = [name for name, _ in zip(cycle(belt.speed_channels), plates, strict=False)]
             self.speeds = analog.find(speeds, [units.speed_in_mps] * count)
             self.belts = RealtimeBelts(belts, self.speeds.rate_hz)
+            # the moment of a belt that accelerates acts about the direction across it
             sides = np.array([[np.r_[np.zeros(3), belt_side(plate)]] for plate in plates])
             self.sides = sides @ to_lab
             ahead_s.append(max(delays_s) + self.belts.ahead_s)
@@ -317,21 +319,22 @@ class LiveGround:
         """Give the platform's pose as its markers show it among a frame's, (M, 3) [m], if any."""
         return self.platform.pose(position) if isinstance(self.platform, MarkedPlatform) else None
 
-    def at(self, time: float, seen: Pose | None) -> tuple[Array, Pose | None]:
+    def at(self, time: float, shown: Pose | None) -> tuple[Array, Pose | None]:
         """Give the plates at a frame's time [s], whose markers show the platform so, or not.
 
         The wrenches of each variant and plate are in lab axes about the lab origin, unfiltered,
         (V, P, 6) [N, N·m], NaN where unknown; the platform's pose is None where it stands still.
         """
-        each = [_resampled(sent, how, time + delay_s) for sent, how, delay_s in self.resampled]
-        measured = np.concatenate(each).reshape(-1, 1, 6) @ self.to_lab + self.offsets
+        sent = [_resampled(read, how, time + delay_s) for read, how, delay_s in self.resampled]
+        measured = np.concatenate(sent).reshape(-1, 1, 6) @ self.to_lab + self.offsets
         added = [self._inertia(time)] if self.sensors is not None else []
         if self.belts is not None:
             at, samples = [np.array([t]) for t in time + self.delays_s], self.speeds.samples()
             added.append(np.array(self.belts.moments(*samples, at, time))[..., None] * self.sides)
+        # what the motion of platform and belts adds is no load of the subject
         variants = [measured, measured - sum(added)] if added else [measured]
         wrenches = np.array(variants)[:, :, 0]
-        pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
+        pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else shown
         if pose is not None:  # as `transform_wrench`, in a third of its time for one pose
             turned = wrenches.reshape(-1, 2, 3) @ pose[0].T
             turned[:, 1] -= turned[:, 0] @ skew(pose[1])
@@ -355,14 +358,16 @@ class LiveGround:
         def read(at: Array) -> Array:
             return np.array([_resampled(self.readings, sensors.resampling, t) for t in at.tolist()])
 
-        felt = sensors.felt(read, time + self.earlier_s)[self.of_plate, None]
-        return np.asarray(felt @ self.gains[:, :-1] + self.gains[:, -1:])
+        readings = sensors.felt(read, time + self.earlier_s)[self.of_plate, None]
+        # the model is linear: a gain per reading, and a constant
+        return np.asarray(readings @ self.gains[:, :-1] + self.gains[:, -1:])
 
 
 def _correction(plate: Plate, laboratory: Laboratory) -> tuple[Array, Array]:
     """Give matrix and offset of a plate's correction, which is linear: (6, 6) and (1, 6)."""
-    found = laboratory.plates.calibrations.of(plate.number) if laboratory.plates else None
-    if found is None:
+    fitted = laboratory.plates.calibrations.of(plate.number) if laboratory.plates else None
+    if fitted is None:
         return np.eye(6), np.zeros((1, 6))
-    offset, *ones = found.correct_in_plate(np.eye(7, 6, -1), plate.rotation, plate.center)
+    # corrected, nothing gives the offset and one of each component its row of the matrix
+    offset, *ones = fitted.correct_in_plate(np.eye(7, 6, -1), plate.rotation, plate.center)
     return ones - offset, offset[None]

@@ -7,14 +7,12 @@ from typing import Any, Final
 
 from compensation.inertia.sensors import SensorFault
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from pipeline.trial.quality import Quality
 from pipeline.viewer.live import Colour
 
-SOME: Final = 0.1
-MOST: Final = 0.5
-"""Shares of the frames of two seconds that are not used: above SOME look, above MOST stop."""
+LIMITS: Final = read_numbers("pipeline.live", "thresholds.toml", "session")
 WITHOUT_SAMPLES: Final = Quality.LATE | Quality.FORCES_UNKNOWN | Quality.PLATFORM_UNKNOWN
-HIDDEN: Final = Quality.POSE_UNKNOWN | Quality.LIMB_UNSEEN
 
 
 class Kind(Enum):
@@ -41,7 +39,7 @@ class Kind(Enum):
     PLATE_NOT_ZERO = "live_plate_not_zero", "plate", True
     MARKERS_MISFIT = "live_markers_misfit", "", True
     MARKERS_LEFT_OUT = "live_markers_left_out"
-    MARKER_GONE = "live_marker_gone", "markers", False, HIDDEN
+    MARKER_GONE = "live_marker_gone", "markers", False, Quality.POSE_UNKNOWN | Quality.LIMB_UNSEEN
     PLATES_LATE = "live_plates_late"
     SENSOR_CLIPPED = SensorFault.CLIPPED
     RANGE_EXCEEDED = SensorFault.BEYOND_RANGE
@@ -144,7 +142,9 @@ def light(
     >>> light([gone], {}, "12 of 25 gait cycles used")
     ('look', 'LASIS is hidden: turn a camera or re-attach the marker')
     """
-    reasons = {r: share for r in OF_FRAMES if (share := not_used.get(r, 0.0)) > SOME and steady}
+    fractions = {reason: not_used.get(reason, 0.0) for reason in OF_FRAMES}
+    # filters that settle at the start are no fault
+    reasons = {r: part for r, part in fractions.items() if part > LIMITS.some_frames and steady}
     of_kind = dict[Kind, list[Finding]]()
     for finding in findings:
         of_kind.setdefault(finding.kind, []).append(finding)
@@ -155,15 +155,17 @@ def light(
         if OF_FRAMES.get(kind.frames) is kind and kind.frames in reasons:
             of_kind[kind] = [Finding(kind)]
         if kind in of_kind:
-            most = max((reasons.pop(r) for r in [*reasons] if r in kind.frames), default=0.0)
-            stops = kind.stops or (most > MOST and kind is not Kind.SETTLING)
+            # a kind answers for the frames that it costs: later kinds do not name them again
+            largest = max((reasons.pop(r) for r in [*reasons] if r in kind.frames), default=0.0)
+            stops = kind.stops or (largest > LIMITS.most_frames and kind is not Kind.SETTLING)
             first, subject = of_kind[kind][0], of_kind[kind][0].subject
             if kind is Kind.MARKER_GONE:  # one sentence for all of them
-                subject = tuple(name for each in of_kind[kind] for name in each.subject)
+                subject = tuple(name for marker in of_kind[kind] for name in marker.subject)
             note = replace(first, subject=subject).note
             shown.append(("stop" if stops else "look", note.light))
     if not shown:
         starting: tuple[Colour, str] = "look", "Starting: wait for two seconds of frames"
         return ("good", done) if steady else starting
-    colour, sentence = next((each for each in shown if each[0] == "stop"), shown[0])
+    # kinds stand in the order of urgency; whatever stops comes before what does not
+    colour, sentence = next((fault for fault in shown if fault[0] == "stop"), shown[0])
     return colour, f"{sentence} (+{len(shown) - 1} more)" if len(shown) > 1 else sentence

@@ -26,11 +26,6 @@ from pipeline.live.stream import (
     require_same,
 )
 
-MEASURE_S: Final = 3.0
-"""Between looks: the library measures every two to three seconds, and each counts once."""
-KEPT: Final = 5
-"""Measurements whose median counts."""
-
 
 class ClockOffset:
     """How far this computer's clock is ahead of a sender's, from measurements that scatter.
@@ -49,7 +44,7 @@ class ClockOffset:
 
     def __init__(self) -> None:
         self.value_s = 0.0
-        self._measured = deque[float](maxlen=KEPT)
+        self._measured = deque[float](maxlen=5)
         self._looked_s = -np.inf
 
     @property
@@ -59,7 +54,8 @@ class ClockOffset:
 
     def due(self, now: float) -> bool:
         """Whether it is time for a measurement."""
-        return not self.known or now - self._looked_s >= MEASURE_S
+        # the library measures every two to three seconds, and each measurement counts once
+        return not self.known or now - self._looked_s >= 3.0
 
     def measure(self, now: float, offset_s: float) -> None:
         """Take a measurement at a time [s] of this computer's clock."""
@@ -115,23 +111,8 @@ def require_like(before: LslDescription, after: LslDescription) -> None:
     require_same(sender, described, before.plates, after.plates)
 
 
-CHUNK_S: Final = 0.05
-"""Time whose samples are taken from a stream at once: after a pause, no stream runs ahead."""
-MAX_SAMPLES: Final = 1024
-"""Taken at once of a stream whose rate is not known yet."""
-BUFFER_S: Final = 10
-"""Kept by the library for a receiver that is busy."""
-ANSWER_S: Final = 10.0
-"""Left to a stream that was found to describe itself, to compare clocks and to send."""
-RETURN_S: Final = 2.0
-"""The same for one that is back, after which it is tried anew."""
-SILENT_S: Final = 1.0
-"""After it, a sender that is gone may be replaced though its connection has not ended."""
 SAME_CLOCK_S: Final = 0.05
 """Offsets of one clock differ by less; that of a computer that was started anew, by hours."""
-RATE_S: Final = 1.0
-"""Time whose samples show the rate of a stream that does not state it."""
-RATE_TIMEOUT_S: Final = 3.0
 POLL_S: Final = 0.02
 """Between looks at what is there, while streams are searched for."""
 
@@ -142,11 +123,11 @@ class Inlet:
     A connection that is lost stays lost: the library's own recovery takes a sender that comes back
     for the same, whatever it sends, so that samples of other channels would arrive unnoticed. A
     ValueError says that a description lacks something or contradicts itself, a ConnectionError that
-    the sender does not answer in time.
+    the sender does not answer in time: describe itself, compare clocks and send.
     """
 
     def __init__(
-        self, lsl: Any, info: Any, stated: Stated, is_markers: bool, answer_s: float = ANSWER_S
+        self, lsl: Any, info: Any, stated: Stated, is_markers: bool, answer_s: float = 10.0
     ) -> None:
         self._lsl, self._answer_s = lsl, answer_s
         self.stated, self.is_markers = stated, is_markers
@@ -154,7 +135,8 @@ class Inlet:
         self.uid: str = info.uid()
         self.identity, self.offset = _identity(info), ClockOffset()
         self._is_here: bool = info.hostname() == socket.gethostname()
-        self._inlet: Any = lsl.StreamInlet(info, max_buflen=BUFFER_S, recover=False)
+        # ten seconds are kept for a receiver that is busy
+        self._inlet: Any = lsl.StreamInlet(info, max_buflen=10, recover=False)
         self.lost, self._heard_s = False, time.monotonic()
         self._refusals = lsl.util.TimeoutError, lsl.util.LostError
         try:
@@ -184,17 +166,19 @@ class Inlet:
 
     def find_rate(self) -> None:
         """Find the sampling rate from time stamps where the sender does not state it."""
-        stamps, deadline = np.empty(0), time.monotonic() + RATE_TIMEOUT_S
+        timeout_s = 3.0
+        stamps, deadline = np.empty(0), time.monotonic() + timeout_s
         while self.description.rate_hz <= 0:
             samples = self.pull(POLL_S)
             stamps = np.append(stamps, samples.time) if samples else stamps
-            if len(stamps) > 1 and np.ptp(stamps) >= RATE_S:
+            # over a second, jitter of stamps by milliseconds changes a rate by some per mille
+            if len(stamps) > 1 and np.ptp(stamps) >= 1.0:
                 rate_hz = find_clock(stamps, 0.0).rate_hz
                 self.description = replace(self.description, rate_hz=rate_hz)
             elif time.monotonic() > deadline:
                 raise ConnectionError(
                     f"stream {self.name!r} states no rate, and its time stamps of "
-                    f"{RATE_TIMEOUT_S:g} s do not show it"
+                    f"{timeout_s:g} s do not show it"
                 )
 
     def measure(self) -> None:
@@ -203,6 +187,7 @@ class Inlet:
             offset = self._inlet.time_correction(0.0)
         except self._refusals:
             return
+        # streams of this computer have its clock: what is measured of them is jitter
         if self._is_here and abs(offset) < SAME_CLOCK_S:
             offset = 0.0
         self.offset.measure(self._lsl.local_clock(), offset)
@@ -214,8 +199,9 @@ class Inlet:
             return None
         if self.offset.due(self._lsl.local_clock()):
             self.measure()
+        # samples of 50 ms at once: after a pause, no stream runs ahead of the others
         rate_hz = self.description.rate_hz
-        most = max(1, round(CHUNK_S * rate_hz)) if rate_hz > 0 else MAX_SAMPLES
+        most = max(1, round(0.05 * rate_hz)) if rate_hz > 0 else 1024
         try:
             values, stamps = self._inlet.pull_chunk(wait_s, most, min_samples=1, as_numpy=True)
         except self._lsl.util.LostError:
@@ -229,7 +215,7 @@ class Inlet:
     @property
     def away(self) -> bool:
         """Whether its connection is lost, or nothing has arrived for a second."""
-        return self.lost or time.monotonic() - self._heard_s > SILENT_S
+        return self.lost or time.monotonic() - self._heard_s > 1.0
 
     def again(self, info: Any) -> "Inlet | None":
         """Connect to a stream that is described as this one; None if it does not answer in time.
@@ -238,7 +224,8 @@ class Inlet:
         """
         self.close()
         try:
-            back = Inlet(self._lsl, info, self.stated, self.is_markers, RETURN_S)
+            # two seconds to answer, after which it is tried anew
+            back = Inlet(self._lsl, info, self.stated, self.is_markers, 2.0)
             require_like(self.described, back.described)
             back.description = replace(back.description, rate_hz=self.description.rate_hz)
             back.open()
@@ -253,12 +240,6 @@ class Inlet:
         self.lost, self._inlet = True, None
 
 
-WAIT_S: Final = 0.001
-"""Between looks at the streams; the fastest is waited for."""
-SETTLE_S: Final = 0.75
-"""Within it every stream answers, also others of the same names: the library asks twice."""
-SEEK_S: Final = 0.1
-"""Between looks for a stream that is away."""
 FORGET_S: Final = 2.0
 """After it, a stream that no longer answers is not among those that are there."""
 
@@ -325,10 +306,11 @@ class LslSource:
             raise ValueError(f"streams are named more than once: {listed(map(repr, names))}")
         self._resolver, self._sought_s = lsl.ContinuousResolver(forget_after=FORGET_S), 0.0
         self._chosen: dict[str, Any] = {}
-        found = self._find(names, timeout_s, searching, senders)
-        first = Inlet(lsl, found[0], stated, is_markers=True)
+        of_markers, *others = self._find(names, timeout_s, searching, senders)
+        first = Inlet(lsl, of_markers, stated, is_markers=True)
+        # places of plates are in the markers' axes
         of_all = replace(stated, axes=first.described.axes)
-        self._inlets = [first, *(Inlet(lsl, info, of_all, is_markers=False) for info in found[1:])]
+        self._inlets = [first, *(Inlet(lsl, info, of_all, is_markers=False) for info in others)]
         for inlet in self._inlets:
             inlet.open()
         for inlet in self._inlets:
@@ -359,11 +341,11 @@ class LslSource:
             self._seek()
             waits = [wait * (k == self._fastest) for k in range(len(self._inlets))]
             pulled = map(Inlet.pull, self._inlets, waits)
-            found = [samples for samples in pulled if samples is not None]
+            received = [samples for samples in pulled if samples is not None]
             remaining = deadline - time.monotonic()
-            if found or remaining <= 0:
-                return found
-            wait = min(WAIT_S, remaining)
+            if received or remaining <= 0:
+                return received
+            wait = min(0.001, remaining)  # for the fastest stream
 
     def _find(
         self, names: Sequence[str], timeout_s: float, searching: Searching, senders: Sequence[str]
@@ -387,7 +369,8 @@ class LslSource:
                 searching(absent, list(there))
             if several and now_s - complete_s > FORGET_S:
                 self._chosen = {name: _choose(name, there[name], senders) for name in several}
-            elif absent or several or now_s - begun_s <= SETTLE_S:
+            # within 0.75 s every stream answers, also others of one name: the library asks twice
+            elif absent or several or now_s - begun_s <= 0.75:
                 time.sleep(POLL_S)
                 continue
             return [self._chosen.get(name, there[name][0]) for name in names]
@@ -400,12 +383,13 @@ class LslSource:
         away = [k for k, inlet in enumerate(self._inlets) if inlet.away]
         if not away or time.monotonic() < self._sought_s:
             return
-        self._sought_s, every = time.monotonic() + SEEK_S, _by_name(self._resolver)
+        self._sought_s, by_name = time.monotonic() + 0.1, _by_name(self._resolver)
         for k in away:
             inlet = self._inlets[k]
-            there = every.get(inlet.name, [])
+            there = by_name.get(inlet.name, [])
             if inlet.name in self._chosen:
                 there = [info for info in there if _identity(info) == inlet.identity]
+            # every outlet has an identity of its own: a sender that is back has another one
             others = [info for info in there if info.uid() != inlet.uid]
             if k in self._returning:
                 if self._returning[k].done():

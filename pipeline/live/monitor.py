@@ -12,13 +12,14 @@ from compensation import InertiaModel, marker_plate_delay
 from compensation.inertia.sensors import sensor_faults
 from hbm.coordinates import N_Q
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.signals.converters import find_limits
 from hbm.signals.filtering import acceleration_lag_s
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.schema import NOUNS
 from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain, LiveFrame
-from pipeline.live.cycles import RECENT, ConditionSoFar, GaitTracker, LiveCycle
+from pipeline.live.cycles import ConditionSoFar, GaitTracker, LiveCycle
 from pipeline.live.ground import Channels
 from pipeline.live.light import OF_FRAMES, OF_SENSORS, Finding, Key, Kind, light
 from pipeline.live.stream import Samples, StreamDescription
@@ -36,24 +37,7 @@ from pipeline.trial.residuals import LIMITS as RESIDUALS
 from pipeline.trial.subject import differing_masses
 from pipeline.viewer.live import Board
 
-GONE_S: Final = 0.4
-"""A marker that a hand or a rail hides is back sooner."""
-FITTED_S: Final = 2.0
-"""Frames that are judged together, in which each foot stands and swings."""
-MIN_FRAMES: Final = 20
-MAX_ERROR_M: Final = 0.02
-"""RMS: twice what soft tissue and sparse marker sets leave in walking."""
-MOST: Final = 0.5
-"""Share of the frames."""
-DELAY_OF_S: Final = 20.0
-"""Some fifteen gait cycles."""
-JUDGED_S: Final = 10.0
-"""Between judgements of plates and of their delay."""
-MIN_DELAY_S: Final = 0.005
-SENSORS_S: Final = 5.0
-"""Of accelerometers, between judgements."""
-STRIDES: Final = 5
-"""Of either foot, between judgements of their weight: some three seconds."""
+LIMITS: Final = read_numbers("pipeline.live", "thresholds.toml", "session")
 
 
 class MarkerGaps:
@@ -74,13 +58,14 @@ class MarkerGaps:
     def add(self, time: Array, position: Array) -> None:
         """Take frames, (N,) [s] and (N, M, 3)."""
         self._seen_s[np.isnan(self._seen_s)] = time[0]
-        seen = np.where(np.isfinite(position).all(axis=2), time[:, None], -np.inf).max(axis=0)
-        self._seen_s = np.maximum(self._seen_s, seen)
+        is_seen = np.isfinite(position).all(axis=2)
+        last_seen_s = np.where(is_seen, time[:, None], -np.inf).max(axis=0)
+        self._seen_s = np.maximum(self._seen_s, last_seen_s)
         gone_s = time[-1] - self._seen_s
         self.found = [
             Finding(Kind.MARKER_GONE, (name,), {"gone_s": hidden_s})
             for name, hidden_s in zip(self._names, gone_s, strict=True)
-            if hidden_s >= GONE_S
+            if hidden_s >= LIMITS.hidden_marker
         ]
 
 
@@ -99,7 +84,8 @@ class FitWatch:
         """Take a frame."""
         frames = self._frames
         frames.append(frame)
-        if len(frames) >= MIN_FRAMES and frame.time - frames[0].time >= FITTED_S:
+        spanned_s = frame.time - frames[0].time
+        if len(frames) >= LIMITS.fewest_frames and spanned_s >= LIMITS.judged_together:
             self.found = list(self._judged())
             frames.clear()
 
@@ -109,17 +95,18 @@ class FitWatch:
         quality = np.array([frame.quality for frame in self._frames])
         squared_m2 = error[np.isfinite(error)] ** 2
         rms_m = float(np.sqrt(squared_m2.mean())) if len(squared_m2) else 0.0
-        seen = np.isfinite([frame.markers[self._columns] for frame in self._frames]).all(axis=2)
+        is_seen = np.isfinite([frame.markers[self._columns] for frame in self._frames]).all(axis=2)
         doubtful = ~free_of(quality, Quality.MARKERS_LEFT_OUT)[:, None]
-        often = (seen & np.isnan(error) & doubtful).mean(axis=0) > MOST
+        # seen by cameras and yet without an error: the pose was solved without them
+        often = (is_seen & np.isnan(error) & doubtful).mean(axis=0) > LIMITS.most_frames
         if often.any():
             markers = tuple(compress(self._names, often))
             yield Finding(Kind.MARKERS_LEFT_OUT, values={"error_m": rms_m, "markers": markers})
-        elif rms_m > MAX_ERROR_M:
+        elif rms_m > LIMITS.marker_error:
             yield Finding(Kind.MARKERS_MISFIT, values={"error_m": rms_m})
-        share = 1 - float(free_of(quality, Quality.FOOT_UNCERTAIN).mean())
-        if share > MOST:
-            yield Finding(Kind.FOOT_UNCERTAIN, values={"share": share})
+        fraction = 1 - float(free_of(quality, Quality.FOOT_UNCERTAIN).mean())
+        if fraction > LIMITS.most_frames:
+            yield Finding(Kind.FOOT_UNCERTAIN, values={"share": fraction})
 
 
 class DelayWatch:
@@ -135,23 +122,25 @@ class DelayWatch:
     def add(self, frame: LiveFrame) -> None:
         """Take a frame."""
         self._frames.append(frame)
-        while frame.time - self._frames[0].time > DELAY_OF_S:
+        while frame.time - self._frames[0].time > LIMITS.delay_window:
             self._frames.popleft()
-        if frame.time - max(self._judged_s, self._frames[0].time) < JUDGED_S:
+        if frame.time - max(self._judged_s, self._frames[0].time) < LIMITS.plate_interval:
             return
         self._judged_s = frame.time
         (*_, variant), frames = frame.residual, self._frames
-        time = np.array([each.time for each in frames])
-        plate = np.array([each.by_foot[variant][:, :3].sum(axis=0) for each in frames])
-        motion = plate + reported(np.array([each.residual[variant] for each in frames]))[:, :3]
-        motion[[not each.quality.counts for each in frames]] = np.nan
+        time = np.array([f.time for f in frames])
+        # what the motion needs is what the plates give and the residual, which is the difference
+        plate = np.array([f.by_foot[variant][:, :3].sum(axis=0) for f in frames])
+        motion = plate + reported(np.array([f.residual[variant] for f in frames]))[:, :3]
+        motion[[not f.quality.counts for f in frames]] = np.nan
         try:
-            found = marker_plate_delay(plate, motion, time)
+            delay = marker_plate_delay(plate, motion, time)
         except ValueError:  # not determined by what is in it
             return
-        delay_s, error_s = found.seconds + acceleration_lag_s(time), found.uncertainty
+        # accelerations of the real-time filter are half a step older than its values, the forces
+        delay_s, error_s = delay.seconds + acceleration_lag_s(time), delay.uncertainty
         values = {"delay_s": delay_s, "uncertainty_s": error_s}
-        late = abs(delay_s) > max(MIN_DELAY_S, error_s)
+        late = abs(delay_s) > max(LIMITS.least_delay, error_s)
         self.found = [Finding(Kind.PLATES_LATE, values=values)] * late
 
 
@@ -182,12 +171,13 @@ class WeightWatch:
         """Take a stride."""
         if np.isfinite(stride.vertical_n):
             self._carried_kg.append(stride.vertical_n / GRAVITY_MPS2)
-        if len(self._carried_kg) < STRIDES:
+        if len(self._carried_kg) < LIMITS.weighed_strides:
             return
         carried_kg = float(np.median(self._carried_kg))
         self._carried_kg.clear()
         differs = bool(differing_masses({"of the body": self._mass_kg}, carried_kg))
         before, self._latest = self._latest, differs
+        # two judgements in a row: strides of the first may be from before a change
         if differs == before and differs != bool(self.found):
             values = {"carried_kg": carried_kg, "mass_kg": self._mass_kg}
             relative = {"difference": carried_kg / self._mass_kg - 1}
@@ -231,7 +221,7 @@ def plate_watch(number: int, mass_kg: float, up: float = 1, *, moves: bool = Fal
                     values = {"component": name, "value": level}
                     yield Finding(Kind.PLATE_SATURATED, plate, values)
 
-    return SignalWatch(JUDGED_S, judge)
+    return SignalWatch(LIMITS.plate_interval, judge)
 
 
 def sensor_watch(model: InertiaModel) -> SignalWatch:
@@ -245,17 +235,7 @@ def sensor_watch(model: InertiaModel) -> SignalWatch:
         for fault, values in sensor_faults(model, np.nan_to_num(read)).items():
             yield Finding(OF_SENSORS[fault], values=values)
 
-    return SignalWatch(SENSORS_S, judge)
-
-
-LATENCIES: Final = 6000
-"""Of the newest frames, a minute at 100 Hz."""
-MAX_NOTES: Final = 200
-"""That are kept; a session of hours repeats itself."""
-SILENT_S: Final = 1.0
-"""Without samples a stream has gone."""
-REQUIRED: Final = 25
-"""Gait cycles: as many as the means of a trial need."""
+    return SignalWatch(LIMITS.sensor_interval, judge)
 
 
 class Watch(Protocol):
@@ -303,7 +283,7 @@ class Monitor:
         chain: LiveChain,
         plates: Sequence[Plate],
         say: Callable[[Note], object] = lambda note: None,
-        required: int = REQUIRED,
+        required: int = LIMITS.required_cycles,
     ) -> None:
         self.chain, self._say, self._required = chain, say, required
         self._gait, self._delay = GaitTracker(chain.motion.longest_s), DelayWatch()
@@ -318,10 +298,11 @@ class Monitor:
         ]
         if ground.sensors is not None:
             self._signals.append((ground.readings, sensor_watch(ground.sensors)))
-        every = self._markers, self._fit, self._delay, self._weight
-        self._watches: list[Watch] = [*every, *(watch for _, watch in self._signals)]
-        self._latency = deque[float](maxlen=LATENCIES)
-        self._recent = deque[Quality](maxlen=max(1, round(FITTED_S * chain.stream.rate_hz)))
+        of_frames = self._markers, self._fit, self._delay, self._weight
+        self._watches: list[Watch] = [*of_frames, *(watch for _, watch in self._signals)]
+        self._latency = deque[float](maxlen=6000)  # of a minute at 100 Hz
+        together = round(LIMITS.judged_together * chain.stream.rate_hz)
+        self._recent = deque[Quality](maxlen=max(1, together))
         self._time = self._steady_s = np.nan
         self.height_m = height_of_mass(body, np.zeros((1, N_Q)))
         streams = (chain.stream.name, *chain.analog.used)
@@ -331,8 +312,9 @@ class Monitor:
         self._held: set[Key] = set()
         least = chain.settings.min_valid_share
         self._so_far = {unit: ConditionSoFar(least, unit) for unit in ("cycle", "step")}
-        self.cycles, self.reasons = deque[LiveCycle](maxlen=RECENT), Counter[str]()
-        self.notes = deque[tuple[float, Note]](maxlen=MAX_NOTES)
+        self.cycles = deque[LiveCycle](maxlen=self._so_far["cycle"].recent.maxlen)
+        self.reasons = Counter[str]()
+        self.notes = deque[tuple[float, Note]](maxlen=200)  # a session of hours repeats itself
         self._stopped, self.during_stop = False, 0
         self.raised: dict[Key, tuple[Note, int]] = {}
         if absent := tuple(name for name in body.markers if name not in chain.tracker.markers):
@@ -362,20 +344,22 @@ class Monitor:
         """Take a frame."""
         self._time = frame.time
         self._latency.append(latency_s)
-        self._steady_s = np.fmin(self._steady_s, frame.time + FITTED_S)
+        # the first two seconds, in which filters settle, are not judged
+        self._steady_s = np.fmin(self._steady_s, frame.time + LIMITS.judged_together)
         if frame.time >= self._steady_s:
             self._recent.append(frame.quality)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
         ended = self._gait.add(frame)
-        strides = [each for each in ended if each.unit == "cycle"]
+        # every stride weighs the subject; only those that are whole are gait cycles
+        strides = [part for part in ended if part.unit == "cycle"]
         cycles = [stride for stride in strides if stride.whole]
         for stride in strides:
             self._weight.add(stride)
         if self._stopped:
             self.during_stop += len(cycles)
         else:
-            for each in (each for each in ended if each.whole):
-                self._so_far[each.unit].add(each)
+            for part in (part for part in ended if part.whole):
+                self._so_far[part.unit].add(part)
         if ended:
             self.height_m = height_of_mass(self.chain.body, frame.q[None])
             self._high = self._above_healthy()
@@ -387,27 +371,28 @@ class Monitor:
     def hear(self, *findings: Finding) -> None:
         """Note findings, such as those of the source of the samples."""
         for finding in findings:
-            note, (_, times) = finding.note, self.raised.get(finding.key, (None, 0))
+            note, (_, count) = finding.note, self.raised.get(finding.key, (None, 0))
             self.notes.append((self._time, note))
-            self.raised[finding.key] = note, times + 1
+            self.raised[finding.key] = note, count + 1
             self._say(note)
 
     def look_for_silence(self) -> None:
         """Find streams without a new sample for a second, once all that came was taken."""
-        late_s = monotonic() - SILENT_S
+        late_s = monotonic() - LIMITS.silence
         late = sorted(name for name, arrived_s in self._arrived_s.items() if arrived_s < late_s)
+        # of a sender whose clock stands still samples come, but none with a time of its own
         kinds = Kind.STAMPS_REPEAT, Kind.STREAM_SILENT
         self._silent = [Finding(kinds[self._untimed_s[n] < late_s], (n,)) for n in late]
         self.look()
 
     def look(self) -> list[Finding]:
         """Give what is wrong now; what is new is noted."""
-        found = [*self._silent, *self._high]
-        found += (one for watch in self._watches for one in watch.found)
-        self.hear(*(one for one in found if one.key not in self._held))
-        self._held = {one.key for one in found}
-        self._stopped = any(one.kind.stops for one in found)
-        return found
+        findings = [*self._silent, *self._high]
+        findings += (finding for watch in self._watches for finding in watch.found)
+        self.hear(*(finding for finding in findings if finding.key not in self._held))
+        self._held = {finding.key for finding in findings}
+        self._stopped = any(finding.kind.stops for finding in findings)
+        return findings
 
     def _above_healthy(self) -> list[Finding]:
         """Find residuals of the best variant whose bars are beyond their lines."""
@@ -428,14 +413,16 @@ class Monitor:
     def board(self, streams: Sequence[StreamDescription] = ()) -> Board:
         """Give what is read at a glance: light, gait cycles used, bars, and who sends what."""
         recent, condition = list(self._recent), self.condition
-        shares = {r: sum(r in each for each in recent) / max(len(recent), 1) for r in OF_FRAMES}
-        used, wanted = condition.used, self._required
-        noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= MIN_FRAMES
-        ended = ": end with Ctrl-C" * (used >= wanted)
-        shown = light(self.look(), shares, f"{used} of {wanted} {noun} used{ended}", steady=steady)
+        frames = max(len(recent), 1)
+        not_used = {r: sum(r in quality for quality in recent) / frames for r in OF_FRAMES}
+        used, required = condition.used, self._required
+        noun, steady = f"{NOUNS[condition.unit]}s", len(recent) >= LIMITS.fewest_frames
+        ended = ": end with Ctrl-C" * (used >= required)
+        done = f"{used} of {required} {noun} used{ended}"
+        shown = light(self.look(), not_used, done, steady=steady)
         if ended and 0 < len(self._arrived_s) == len(self._silent):
             shown = "look", f"All streams have ended{ended}"
-        progress = used / wanted, f"{used} / {wanted} {noun}{ended}"
+        progress = used / required, f"{used} / {required} {noun}{ended}"
         return Board(*shown, *progress, condition.recent_rms, senders(streams))
 
     def status(self) -> str:
@@ -469,5 +456,5 @@ def senders(streams: Sequence[StreamDescription]) -> str:
 
 def _in_words(rms: Array) -> str:
     """Give residuals in words, such as "Fx 12 Fy 8 Fz 15 N, Mx 2.1 My 3.0 Mz 1.2 N·m"."""
-    each = [f"{axis} {x:.{k // 3}f}" for k, (axis, x) in enumerate(zip(AXES, rms, strict=True))]
-    return f"{' '.join(each[:3])} N, {' '.join(each[3:])} N·m"
+    words = [f"{axis} {x:.{k // 3}f}" for k, (axis, x) in enumerate(zip(AXES, rms, strict=True))]
+    return f"{' '.join(words[:3])} N, {' '.join(words[3:])} N·m"

@@ -23,6 +23,7 @@ from pipeline.io.columns import DFLOW_PLATE
 from pipeline.io.recording import Plate
 from pipeline.io.streams import COMPONENTS, PARTS, PLACE, Channel
 from pipeline.io.write import whole_file
+from pipeline.io.xdf import MAGIC, STAMP_BYTES, Tag
 from pipeline.live.chain import LiveFrame
 from pipeline.live.stream import LAB_AXES, Samples, StreamDescription, marker_channels
 
@@ -50,8 +51,8 @@ def describe(
     ('m/s', '0.0375')
     """
     described = (
-        element("channel", *[(part, text) for part in PARTS if (text := getattr(each, part))])
-        for each in channels
+        element("channel", *[(part, text) for part in PARTS if (text := getattr(channel, part))])
+        for channel in channels
     )
     placed = (
         element("plate", *[(part, _written(getattr(plate, part))) for part in ("number", *PLACE)])
@@ -104,11 +105,7 @@ def describe_stream(
     return describe(name, "Analog", channels, rate_hz, plates=placed)
 
 
-MAGIC: Final = b"XDF:"
-FILE_HEADER, STREAM_HEADER, SAMPLES, STREAM_FOOTER = 1, 2, 3, 6
-"""Tags of chunks."""
 BYTES_OF_COUNT: Final = b"\x04"
-BYTES_OF_STAMP: Final = 8
 
 
 class XdfWriter:
@@ -137,9 +134,9 @@ class XdfWriter:
         self._names = [info.findtext("name", "") for info in descriptions]
         self._counts, self._file = [0] * len(descriptions), path.open("xb")
         self._file.write(MAGIC)
-        self._chunk(FILE_HEADER, tostring(element("info", ("version", "1.0"))))
+        self._chunk(Tag.FILE_HEADER, tostring(element("info", ("version", "1.0"))))
         for number, info in enumerate(descriptions, start=1):
-            self._chunk(STREAM_HEADER, struct.pack("<I", number) + tostring(info, "utf-8"))
+            self._chunk(Tag.STREAM_HEADER, struct.pack("<I", number) + tostring(info, "utf-8"))
         self._file.flush()
 
     def write(self, samples: Samples) -> None:
@@ -156,11 +153,11 @@ class XdfWriter:
         number = 1 + self._names.index(samples.stream)
         parts = [("bytes", "u1"), ("stamp", "<f8"), ("values", "<f8", (channels,))]
         rows = np.empty(count, np.dtype(parts))
-        rows["bytes"], rows["stamp"], rows["values"] = BYTES_OF_STAMP, samples.time, samples.values
+        rows["bytes"], rows["stamp"], rows["values"] = STAMP_BYTES, samples.time, samples.values
         head = struct.pack("<I", number) + BYTES_OF_COUNT + struct.pack("<I", count)
         self._counts[number - 1] += count
         try:
-            self._chunk(SAMPLES, head + rows.tobytes())
+            self._chunk(Tag.SAMPLES, head + rows.tobytes())
             self._file.flush()
         except OSError:
             with suppress(OSError):
@@ -174,21 +171,16 @@ class XdfWriter:
         with self._file:
             for number, count in enumerate(self._counts, start=1):
                 footer = element("info", ("sample_count", str(count)))
-                self._chunk(STREAM_FOOTER, struct.pack("<I", number) + tostring(footer))
+                self._chunk(Tag.STREAM_FOOTER, struct.pack("<I", number) + tostring(footer))
 
     def _chunk(self, tag: int, content: bytes) -> None:
         body = struct.pack("<H", tag) + content
         self._file.write(BYTES_OF_COUNT + struct.pack("<I", len(body)) + body)
 
 
-PART: Final = "part_{number:06d}.parquet"
-
-
 STREAMS: Final = "streams.xdf"
 RESULTS_FOLDER: Final = "results"
 SUMMARY: Final = "summary.txt"
-EVERY_S: Final = 0.5
-"""Between writings: what is missing if the process is killed."""
 MAX_WAITING: Final = 60_000
 """Entries that wait for a disk that stalls, about a minute of them; memory stays bounded."""
 
@@ -256,7 +248,8 @@ class Recorder:
     def _run(self) -> None:
         failed = "stopped"
         try:
-            while not self._stop.wait(EVERY_S):
+            # half a second is missing if the process is killed
+            while not self._stop.wait(0.5):
                 self._write_waiting()
             self._write_waiting()
             failed = "not ended"
@@ -275,16 +268,10 @@ class Recorder:
         if self._rows:
             values = np.array(self._rows).T.copy()
             self._parts += 1
-            with whole_file(self._folder / PART.format(number=self._parts)) as temporary:
+            with whole_file(self._folder / f"part_{self._parts:06d}.parquet") as temporary:
                 pq.write_table(pa.table(dict(zip(self._columns, values, strict=True))), temporary)
             self._rows.clear()
 
-
-MIN_PROBES: Final = 3
-"""Answers of eight that make a measurement of a clock: with six, a busy computer has none."""
-PROBE_INTERVAL_S: Final = 0.02
-"""Between the eight: a first measurement then takes 0.3 s; with 0.064 s, the usual one, 0.65 s."""
-EXTRA: Final = "pip install 'hbm-residuals[live]'"
 
 _listening: list[str] = []
 """Where this process listens, once it has begun to; the library reads its settings only once."""
@@ -320,7 +307,9 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
     except ValueError as error:
         raise ValueError(f"listen: {error}") from error
     except ImportError as missing:
-        raise ValueError(f"Lab Streaming Layer needs the extra live: {EXTRA}") from missing
+        raise ValueError(
+            "Lab Streaming Layer needs the extra live: pip install 'hbm-residuals[live]'"
+        ) from missing
     except (OSError, RuntimeError) as broken:  # its library, where it has no wheel
         reason = [*str(broken).splitlines(), type(broken).__name__][0]
         raise ValueError(f"Lab Streaming Layer does not load: {reason}") from broken
@@ -335,11 +324,12 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
                 ) from error
         scope = "ResolveScope = machine\n" if address.is_loopback else ""
         interfaces = "" if address.is_loopback else f"Interfaces = {{{address}}}\n"
+        # three answers of eight make a measurement of a clock: with six, the usual number, a busy
+        # computer has none; every 0.02 s: a first one then takes 0.3 s, with the usual 0.064 s 0.65
         lsl.set_config_content(
             "[ports]\nIPv6 = disable\n"
             f"[multicast]\n{scope}{interfaces}ListenAddress = {address}\n"
-            f"[tuning]\nTimeUpdateMinProbes = {MIN_PROBES}\n"
-            f"TimeProbeInterval = {PROBE_INTERVAL_S}\n[log]\nlevel = -3\n"
+            "[tuning]\nTimeUpdateMinProbes = 3\nTimeProbeInterval = 0.02\n[log]\nlevel = -3\n"
         )
         _listening.append(str(address))
     if _listening != [str(address)]:
@@ -352,8 +342,6 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
 
 RESULTS: Final = "hbm"
 """Name of the stream of results; it names no person."""
-BUFFER_S: Final = 10
-"""Kept for a slow receiver; then its oldest samples are lost, and nobody waits."""
 
 
 class Outlet:
@@ -380,7 +368,8 @@ class Outlet:
         about = name, content_type, int(count), float(rate_hz), FORMAT, f"hbm-residuals {name}"
         described = lsl.StreamInfo(*about)
         append_description(described.desc(), info.iterfind("desc/*"))
-        self._outlet: Any = lsl.StreamOutlet(described, 0, BUFFER_S)
+        # ten seconds are kept for a slow receiver; then its oldest samples are lost
+        self._outlet: Any = lsl.StreamOutlet(described, 0, 10)
 
     def push(self, time: Array, values: Array) -> None:
         """Send samples, (N, K), taken at times on this computer's clock, (N,) [s]."""
@@ -455,13 +444,9 @@ def append_description(desc: Any, described: Iterable[Element]) -> None:
             desc.append_child_value(part.tag, part.text or "")
 
 
-UNKNOWN: Final = np.full(6, np.nan)
-TIME: Final = "time_s"
-
-
 def result_columns() -> tuple[str, ...]:
     """Name the numbers of a row on disk: its time, then the channels of the stream of results."""
-    return (TIME, *(channel.label for channel in result_channels()))
+    return ("time_s", *(channel.label for channel in result_channels()))
 
 
 def result_row(frame: LiveFrame) -> Array:
@@ -478,5 +463,6 @@ def result_row(frame: LiveFrame) -> Array:
         (106,); a variant that is not computed is NaN.
     """
     *_, tau = frame.tau.values()
-    residuals = frame.residual["measured"], frame.residual.get("compensated", UNKNOWN)
+    unknown = np.full(6, np.nan)
+    residuals = frame.residual["measured"], frame.residual.get("compensated", unknown)
     return np.concatenate([frame.q, tau, *residuals, [float(frame.quality), frame.computing_s]])

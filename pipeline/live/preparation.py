@@ -11,6 +11,7 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.plausibility.motion import implausible
 from hbm.spatial import GRAVITY_MPS2
 from hbm.spelling import short
@@ -32,10 +33,7 @@ from pipeline.trial.study_files import read_body_files, read_study_laboratory
 from pipeline.trial.subject import LIMITS as SUBJECT
 from pipeline.trial.subject import median_extent
 
-MAX_DISTANCE_M: Final = 0.003
-"""Between the centres of one plate: 3 mm change moments by 2 N·m under a body of 75 kg."""
-MAX_ANGLE_DEG: Final = 0.5
-"""Between its axes: half a degree turns 6 N of the body weight into a horizontal force."""
+LIMITS: Final = read_numbers("pipeline.live", "thresholds.toml", "preparation")
 
 
 class PlacedPlates(NamedTuple):
@@ -57,23 +55,23 @@ def place_plates(
     place, or that several streams state one plate's.
     """
     received = dict[str, Plate]()
-    for each in stated:
-        if each.place is None or live.plates.get(each.number, each.channels) != each.channels:
+    for one in stated:
+        if one.place is None or live.plates.get(one.number, one.channels) != one.channels:
             continue
-        if each.number in received:
-            raise ValueError(f"several streams give the place of plate {each.number}")
-        received[each.number] = each.place
+        if one.number in received:
+            raise ValueError(f"several streams give the place of plate {one.number}")
+        received[one.number] = one.place
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
     places = recorded | received
     if not places:
-        why = (f"plate {short(each.number)}: {each.problem}" for each in stated if each.problem)
+        why = (f"plate {short(one.number)}: {one.problem}" for one in stated if one.problem)
         streams = "; ".join(why) or "the streams have none (desc/plates/plate)"
         file = "no static file is given" if static is None else f"{static.source.name} has none"
         raise ValueError(
             f"the places of the plates are not known: {streams}; {file}; give a recording that "
             "has them: --static FILE, or static in the subject's file"
         )
-    channels = {each.number: each.channels for each in stated if each.channels}
+    channels = {one.number: one.channels for one in stated if one.channels}
     plates = tuple(sorted(places.values(), key=lambda plate: plate.number))
     notes = _elsewhere(received, recorded, static.source.name) if static else ()
     return PlacedPlates(plates, live.model_copy(update={"plates": channels | live.plates}), notes)
@@ -89,18 +87,13 @@ def _elsewhere(
         if not np.isfinite([now.corners, then.corners]).all():
             continue  # of one only the wrench about the lab's origin is known, not its place
         distance_m = float(np.linalg.norm(now.center - then.center))
+        # the trace of a rotation is 1 + 2 cos of its angle
         cosine = (np.trace(now.rotation.T @ then.rotation) - 1) / 2
         angle_deg = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-        if distance_m > MAX_DISTANCE_M or angle_deg > MAX_ANGLE_DEG:
+        if distance_m > LIMITS.plate_distance or angle_deg > LIMITS.plate_angle:
             apart = {"distance_m": distance_m, "angle_deg": angle_deg}
             notes.append(Note.of("live_plate_elsewhere", plate=number, **apart, file=file))
     return tuple(notes)
-
-
-POSE_S: Final = 1.2
-"""A second of standing still, in which the body is built and weighed, and a little more."""
-EVERY_S: Final = 0.1
-"""Between looks."""
 
 
 class PoseFinder:
@@ -126,7 +119,7 @@ class PoseFinder:
     ) -> None:
         self._markers, analog = stated_streams(live, streams)
         self._arrivals = Arrivals(streams)
-        frames = round(POSE_S * self._markers.rate_hz)
+        frames = round(LIMITS.standing * self._markers.rate_hz)
         self._frames = SampleBuffer(3 * len(self._markers.labels), frames)
         self._analog, self._looked_s = AnalogStreams(analog), -np.inf
         six = [self._analog.find(live.channels_of(p.number), PLATE_UNITS) for p in plates]
@@ -140,8 +133,8 @@ class PoseFinder:
             self._analog.append(samples)
             return None
         self._frames.append(samples.time, samples.values)
-        newest_s = self._frames.newest_s
-        if len(self._frames.time) < self._frames.length or newest_s - self._looked_s < EVERY_S:
+        newest_s, full = self._frames.newest_s, len(self._frames.time) == self._frames.length
+        if not full or newest_s - self._looked_s < 0.1:  # ten looks a second
             return None
         self._looked_s = newest_s
         try:
@@ -154,14 +147,14 @@ class PoseFinder:
         """Give what the last 1.2 s show; a ValueError says why that is no pose."""
         time, names = self._frames.time, self._markers.labels
         position, start_s = self._frames.values.reshape(len(time), len(names), 3), float(time[0])
-        seen = np.isfinite(position).all(axis=(0, 2))
-        if not seen.any():
+        is_seen = np.isfinite(position).all(axis=(0, 2))
+        if not is_seen.any():
             raise ValueError("no marker is seen all the time")
-        extent_m = median_extent(position[:, seen])
+        extent_m = median_extent(position[:, is_seen])
         if extent_m > SUBJECT.still_extent:
             raise ValueError(
-                f"the markers moved by {1000 * extent_m:.0f} mm within {POSE_S:g} s, at most "
-                f"{1000 * SUBJECT.still_extent:.0f} mm are standing still"
+                f"the markers moved by {1000 * extent_m:.0f} mm within {LIMITS.standing:g} s, at "
+                f"most {1000 * SUBJECT.still_extent:.0f} mm are standing still"
             )
         standing = []
         for plate, channels in self._plates:
@@ -169,6 +162,7 @@ class PoseFinder:
             if not len(at):
                 raise ValueError(f"plate {plate.number} has sent nothing")
             standing.append(replace(plate, time=at - start_s, wrench_in_plate=wrench))
+        # the mean vertical force of all plates; NaN, where samples are missing, is nobody too
         carried_n = sum(float(np.mean(plate.wrench[:, 2])) for plate in standing)
         if not carried_n >= SUBJECT.least_mass * GRAVITY_MPS2:
             raise ValueError(f"the plates carry {carried_n:.0f} N, which is nobody")
@@ -212,7 +206,7 @@ class Preparation:
     def cycles(self) -> int | None:
         """How many gait cycles the conditions of the study analyse, at most; None if all."""
         conditions = self.study.file.conditions.values()
-        return max((each.cycles for each in conditions if each.cycles), default=None)
+        return max((condition.cycles for condition in conditions if condition.cycles), default=None)
 
     @property
     def streams(self) -> tuple[str, tuple[str, ...]]:

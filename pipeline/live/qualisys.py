@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from hbm.spelling import short
 from pipeline.io.axes import parse_axes
@@ -67,14 +68,9 @@ POSITIONS, ANALOG, FORCE = 1, 3, 4
 """Components of a frame, by their numbers in the protocol."""
 COMPONENTS: Final = {POSITIONS: "3D", ANALOG: "Analog", FORCE: "Force"}
 """What commands call them."""
-SAME_START_S: Final = 0.05
-"""Sample numbers and time stamps count from the same start if they agree within it."""
-RESTART_S: Final = 0.5
-"""A time stamp that is earlier by more belongs to another measurement."""
-LOADED_N: Final = 100.0
-CHECKED_SAMPLES: Final = 20
-MAX_MISFIT_M: Final = 0.01
-"""As for recordings: moments of one plate agree with its centres of pressure within millimetres."""
+LIMITS: Final = read_numbers("pipeline.live", "thresholds.toml", "qualisys")
+MOMENTS: Final = read_numbers("pipeline.io", "thresholds.toml", "moments")
+"""Of recordings, too: when moments are about another point than the plate's."""
 Say = Callable[[Finding], object]
 """Called with what is wrong as it arises."""
 
@@ -99,15 +95,15 @@ class _Bytes:
 
     def counts(self, count: int) -> Sequence[int]:
         """Take whole numbers, none of which is negative."""
-        found = struct.unpack(f"<{count}i", self.part(4 * count))
-        if min(found) < 0:
-            raise Malformed(f"a packet counts {min(found)} parts")
-        return found
+        counts = struct.unpack(f"<{count}i", self.part(4 * count))
+        if min(counts) < 0:
+            raise Malformed(f"a packet counts {min(counts)} parts")
+        return counts
 
     def numbers(self, rows: int, columns: int) -> Array:
         """Take numbers of single precision, (rows, columns)."""
-        found = np.frombuffer(self.part(4 * rows * columns), "<f4")
-        return found.reshape(rows, columns).astype(float)
+        numbers = np.frombuffer(self.part(4 * rows * columns), "<f4")
+        return numbers.reshape(rows, columns).astype(float)
 
 
 @dataclass(slots=True)
@@ -129,18 +125,20 @@ class Signals:
         Force, moment and point of application are as sent, (N, 9) [N, N·m, mm]; in the first loaded
         samples moments and points may disagree by 1 cm.
         """
-        forces = forces[np.abs(forces[:, 2]) > LOADED_N]
-        if len(self.misfits) >= CHECKED_SAMPLES or not len(forces):
+        forces = forces[np.abs(forces[:, 2]) > MOMENTS.least_vertical_force]
+        if len(self.misfits) >= LIMITS.checked_samples or not len(forces):
             return
         force, moment, point = np.hsplit(forces, 3)
+        # about the point of application the force has no moment but the free one about z
         tilt = (moment - np.cross(point / 1e3, force))[:, :2]
+        # as a distance, by which the two points differ
         self.misfits += list(np.linalg.norm(tilt, axis=1) / np.abs(force[:, 2]))
         misfit = float(np.median(self.misfits))
-        if len(self.misfits) >= CHECKED_SAMPLES and not misfit < MAX_MISFIT_M:
+        if len(self.misfits) >= LIMITS.checked_samples and not misfit < MOMENTS.largest_misfit:
             raise ValueError(
                 f"plate {short(self.description.name)!r}: moments and points of application "
                 f"disagree by {1000 * misfit:.0f} mm about the centre of its surface, expected "
-                f"less than {1000 * MAX_MISFIT_M:.0f} mm; send forces in the plate's axes"
+                f"less than {1000 * MOMENTS.largest_misfit:.0f} mm; send forces in the plate's axes"
             )
 
 
@@ -164,7 +162,7 @@ class Packets:
         rate_hz = _number(root, "General/Frequency", "the cameras")
         self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
         self._signals, self.plates = _signals(root, parse_axes(stated.axes or LAB_AXES))
-        self.streams = (self.markers, *(each.description for each in self._signals.values()))
+        self.streams = (self.markers, *(signals.description for signals in self._signals.values()))
         require_unique([stream.name for stream in self.streams], f"{PROGRAM}: streams of one name")
         sending = {POSITIONS, *(component for component, _ in self._signals)}
         self.components = [component for component in COMPONENTS if component in sending]
@@ -188,16 +186,17 @@ class Packets:
             size, component = frame.counts(2)
             parts[component] = _Bytes(frame.part(size - 8))
         stamp_s, number_s = stamp_us / 1e6, number / self.markers.rate_hz
-        found = [self._markers_of(parts[POSITIONS], stamp_s)] if POSITIONS in parts else []
+        samples = [self._markers_of(parts[POSITIONS], stamp_s)] if POSITIONS in parts else []
         for component in {ANALOG, FORCE} & parts.keys():
             for signals, first, values in self._read(component, parts[component]):
                 sent = signals.description
+                # plates and devices have no stamps: a sample's number over its rate is its time
                 taken_s = (first + np.arange(len(values))) / sent.rate_hz
                 if signals.origin_s is None:
                     signals.origin_s = self._origin_s(signals, stamp_s, number_s, taken_s[-1])
                 times = self._base_s + (taken_s + signals.origin_s)
-                found.append(Samples(sent.name, times, signals.convert(values)))
-        return found
+                samples.append(Samples(sent.name, times, signals.convert(values)))
+        return samples
 
     def _markers_of(self, part: _Bytes, stamp_s: float) -> Samples:
         """Give the markers of a frame."""
@@ -206,7 +205,8 @@ class Packets:
         positions = part.numbers(count, 3)
         if count != self._sent:
             raise ValueError(f"{PROGRAM} sends {count} markers, but named {self._sent}; start anew")
-        if stamp_s < self._last_s - RESTART_S:
+        # a new measurement begins at zero: time goes on a frame after the last one
+        if stamp_s < self._last_s - LIMITS.restart:
             self._base_s += self._last_s - stamp_s + 1 / self.markers.rate_hz
             self.restart()
         self._last_s = stamp_s
@@ -227,7 +227,7 @@ class Packets:
                 continue
             if component == FORCE:
                 signals.check_moments(values)
-                values = -values[:, :6]
+                values = -values[:, :6]  # on the subject, not on the plate
             elif channels != (named := len(signals.description.labels)):
                 raise Malformed(f"device {number} has {channels} channels, but named {named}")
             yield signals, first, values
@@ -238,11 +238,11 @@ class Packets:
         Where time stamps count from another start, frame numbers may count from that of the
         samples; else these are taken to lie around the frame. Both are doubtful by a frame.
         """
-        if abs(stamp_s - last_s) < SAME_START_S:
+        if abs(stamp_s - last_s) < LIMITS.same_start:
             return 0.0
         frame_s, name = 1 / self.markers.rate_hz, signals.description.name
         self._say(Finding(Kind.START_UNKNOWN, (name,), {"frame_s": frame_s}))
-        if abs(number_s - last_s) < SAME_START_S:
+        if abs(number_s - last_s) < LIMITS.same_start:
             return stamp_s - number_s
         return stamp_s + frame_s / 2 - last_s
 
@@ -254,7 +254,7 @@ def _signals(
 
     Where several have one name, they have their numbers in it.
     """
-    found, plates = dict[tuple[int, int], Signals](), list[StatedPlate]()
+    by_number, plates = dict[tuple[int, int], Signals](), list[StatedPlate]()
     force, length = (text_of(root, f"Force/Unit_{of}") for of in ("Force", "Length"))
     for component, path, tag in ((FORCE, "Force/Plate", ""), (ANALOG, "Analog/Device", "Device_")):
         elements = root.findall(path)
@@ -263,65 +263,48 @@ def _signals(
             name = text_of(element, f"{tag}Name")
             what = f"{element.tag} {name}"
             number = int(_number(element, f"{tag or 'Plate_'}ID", what))
-            if (component, number) in found:
+            if (component, number) in by_number:
                 raise ValueError(f"{PROGRAM} numbers two of {element.tag} {number}; change one")
             if not name or counts[name] > 1:
                 name = f"{name} {number}".strip()
-            every = element.iterfind("Channel")
-            sent = [(text_of(channel, "Label"), text_of(channel, "Unit")) for channel in every]
+            sent = [(text_of(c, "Label"), text_of(c, "Unit")) for c in element.iterfind("Channel")]
             if component == FORCE:
                 sent = [(f"{name}.{c}", "Nm" if c[0] == "M" else force) for c in WRENCH_COMPONENTS]
             rate_hz = _number(element, "Frequency", what)
-            signals = Signals(*describe_signals(name, [Channel(*each) for each in sent], rate_hz))
-            found[component, number] = signals
+            signals = Signals(*describe_signals(name, [Channel(*part) for part in sent], rate_hz))
+            by_number[component, number] = signals
             if component == FORCE:
                 of_plate = str(number), signals.description.labels
                 try:
                     plates.append(StatedPlate(*of_plate, place_of(element, number, length, to_lab)))
                 except ValueError as error:
                     plates.append(StatedPlate(*of_plate, problem=str(error)))
-    return found, tuple(plates)
+    return by_number, tuple(plates)
 
 
 def _number(element: Element, tag: str, what: str) -> float:
     """Give a positive number of an element."""
     text = text_of(element, tag)
     try:
-        found = float(text)
+        number = float(text)
     except ValueError:
-        found = np.nan
-    if not 0 < found < np.inf:
+        number = np.nan
+    if not 0 < number < np.inf:
         raise ValueError(f"{PROGRAM} states no {tag} of {short(what)}, but {short(text)!r}")
-    return found
+    return number
 
 
 PORT: Final = 22223
 """Of the protocol with the low byte first."""
 VERSION: Final = "1.25"
-WELCOME: Final = "QTM RT Interface connected"
 ERROR, COMMAND, XML, DATA = range(4)
 """Kinds of packets that are looked at."""
-KINDS: Final = range(10)
 HEADER, HIGH_BYTE_FIRST = struct.Struct("<II"), struct.Struct(">II")
 """Size of a packet, and its kind."""
-MAX_BYTES: Final = 1 << 24
-"""Of a packet: a hundred times those of a frame of a large laboratory."""
 RETRY_S: Final = 1.0
 """Between attempts to reach a computer that has gone away."""
 SILENT_S: Final = 2.0
 """Without a packet, after which the program is asked whether it is there."""
-RETURN_S: Final = 2.0
-"""Left to a program that is there again to answer."""
-STREAM_S: Final = 0.5
-"""Within which streaming is refused, if it is."""
-AT_ONCE: Final = 1 << 16
-"""Bytes."""
-MIN_WAIT_S: Final = 0.001
-SAY_AGAIN_S: Final = 60.0
-MAX_WORDS: Final = 80
-"""Letters of an answer in a message."""
-
-
 WHY_NOT: Final[Mapping[type[OSError], str]] = {
     socket.gaierror: "is unknown: no computer has this name",
     ConnectionRefusedError: f"refuses the connection; is {PROGRAM} running, and this its port?",
@@ -388,7 +371,7 @@ class QualisysSource:
             self._packets = self._connect(timeout_s, None)
             failing.pop_all()
         self.plates = self._packets.plates
-        self.streams = tuple(replace(each, sender=self._where) for each in self._packets.streams)
+        self.streams = tuple(replace(s, sender=self._where) for s in self._packets.streams)
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s].
@@ -403,7 +386,7 @@ class QualisysSource:
                 return [samples for packet in arrived for samples in self._samples(*packet)]
             time.sleep(max(0.0, min(timeout_s, self._again_s - time.monotonic())))
             if time.monotonic() >= self._again_s:
-                self._connect(RETURN_S, self._packets)
+                self._connect(2.0, self._packets)  # seconds, to answer
         except OSError as reason:
             self.close()
             self._again_s = time.monotonic() + RETRY_S
@@ -427,7 +410,7 @@ class QualisysSource:
             reason = next((why for kind, why in WHY_NOT.items() if isinstance(error, kind)), other)
             raise ConnectionError(f"{self._where} {reason}") from error
         kind, welcome = self._answer(connected, "takes the connection, but says nothing")
-        if kind != COMMAND or _words(welcome) != WELCOME:
+        if kind != COMMAND or _words(welcome) != "QTM RT Interface connected":
             raise ConnectionError(f"{self._where} is no {PROGRAM}: it says {_words(welcome)!r}")
         if _words(self._ask(connected, f"Version {VERSION}")) != f"Version set to {VERSION}":
             raise ConnectionError(f"{self._where} has not version {VERSION} of the protocol")
@@ -444,9 +427,10 @@ class QualisysSource:
             require_same(f"{PROGRAM} at {self._where}", streams, *plates)
             packets = before
         packets.restart()
-        parts = " ".join(COMPONENTS[each] for each in packets.components)
+        parts = " ".join(COMPONENTS[component] for component in packets.components)
         _send(connected, f"StreamFrames AllFrames {parts}")
-        self._early = self._arrived(connected, STREAM_S)
+        # if streaming is refused, it is within half a second
+        self._early = self._arrived(connected, 0.5)
         for kind, words in self._early:
             if kind == ERROR:
                 raise ConnectionError(f"{self._where} refuses to stream {parts}: {_words(words)}")
@@ -463,17 +447,17 @@ class QualisysSource:
 
     def _answer(self, connected: socket.socket, silent: str) -> Packet:
         """Give the next packet that answers something."""
-        while (left_s := self._until_s - time.monotonic()) > 0:
-            for kind, words in self._arrived(connected, left_s):
+        while (remaining_s := self._until_s - time.monotonic()) > 0:
+            for kind, words in self._arrived(connected, remaining_s):
                 if kind in (ERROR, COMMAND, XML):
                     return kind, words
         raise ConnectionError(f"{self._where} {silent} in time")
 
     def _arrived(self, connected: socket.socket, timeout_s: float) -> list[Packet]:
         """Give the packets that have arrived; wait for the first bytes."""
-        connected.settimeout(max(timeout_s, MIN_WAIT_S))
+        connected.settimeout(max(timeout_s, 0.001))  # 0 would be without waiting
         try:
-            piece = connected.recv(AT_ONCE)
+            piece = connected.recv(1 << 16)
         except TimeoutError:
             return []
         except ConnectionError:
@@ -481,7 +465,7 @@ class QualisysSource:
         if not piece:
             raise ConnectionError(f"{self._where} has closed the connection")
         self._received += piece
-        found, received = list[Packet](), self._received
+        packets, received = list[Packet](), self._received
         while len(received) >= HEADER.size:
             size, kind = HEADER.unpack_from(received)
             if not _is_header(size, kind):
@@ -491,9 +475,9 @@ class QualisysSource:
                 raise ConnectionError(f"{self._where} {what}")
             if len(received) < size:
                 break
-            found.append((kind, bytes(received[HEADER.size : size])))
+            packets.append((kind, bytes(received[HEADER.size : size])))
             del received[:size]
-        return found
+        return packets
 
     def _look_for_silence(self, connected: socket.socket, heard: bool) -> None:
         """Ask a program that is silent whether it is there; one that does not answer is not."""
@@ -517,13 +501,14 @@ class QualisysSource:
 
     def _tell(self, kind: Kind, reason: str) -> None:
         """Say something, but not the like of it for a minute."""
-        if time.monotonic() - self._said_s.get(kind, -np.inf) > SAY_AGAIN_S:
+        if time.monotonic() - self._said_s.get(kind, -np.inf) > 60.0:
             self._said_s[kind] = time.monotonic()
             self._say(Finding(kind, values={"program": PROGRAM, "reason": reason}))
 
 
 def _is_header(size: int, kind: int) -> bool:
-    return HEADER.size <= size <= MAX_BYTES and kind in KINDS
+    # a frame of a large laboratory has a hundredth of 16 MB; the protocol has ten kinds
+    return HEADER.size <= size <= 1 << 24 and kind in range(10)
 
 
 def _send(connected: socket.socket, command: str) -> None:
@@ -532,4 +517,4 @@ def _send(connected: socket.socket, command: str) -> None:
 
 
 def _words(answer: bytes) -> str:
-    return short(answer.rstrip(b"\0").decode("utf-8", "replace"), MAX_WORDS)
+    return short(answer.rstrip(b"\0").decode("utf-8", "replace"), 80)

@@ -17,8 +17,6 @@ MARKERS: Final = "Markers"
 PLATES: Final = "Plates"
 ANALOG: Final = "Analog"
 """Names of the streams of a recording."""
-ROUNDING_S: Final = 1e-9
-"""A sample at the end of a chunk belongs to the next one."""
 
 
 class RecordedStream(NamedTuple):
@@ -42,9 +40,10 @@ def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
     "Plates 2" and so on.
     """
     markers, names = recording.markers, recording.markers.names
-    seen = StreamDescription(MARKERS, "markers", names, ("m",) * len(names), markers.rate_hz)
+    of_markers = StreamDescription(MARKERS, "markers", names, ("m",) * len(names), markers.rate_hz)
     positions = np.reshape(markers.position, (len(markers.time), -1))
-    streams = [RecordedStream(seen, (), markers.time, positions)]
+    streams = [RecordedStream(of_markers, (), markers.time, positions)]
+    # plates of one clock are one stream
     groups = dict[bytes, list[Plate]]()
     for plate in recording.plates:
         groups.setdefault(plate.time.tobytes(), []).append(plate)
@@ -110,21 +109,22 @@ class RecordedSource:
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give the next samples; an empty list at the end. It never waits."""
-        found: list[Samples] = []
-        while not found and not self.ended:
+        samples: list[Samples] = []
+        while not samples and not self.ended:
             self._until_s += self._chunk_s
-            found = self.until(self._until_s)
-        return found
+            samples = self.until(self._until_s)
+        return samples
 
     def until(self, time_s: float) -> list[Samples]:
         """Give the next samples before a time of the recording [s]."""
-        found = []
+        samples = []
         for k, (description, _, time, values) in enumerate(self._streams):
-            part = slice(self._sent[k], int(np.searchsorted(time, time_s - ROUNDING_S)))
+            # a sample at the end of a chunk belongs to the next one, however it is rounded
+            part = slice(self._sent[k], int(np.searchsorted(time, time_s - 1e-9)))
             if part.stop > part.start:
-                found.append(Samples(description.name, time[part], values[part]))
+                samples.append(Samples(description.name, time[part], values[part]))
                 self._sent[k] = part.stop
-        return found
+        return samples
 
     def close(self) -> None:
         """Give nothing more."""
@@ -133,10 +133,6 @@ class RecordedSource:
 
 TICK_S: Final = 0.001
 """Between looks at what is due."""
-DELIVERY_S: Final = 0.5
-"""Left to receivers after the last sample."""
-OTHERS_S: Final = 1.0
-"""Left to receivers of the other streams once the markers have one: not everybody wants all."""
 MAX_SPEED: Final = 20.0
 """Beyond it the library loses samples; `RecordedSource` needs no network and loses none."""
 
@@ -203,10 +199,11 @@ class Replay:
         every stream had one.
         """
         deadline = clock.monotonic() + timeout_s
-        found = False
+        is_received = False
         while (absent := self.without_receiver) and clock.monotonic() < deadline:
-            if not found and self.names[0] not in absent:
-                found, deadline = True, min(deadline, clock.monotonic() + OTHERS_S)
+            # not everybody wants all streams: a second more once the markers have a receiver
+            if not is_received and self.names[0] not in absent:
+                is_received, deadline = True, min(deadline, clock.monotonic() + 1.0)
             clock.sleep(TICK_S * 5)
         self._thread.start()
         return not absent
@@ -227,5 +224,5 @@ class Replay:
             for samples in self._source.until(until_s):
                 self._outlets[samples.stream].push(samples.time + self.start_s, samples.values)
             if self._source.ended:
-                self._stop.wait(DELIVERY_S)
+                self._stop.wait(0.5)  # receivers take the last samples
                 return

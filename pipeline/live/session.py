@@ -12,7 +12,7 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.live.chain import LiveChain, LiveFrame
-from pipeline.live.monitor import REQUIRED, Monitor
+from pipeline.live.monitor import LIMITS, Monitor
 from pipeline.live.output import Outlet, Recorder, result_row
 from pipeline.live.replay import RecordedSource
 from pipeline.live.stream import Arrivals, Samples, Source
@@ -81,7 +81,7 @@ class Session:
             while not self._stop.is_set():
                 received, arrived = self._source.receive(RECEIVE_S), perf_counter()
                 # markers last: after a pause all streams have much to send, and none of it is late
-                for samples in sorted(received, key=lambda each: each.stream == markers):
+                for samples in sorted(received, key=lambda sent: sent.stream == markers):
                     self._take(samples, arrived)
         except (ValueError, OSError) as error:
             self.fault = error
@@ -113,7 +113,7 @@ def rehearse(
     body: Body,
     settings: Settings,
     laboratory: Laboratory | None = None,
-    required: int = REQUIRED,
+    required: int = LIMITS.required_cycles,
 ) -> tuple[list[LiveFrame], Monitor]:
     """Replay a recording through the chain of a session, without network or clock.
 

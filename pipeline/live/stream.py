@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, Mask
 from hbm.spelling import short
 from pipeline.io.axes import parse_axes
@@ -15,7 +16,6 @@ from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.streams import (
     AXES,
-    MAX_BACK_S,
     Channel,
     Remembered,
     find_plates,
@@ -23,6 +23,7 @@ from pipeline.io.streams import (
     marker_layout,
     si_units,
 )
+from pipeline.io.units import MAX_VALUE
 
 LAB_AXES: Final = "forward,left,up"
 """Axes of all positions, as descriptions state them."""
@@ -126,24 +127,14 @@ class Source(Protocol):
         """Stop receiving."""
 
 
-LARGEST: Final = 1e9
-"""No signal is as large in any unit: such a number is damaged."""
-MAX_AHEAD_S: Final = 1.0
-"""The same for samples ahead of the time that has passed and of all other streams."""
-CONFIRMED_S: Final = 0.05
-MIN_CONFIRMED: Final = 3
-"""Samples that follow each other on another clock; fewer have wrong time stamps."""
-COUNTED: Final = 700
-"""Samples at least that show together which of them are missing."""
-REMEMBERED_S: Final = 10.0
-"""A sample that comes again within it is known to be the same."""
-SAME_CLOCK_S: Final = 0.05
-"""Streams whose clocks were set by amounts that differ by less were set together."""
+LIMITS: Final = read_numbers("pipeline.live", "thresholds.toml", "clock")
+STREAMS: Final = read_numbers("pipeline.io", "thresholds.toml", "streams")
+"""Of recordings, too: a session and its recording use the same samples."""
 
 
 def known(values: Array) -> Array:
     """Give samples with NaN in place of numbers that no instrument gives."""
-    return np.where(np.abs(values) < LARGEST, values, np.nan)
+    return np.where(np.abs(values) < MAX_VALUE, values, np.nan)
 
 
 @dataclass(slots=True, eq=False)
@@ -188,15 +179,17 @@ class StreamClock:
         Samples of one stamp, as senders stamp a chunk, are spread about it, as the offline clock
         places them; where they are more than those of half a second, their clock stands still.
         """
-        sample, most = (stamp, value.tobytes()), REMEMBERED_S * self.rate_hz
-        steady = sample == self.last and max(self.alike, self.before) > 1  # within a chunk
+        sample, most = (stamp, value.tobytes()), LIMITS.remembered * self.rate_hz
+        # a signal that does not change repeats its values within a chunk of one stamp
+        steady = sample == self.last and max(self.alike, self.before) > 1
         if self.seen.again(stamp, value, most) and not steady:
             self.unordered += 1
             return np.nan
         again, self.last = stamp == self.last[0], sample
         self.before, self.alike = (self.before, self.alike + 1) if again else (self.alike, 1)
+        # a chunk is taken to be as long as the one before: its middle is at the stamp
         place = (self.alike - (1 + max(self.alike, self.before)) / 2) / (self.rate_hz or 1)
-        return stamp + place if self.alike <= 1 + MAX_BACK_S * self.rate_hz else np.nan
+        return stamp + place if self.alike <= 1 + STREAMS.out_of_order * self.rate_hz else np.nan
 
     def in_order(self, time: Array) -> Mask:
         """Find samples at times, (N,) [s], that are later than all before them; count the others.
@@ -207,7 +200,8 @@ class StreamClock:
         later: Mask = np.asarray(time > newest[:-1])
         self.given += int(later.sum())
         self.unordered += int((~later).sum())
-        self.recent, kept = np.unique(np.append(self.recent, time)), int(max(COUNTED, self.rate_hz))
+        self.recent = np.unique(np.append(self.recent, time))
+        kept = int(max(LIMITS.counted, self.rate_hz))
         if len(self.recent) > 2 * kept:
             self.lost += int(lost_before(self.recent, self.rate_hz)[-kept])
             self.recent = self.recent[-kept:]
@@ -259,28 +253,31 @@ class Arrivals:
         clock = self.of[samples.stream]
         passed_s, clock.heard_s = arrived_s - clock.heard_s, arrived_s
         others_s = max((c.newest_s for c in self.of.values() if c is not clock), default=-np.inf)
-        latest_s = MAX_AHEAD_S + max(clock.newest_s + passed_s, others_s)
+        # no sample is later than now, by this computer's clock or that of another stream
+        latest_s = LIMITS.ahead + max(clock.newest_s + passed_s, others_s)
         before_s, taken = clock.added_s, list[tuple[float, Array]]()
         clock.came += len(samples.time)
-        for each, value in zip(samples.time.tolist(), samples.values, strict=True):
-            stamp = clock.spread(each, value) if np.isfinite(each) else np.nan
+        for sent, value in zip(samples.time.tolist(), samples.values, strict=True):
+            stamp = clock.spread(sent, value) if np.isfinite(sent) else np.nan
             if not np.isfinite(time := stamp + clock.added_s):
                 continue
             if clock.newest_s == -np.inf:
                 clock.newest_s, latest_s = time, np.inf
-            if clock.newest_s - MAX_BACK_S < time < latest_s:
+            if clock.newest_s - STREAMS.out_of_order < time < latest_s:
                 clock.doubtful.clear()
                 clock.newest_s = max(clock.newest_s, time)
                 taken.append((time, value))
                 continue
-            if clock.doubtful and not 0 < stamp - clock.doubtful[-1][0] < MAX_BACK_S:
+            # wrong stamps do not follow one another; those of a clock that was set do
+            if clock.doubtful and not 0 < stamp - clock.doubtful[-1][0] < STREAMS.out_of_order:
                 clock.doubtful.clear()
             clock.doubtful.append((stamp, value))
-            if len(clock.doubtful) >= max(MIN_CONFIRMED, CONFIRMED_S * clock.rate_hz):
+            enough = max(LIMITS.fewest_confirmed, LIMITS.confirmed * clock.rate_hz)
+            if len(clock.doubtful) >= enough:
                 self._set(clock, others_s)
-                taken += [(s + clock.added_s, each) for s, each in clock.doubtful]
+                taken += [(s + clock.added_s, row) for s, row in clock.doubtful]
                 clock.newest_s = taken[-1][0]
-                latest_s = clock.newest_s + MAX_AHEAD_S
+                latest_s = clock.newest_s + LIMITS.ahead
                 clock.doubtful.clear()
         times = np.array([time for time, _ in taken])
         later = clock.in_order(times)
@@ -291,23 +288,23 @@ class Arrivals:
         """Find what has to be added to the time stamps of a stream whose clock was set."""
         begins_s = clock.doubtful[0][0]
         next_s = clock.newest_s + (1 / clock.rate_hz if clock.rate_hz > 0 else 0.0)
+        # streams of one sender are set together: what was added to another one may fit
         others = {0.0, *(other.added_s for other in self.of.values() if other is not clock)}
         near = min(others, key=lambda added_s: abs(begins_s + added_s - next_s))
-        if abs(begins_s + near - next_s) < SAME_CLOCK_S:
+        if abs(begins_s + near - next_s) < LIMITS.set_together:
             clock.added_s = near
         else:
-            clock.added_s = (others_s if others_s > next_s + MAX_BACK_S else next_s) - begins_s
-
-
-RATES_HZ: Final = (1.0, 50_000.0)
-"""Of streams; memory is kept for two seconds of them."""
+            # the stream goes on where it stopped, or after a pause with the others
+            paused = others_s > next_s + STREAMS.out_of_order
+            clock.added_s = (others_s if paused else next_s) - begins_s
 
 
 def _require_rate(name: str, rate_hz: float) -> None:
     """Refuse a nominal rate that no instrument has; 0 says that it is not stated."""
-    if rate_hz != 0 and not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+    slowest, fastest = LIMITS.rates
+    if rate_hz != 0 and not slowest <= rate_hz <= fastest:
         raise ValueError(
-            f"{short(name)} states {rate_hz:g} Hz, expected {RATES_HZ[0]:g} to {RATES_HZ[1]:g}; "
+            f"{short(name)} states {rate_hz:g} Hz, expected {slowest:g} to {fastest:g}; "
             "correct it in the program that sends it"
         )
 
@@ -318,8 +315,8 @@ Convert = Callable[[Array], Array]
 
 def marker_channels(names: Sequence[str], unit: str) -> tuple[Channel, ...]:
     """Give the channels of markers: x, y and z of each."""
-    every = [(name, axis) for name in names for axis in AXES]
-    return tuple(Channel(f"{n}_{axis}", unit, f"Position{axis}", marker=n) for n, axis in every)
+    parts = [(name, axis) for name in names for axis in AXES]
+    return tuple(Channel(f"{n}_{axis}", unit, f"Position{axis}", marker=n) for n, axis in parts)
 
 
 def describe_markers(
@@ -333,13 +330,13 @@ def describe_markers(
     """
     _require_rate(name, rate_hz)
     names, positions = marker_layout(channels, stated)
-    known = stated.axes or axes
-    if not known:
+    axes = stated.axes or axes
+    if not axes:
         raise ValueError(
             "the axes of its markers are unknown; give them, for example --axes "
             'forward,left,up, or axes = "forward,left,up" in study.toml'
         )
-    to_lab = parse_axes(known).T
+    to_lab = parse_axes(axes).T
 
     def convert(values: Array) -> Array:
         with np.errstate(invalid="ignore"):  # infinite ones
@@ -370,16 +367,17 @@ def describe_signals(
     labels = tuple(channel.label for channel in channels)
     description = StreamDescription(name, "analog", labels, units, rate_hz)
     stems = dict.fromkeys(label[:-1] for label in labels if DFLOW_PLATE.fullmatch(label))
-    every = ([k for k, label in enumerate(labels) if label[:-1] == stem] for stem in stems)
-    triples = [columns for columns in every if [labels[k][-1] for k in columns] == [*AXES]]
+    # only vectors of which x, y and z are there once, in this order, can be turned
+    of_stems = ([k for k, label in enumerate(labels) if label[:-1] == stem] for stem in stems)
+    triples = [columns for columns in of_stems if [labels[k][-1] for k in columns] == [*AXES]]
     to_lab = parse_axes(axes or LAB_AXES)
 
     def convert(values: Array) -> Array:
-        found = np.asarray(values * factors, float)
+        signals = np.asarray(values * factors, float)
         with np.errstate(invalid="ignore"):  # infinite ones
             for columns in triples:
-                found[:, columns] = found[:, columns] @ to_lab.T
-        return found
+                signals[:, columns] = signals[:, columns] @ to_lab.T
+        return signals
 
     return description, convert
 
@@ -394,21 +392,21 @@ def describe_plates(
     `describe_signals` gives them. The axes, in which places are stated, are the markers'. A
     ValueError says that channels of a plate have no labels of their own, by which they are found.
     """
-    found, left_out = find_plates(info, channels)
-    every, to_lab = [channel.label for channel in channels], parse_axes(axes)
+    placed, left_out = find_plates(info, channels)
+    all_labels, to_lab = [channel.label for channel in channels], parse_axes(axes)
     plates = list[StatedPlate]()
-    for plate in found:
+    for plate in placed:
         number = str(plate.place.number)
-        labels = tuple(every[column] for column in plate.columns)
+        labels = tuple(all_labels[column] for column in plate.columns)
         for label in labels:
-            if not label or every.count(label) > 1:
+            if not label or all_labels.count(label) > 1:
                 raise ValueError(
                     f"plate {number}: the label {short(label)!r} of a channel is "
                     f"{'that of another one too' if label else 'empty'}; rename it"
                 )
         plates.append(StatedPlate(number, labels, plate.place.turned(to_lab)))
     described = {plate.number for plate in plates}
-    plates += [plate for plate in _dflow_plates(every) if plate.number not in described]
+    plates += [plate for plate in _dflow_plates(all_labels) if plate.number not in described]
     return (*plates, *(StatedPlate(number, problem=why) for number, why in left_out.items()))
 
 
@@ -419,10 +417,6 @@ def _dflow_plates(labels: Sequence[str]) -> Iterator[StatedPlate]:
         if all(labels.count(label) == 1 for label in six):
             place = Plate.at_origin(int(number), np.empty(0), np.empty((0, 6)))
             yield StatedPlate(str(int(number)), six, place)
-
-
-PLACE_M: Final = 1e-6
-"""Numbers of a place that are written anew differ by less."""
 
 
 def require_same(
@@ -450,5 +444,6 @@ def _same_plate(before: StatedPlate, after: StatedPlate) -> bool:
     named = (before.number, before.channels) == (after.number, after.channels)
     places = (before.place, after.place)
     old, new = (np.vstack([p.corners, p.rotation, p.center]) if p else np.empty(0) for p in places)
-    same = old.shape == new.shape and np.allclose(old, new, rtol=0, atol=PLACE_M, equal_nan=True)
+    # a place that is written anew differs by rounding alone
+    same = old.shape == new.shape and np.allclose(old, new, rtol=0, atol=1e-6, equal_nan=True)
     return named and same

@@ -21,6 +21,7 @@ from hbm.body import Body
 from hbm.coordinates import COORDINATES
 from hbm.ik.problem import known_markers, undetermined
 from hbm.notes import Note, warnings_of
+from hbm.numbers import read_numbers
 from hbm.plausibility.motion import implausible
 from hbm.signals.filtering import low_pass
 from hbm.spelling import counted, did_you_mean, listed
@@ -58,12 +59,7 @@ from pipeline.trial.subject import (
 )
 from pipeline.trial.window import NO_POSE, what_counts
 
-MIN_CYCLE_S: Final = 0.8
-"""Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
-MAX_MISSING_SHARE: Final = 0.2
-"""Share of the frames; a marker that is missing in more is named."""
-ASSUMED_MASS_KG: Final = 70.0
-"""For a body whose mass is not stated: a check uses only the positions of its joints."""
+LIMITS: Final = read_numbers("pipeline.run", "thresholds.toml", "check")
 USED: Final = {
     "sex": "mean of women and men",
     "height_m": "the file's, else by the legs",
@@ -93,9 +89,9 @@ class Finding:
         text, name = str(self.said), Path(self.place).name
         if text.startswith(f"{name}: "):
             text = self.place + text.removeprefix(name)
-        said = f"variant {self.variant}: {text}" if self.variant else text
-        named = isinstance(self.said, str) and self.place in said
-        return said if named else f"{self.place}: {said}"
+        sentence = f"variant {self.variant}: {text}" if self.variant else text
+        named = isinstance(self.said, str) and self.place in sentence
+        return sentence if named else f"{self.place}: {sentence}"
 
 
 @dataclass(slots=True)
@@ -197,9 +193,9 @@ def check_study(study: Study, jobs: int | None = 1) -> Findings:
     """
     findings = Findings()
     findings.attempt(str(study.folder), study.to_process)
-    every = {"": study, **study.variants}
+    variants = {"": study, **study.variants}
     # ways share the lists of findings
-    ways = [Way.of(way, replace(findings, variant=name)) for name, way in every.items()]
+    ways = [Way.of(way, replace(findings, variant=name)) for name, way in variants.items()]
     tasks = (
         delayed(_check_subject)([replace(way, study=way.study.alone(subject)) for way in ways])
         for subject in study.subjects
@@ -264,7 +260,7 @@ class _TrialCheck:
         duration_s = len(time) / self.markers.rate_hz
         self.remark(self.contents(duration_s), contents=True)
         self.remark(*self.recording.notes)
-        if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
+        if rule.cycles and duration_s < rule.skip_s + rule.cycles * LIMITS.shortest_cycle:
             self.remark(f"too short for {rule.cycles} gait cycles after {rule.skip_s:g} s")
         self.attempt(lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
         stepped_on = self.check_loads()
@@ -319,7 +315,8 @@ class _TrialCheck:
 
     def body(self, pose: Recording) -> Body | None:
         """Weigh the subject and build the body."""
-        person, mass = self.person, BodyMass.rough(ASSUMED_MASS_KG)
+        # where it is not stated, any mass does: only the positions of joints are used
+        person, mass = self.person, BodyMass.rough(70.0)
         if self.plates:
             try:
                 mass = body_mass(person.person, pose, self.recording)
@@ -349,11 +346,12 @@ class _TrialCheck:
         self.remark(there + f"; missing: {listed(absent)}" * bool(absent), contents=True)
         missing = np.isnan(self.markers.position[..., 0]).mean(axis=0)
         shares = {marker: missing[names.index(marker)] for marker in present}
-        held, _ = undetermined(body, tuple(m for m, share in shares.items() if share < 1))
+        held, _ = undetermined(body, tuple(m for m, fraction in shares.items() if fraction < 1))
         if held.any():
             coordinates = tuple(np.array(COORDINATES)[held].tolist())
             self.remark(Note.of("coordinates_held", coordinates=coordinates))
-        if often := [f"{m} {100 * s:.0f} %" for m, s in shares.items() if s > MAX_MISSING_SHARE]:
+        most = LIMITS.largest_missing
+        if often := [f"{m} {100 * s:.0f} %" for m, s in shares.items() if s > most]:
             self.remark(f"often missing: {', '.join(often)}")
 
     def check_ground(self) -> PlatformPose | None:
@@ -443,13 +441,13 @@ def _remark_repeated(study: Study, findings: Findings) -> None:
     for subject, person in study.subjects.items():
         trials = [(n, trial) for n, trial in person.named_trials.items() if trial.exclude is None]
         uses = [(str(name), trial.file, study.rule(name).wanted) for name, trial in trials]
-        for use, file, wanted in [*uses, (subject, person.static, None)]:
+        for use, file, part in [*uses, (subject, person.static, None)]:
             if file not in findings.read:
                 continue
             group = groups.setdefault(findings.read[file][0], {})
             newest, _ = next(reversed(group.values()), ("", None))
             if use != subject or subject != newest:  # a subject's uses follow each other
-                group[use] = subject, wanted
+                group[use] = subject, part
     for group in groups.values():
         first, *others = group
         owners, windows = zip(*group.values(), strict=True)

@@ -25,8 +25,6 @@ from pipeline.trial.result import TrialResult
 if TYPE_CHECKING:
     from pipeline.trial.chain import Chain
 
-KEY_DIGITS: Final = 16
-"""Of each SHA-256 in a trial's key: two differ but for a chance of 1 in 10¹⁹."""
 WORKER_DIED: Final = "the process that worked on it died; too little memory?"
 
 
@@ -111,8 +109,8 @@ def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
     for name, variant in job.variants.items():
         alike = variant.study.file.treadmill == job.study.file.treadmill
         alike &= variant.study.file.plates == job.study.file.plates
-        known = laboratory if chain is None else chain.inputs.laboratory
-        of_variant, chain = _process(variant, known if alike else None, chain)
+        prepared = laboratory if chain is None else chain.inputs.laboratory
+        of_variant, chain = _process(variant, prepared if alike else None, chain)
         with suppress(OSError):
             record_failure(variant.target, variant.name, of_variant.failure)
         if of_variant.failure is not None:
@@ -230,7 +228,8 @@ def trial_key(study: Study, name: TrialName) -> str:
 
 def _digest(value: object) -> str:
     text = json.dumps(value, sort_keys=True).encode()
-    return hashlib.sha256(text).hexdigest()[:KEY_DIGITS]
+    # of 16 digits two differ but for a chance of 1 in 10¹⁹
+    return hashlib.sha256(text).hexdigest()[:16]
 
 
 OTHER_PROGRAM: Final = "another version of the program or its libraries"
@@ -304,9 +303,9 @@ def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
 
     Trials are "subject condition recording"; failures of others than the study's are removed.
     """
-    wanted, failures = set(known), dict[str, str]()
+    names, failures = set(known), dict[str, str]()
     for path, stored in recorded_failures(out / "trials"):
-        if wanted.isdisjoint(stored):
+        if names.isdisjoint(stored):
             path.unlink(missing_ok=True)
         else:
             failures |= stored

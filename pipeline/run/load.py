@@ -40,8 +40,6 @@ CURVES: Final = {
     "joint_cycles": pa.schema({**OF_CYCLE, **dict.fromkeys(CURVE_COLUMNS, pa.float32())}),
 }
 """Table of gait cycles -> its columns."""
-TEXTS: Final = (*TRIAL_COLUMNS, "side", "axis")
-"""Columns of these tables that are read as categories."""
 TABLES: Final = {
     "residuals": Residual._fields,
     "by_cycle": CYCLE_COLUMNS,
@@ -71,14 +69,15 @@ class Curves:
     def read(self, columns: Sequence[str] | None = None, **where: Any) -> pd.DataFrame:
         """Read columns of the rows that have these values; texts are categories."""
         rows = [(name, "==", value) for name, value in where.items()]
+        categories = (*TRIAL_COLUMNS, "side", "axis")
         table = pq.read_table(
             self.path,
             columns=None if columns is None else [*columns],
             filters=rows or None,
-            read_dictionary=TEXTS,
+            read_dictionary=categories,
         )
         frame: pd.DataFrame = table.to_pandas(split_blocks=True, self_destruct=True)
-        texts = {name: column.cat for name, column in frame.items() if name in TEXTS}
+        texts = {name: column.cat for name, column in frame.items() if name in categories}
         ordered = {name: of.set_categories(sorted(of.categories)) for name, of in texts.items()}
         return frame.assign(**ordered)
 
@@ -263,10 +262,10 @@ def select_trials(results: Results, wanted: Collection[TrialName]) -> Results:
     return replace(results, subjects=_subjects(trials), trials=trials, **tables)
 
 
-def _rows_of(table: pd.DataFrame, wanted: Collection[TrialName]) -> pd.DataFrame:
+def _rows_of(table: pd.DataFrame, trials: Collection[TrialName]) -> pd.DataFrame:
     """Give a table's rows of some trials."""
     names = pd.MultiIndex.from_frame(table[[*TrialName._fields]])
-    return table[names.isin([*wanted])].reset_index(drop=True)
+    return table[names.isin([*trials])].reset_index(drop=True)
 
 
 def _subjects(trials: Mapping[TrialName, TrialResult]) -> pd.DataFrame:

@@ -20,12 +20,6 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.io.write import remove_leftovers, remove_unfinished
 
-POLL_S: Final = 0.5
-"""How often a process looks whether the one that started it is still there."""
-STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
-"""What asks a process to end, and lets it say so."""
-MANAGER: Final = "ExecutorManagerThread"
-"""How loky names the thread that manages workers."""
 MIN_TASKS: Final = 5
 """For each process, which takes as long to start as to work on so many."""
 Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
@@ -105,7 +99,9 @@ def _ignore_failing_manager() -> None:
     report = threading.excepthook
 
     def of_others(failure: threading.ExceptHookArgs) -> None:
-        if failure.thread is None or not failure.thread.name.startswith(MANAGER):
+        # so loky names the thread that manages workers
+        manager = "ExecutorManagerThread"
+        if failure.thread is None or not failure.thread.name.startswith(manager):
             report(failure)
 
     threading.excepthook = of_others
@@ -122,7 +118,7 @@ def recorded_requests() -> Iterator[list[int]]:
     requests: list[int] = []
     before = {
         number: signal.signal(number, lambda number, frame: requests.append(number))
-        for number in STOPPING
+        for number in (signal.SIGINT, signal.SIGTERM)
     }
     try:
         yield requests
@@ -186,6 +182,6 @@ def _wait_for_end_of_parent() -> None:
         parent.join()
     else:
         while os.getppid() == parent.pid:
-            time.sleep(POLL_S)
+            time.sleep(0.5)
     remove_unfinished()
     os._exit(1)

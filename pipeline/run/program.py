@@ -12,11 +12,6 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 PACKAGES: Final = ("hbm", "compensation", "pipeline")
 COMPUTATION: Final = ("hbm", "compensation", "pipeline/io", "pipeline/config", "pipeline/trial")
 """Folders whose sources the numbers of a trial depend on."""
-EXPLANATION: Final = ("pipeline/explain", "pipeline/budgets")
-"""Folders whose sources what explains a trial depends on besides."""
-SOURCES: Final = frozenset({".py", ".c", ".h", ".csv", ".toml", ".txt", ".html", ".css"})
-LIBRARIES: Final = ("numpy", "scipy", "casadi")
-"""Libraries whose version may change the last bits of a result."""
 
 
 @cache
@@ -34,7 +29,8 @@ def computation_digest(root: Path = ROOT) -> str:
         Hexadecimal. Reports, figures, the viewer and the command line have no part in it.
     """
     digest = _sources(root, COMPUTATION)
-    for name in LIBRARIES:
+    # libraries whose version may change the last bits of a result
+    for name in ("numpy", "scipy", "casadi"):
         digest.update(f"{name} {version(name)}".encode())
     return digest.hexdigest()
 
@@ -42,7 +38,8 @@ def computation_digest(root: Path = ROOT) -> str:
 @cache
 def explanation_digest(root: Path = ROOT) -> str:
     """Give the SHA-256 of everything that explains the residuals of a processed trial."""
-    return _sources(root, EXPLANATION).hexdigest()
+    # what explains a trial depends on these besides
+    return _sources(root, ("pipeline/explain", "pipeline/budgets")).hexdigest()
 
 
 @cache
@@ -55,7 +52,7 @@ def _sources(root: Path, folders: Iterable[str]) -> "hashlib._Hash":
     digest = hashlib.sha256()
     for folder in folders:
         for path in sorted((root / folder).rglob("*")):
-            if path.suffix in SOURCES:
+            if path.suffix in (".py", ".c", ".h", ".csv", ".toml", ".txt", ".html", ".css"):
                 digest.update(path.relative_to(root).as_posix().encode())
                 digest.update(path.read_bytes())
     return digest

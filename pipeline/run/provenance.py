@@ -17,8 +17,6 @@ from pipeline.run.load import Results
 from pipeline.run.program import git_commit, program_digest
 from pipeline.trial.result import PACKAGES, StoredNote, TrialResult
 
-REPORT_PACKAGES: Final = (*PACKAGES, "pingouin", "matplotlib")
-
 State = Literal["done", "outdated", "failed", "excluded", "missing"]
 Item = TypeVar("Item")
 
@@ -127,9 +125,9 @@ def trial_states(
     list of TrialState
         In order of subject, conditions as the study has them.
     """
-    known = [*results.trials, *(TrialName(*name.split(" ")) for name in failures)]
-    planned, conditions = known, [name.condition for name in known]
-    subjects = sorted({name.subject for name in known})
+    present = [*results.trials, *(TrialName(*name.split(" ")) for name in failures)]
+    planned, conditions = present, [name.condition for name in present]
+    subjects = sorted({name.subject for name in present})
     if study is not None:
         planned, conditions = [*study.trials], [*study.file.conditions]
         subjects = [*study.subjects]
@@ -207,7 +205,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
         engines=_each_once(trial.engine for trial in trials),
         report={
             "python": platform.python_version(),
-            **{name: version(name) for name in REPORT_PACKAGES},
+            **{name: version(name) for name in (*PACKAGES, "pingouin", "matplotlib")},
         },
         program={"sha256": program_digest(), "git_commit": git_commit() or "not in a repository"},
         conditions=study.file.conditions if study else None,
@@ -228,6 +226,6 @@ def _each_once(values: Iterable[Item]) -> tuple[Item, ...]:
 def input_digests(study: Study) -> dict[str, str]:
     """Give the SHA-256 of every file that a study is made of, in order of their names."""
     names = {path.name for path in study.folder.glob("*.toml")} | {*study.files}
-    beside = [(name, file.name) for name in names for file in plate_files(study.path(name))]
-    names |= {Path(name).with_name(file).as_posix() for name, file in beside}
+    plate_files_of = [(name, file.name) for name in names for file in plate_files(study.path(name))]
+    names |= {Path(name).with_name(file).as_posix() for name, file in plate_files_of}
     return {name: file_digest(study.path(name)) for name in sorted(names)}

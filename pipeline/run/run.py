@@ -144,12 +144,12 @@ def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
             f"{out}: has the results of the study in {before}; choose another folder with --out, "
             "or --overwrite"
         )
-    every = [each for job in planned for each in (job, *job.variants.values())]
-    reasons = Counter(filter(None, map(outdated, every)))
+    with_variants = [one for job in planned for one in (job, *job.variants.values())]
+    reasons = Counter(filter(None, map(outdated, with_variants)))
     del reasons[OTHER_PROGRAM]
     if reasons:
         why = "; ".join(
-            f"{trials} of {len(every)} results: {reason}"
+            f"{trials} of {len(with_variants)} results: {reason}"
             for reason, trials in reasons.most_common()
         )
         raise ValueError(

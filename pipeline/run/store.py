@@ -52,8 +52,6 @@ LOST: Final = 1e-9
 STEPS: Final = {"solved": 2e-13, "ground": 5e-12}
 """Of the peaks of columns, to which they are rounded; the others to `LOST`. What is computed from
 these is 1,000 times less exact: accelerations are second derivatives."""
-MAX_EXPANSION: Final = 40
-"""Of a file in memory."""
 MAX_REASON: Final = 120
 """Characters of a library's message, or of a file's name, within ours."""
 AGAIN: Final = "'hbm run' makes it again; otherwise delete it"
@@ -64,8 +62,6 @@ OF_FRAMES: Final = frozenset(
 """Fields of a result that have a value in each frame."""
 BITS: Final = 2 ** np.arange(N_Q)
 """Of the coordinates that were observed."""
-POSE: Final = (*(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z")
-"""Rotation matrix, row by row, and position of the platform."""
 Blocks = dict[str, tuple[Sequence[str], Any]]
 """What columns begin with -> how they go on, K names, and values, (K, T)."""
 
@@ -190,7 +186,9 @@ def stored_blocks(result: TrialResult) -> Blocks:
     for variant, feet in result.ground.items():
         blocks |= {f"ground.{variant}.{foot}": (AXES, wrench.T) for foot, wrench in feet.items()}
     if (pose := result.platform) is not None:
-        blocks["platform"] = POSE, np.hstack([pose.rotation.reshape(-1, 9), pose.position]).T
+        # rotation matrix, row by row, and position
+        names = *(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z"
+        blocks["platform"] = names, np.hstack([pose.rotation.reshape(-1, 9), pose.position]).T
     if result.uncertainty is not None:
         blocks["uncertainty"] = AXES, result.uncertainty.T
     return blocks
@@ -212,12 +210,13 @@ def by_column(blocks: Blocks) -> dict[str, Any]:
     }
 
 
-def _rounded(rows: Any, share: float) -> Any:
-    """Round numbers in double precision to powers of two, a share of the peak of each row."""
+def _rounded(rows: Any, step: float) -> Any:
+    """Round numbers in double precision to powers of two, a fraction of the peak of each row."""
     if rows.dtype != float:
         return rows
-    lost = share * _peaks(rows)
+    lost = step * _peaks(rows)
     lost[lost == 0] = 1.0
+    # multiples of a power of two end in zero bits, which compress
     steps = 2.0 ** np.floor(np.log2(lost))
     return np.rint(rows / steps) * steps
 
@@ -227,10 +226,10 @@ def _peaks(rows: Array) -> Array:
     return np.asarray(np.abs(rows).max(axis=1, where=np.isfinite(rows), initial=0.0, keepdims=True))
 
 
-def _same(found: Array, expected: Array) -> bool:
+def _same(computed: Array, expected: Array) -> bool:
     """Whether rows are others but for rounding."""
-    apart = np.abs(found - expected) > LOST * _peaks(expected)
-    return not apart.any() and np.array_equal(np.isnan(found), np.isnan(expected))
+    apart = np.abs(computed - expected) > LOST * _peaks(expected)
+    return not apart.any() and np.array_equal(np.isnan(computed), np.isnan(expected))
 
 
 def _metres(in_mm: Any) -> Array:
@@ -283,7 +282,8 @@ def read_trial(path: str | Path, *, frames: bool = True) -> TrialResult:
         pages, seal, rest = content.rpartition(SEAL)
         if seal and rest[:4] != _checksum(pages, rest[4:]):
             raise ValueError("its bytes are not those that were written")
-        file = open_parquet(pa.BufferReader(content), MAX_EXPANSION * len(content))
+        # a table takes up to forty times its file in memory
+        file = open_parquet(pa.BufferReader(content), 40 * len(content))
         version = (file.metadata.metadata or {}).get(VERSION)
     if version is None:
         raise ValueError(f"{name} is not the result of a trial")

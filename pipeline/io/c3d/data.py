@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hbm.numbers import read_numbers
 from pipeline.io.c3d.parameters import (
     BLOCK_BYTES,
     BYTE_ORDERS,
@@ -35,8 +36,7 @@ DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
 """Parameters that, like the header, say in which block of the file data begin."""
 KEY: Final = 0x50
 """Second byte of every C3D file."""
-EVENTS_KEY: Final = 12345
-"""Of header events with labels of four characters."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "c3d")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,12 +119,13 @@ def settle_counts(
     rates = [parameters.number(group, "RATE", 0.0) for group in ("ANALOG", "POINT")]
     ratio = rates[0] / rates[1] if min(rates) > 0 else np.nan
     by_rates = int(ratio) if ratio % 1 == 0 else header.per_channel
-    every = [
+    # what a frame may hold, by all that header and parameters say
+    sizes = [
         FrameSize(p, samples, per if samples else header.per_channel, header.word_bytes)
         for p, per in product((header.points, points), (header.per_channel, by_rates))
         for samples in (header.analog, channels * per)
     ]
-    whole = (size for size in every if size.channels * size.per_channel == size.analog)
+    whole = (size for size in sizes if size.channels * size.per_channel == size.analog)
     data_bytes = max(path.stat().st_size - start, 0)
     held = {frame: data_bytes // frame.bytes for frame in whole if frame.bytes}
     counts = _frame_counts(limits, parameters)
@@ -148,6 +149,7 @@ def settle_counts(
             facts = [*wrong]
             apart = [count for count in counts if not count.allows(frames)]
             facts += [correction(c.place, c.frames, frames) for c in apart]
+            # programs fill the last block; a longer rest is of something else
             rest = data_bytes - frames * frame.bytes
             if rest > BLOCK_BYTES and len({size.bytes for size in held}) == 1:
                 facts.append(correction("frames by the file's size", held[frame], frames))
@@ -156,12 +158,13 @@ def settle_counts(
                 possible = 0 <= rest <= BLOCK_BYTES and _agree(counts, frames, complete)
             if possible and frames > 0:
                 settled.append((len(facts) + wrong_rates, frames != written, -frames, frame, facts))
+    # the fewest wrong counts, and no other size of a frame with as few
     best = min(settled, key=lambda candidate: candidate[:3], default=None)
     if best and all(other[3] == best[3] for other in settled if other[:2] == best[:2]):
         return best[3], -best[2], best[4]
     numbers = [c.frames for c in counts], (header.points, points), (header.channels, channels)
-    every_count = (" or ".join(map(str, sorted({*n}))) for n in (*numbers, held.values()))
-    n_frames, n_points, n_channels, fitting = every_count
+    counted = (" or ".join(map(str, sorted({*n}))) for n in (*numbers, held.values()))
+    n_frames, n_points, n_channels, fitting = counted
     raise ValueError(
         f"the file says it has {n_frames} frames of {n_points} points and {n_channels} analog "
         f"channels, but its size holds {fitting or 'none'}: it is truncated or damaged; {NEXT}"
@@ -308,26 +311,14 @@ def read_header(path: Path) -> Header:
     data_start = (data_block - 1) * BLOCK_BYTES
     in_header = FrameSize(words[1], words[2], words[9], 4 if scale < 0 else 2)
     counts = settle_counts(path, data_start, in_header, (words[3], words[4]), parameters)
-    n_events = words[150] if words[149] == EVENTS_KEY else 0
+    # 12345 says that header events have labels of four characters
+    n_events = words[150] if words[149] == 12345 else 0
     times = floats(first[304:376], byte_order).tolist()[:n_events]
     events = tuple(
         (decoded_text(first[396 + 4 * k : 400 + 4 * k]), time) for k, time in enumerate(times)
     )
     places = byte_order, first[0], data_block
     return Header(path, parameters, *places, *counts, words[3], scale, rate_hz, events)
-
-
-FRAMES_PER_SLICE: Final = 512
-"""Half a megabyte at a time: large enough for NumPy, and small enough for a processor's cache."""
-MIN_RATE_HZ: Final = 0.1
-MAX_RATE_HZ: Final = 100_000.0
-"""Wider than any camera or analog system; beyond it the header is damaged."""
-MAX_RATE_DIFFERENCE: Final = 2e-3
-"""Relative, between the places that state it: some write 60 Hz for the 59.94 Hz of video."""
-MIN_RATE_DIFFERENCE: Final = 1e-5
-"""Relative: less is rounding."""
-MAX_SCALE_DIFFERENCE: Final = 1e-3
-"""Between the header's scale and POINT:SCALE, which programs round differently."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,7 +374,8 @@ def read_samples(header: Header) -> Samples:
     n_points, per_frame, channels = frame.points, frame.per_channel, frame.channels
     rate, rate_corrections = frame_rate_hz(header)
     point_scale = header.parameters.number("POINT", "SCALE", header.scale)
-    differs = header.scale > 0 and abs(point_scale / header.scale - 1) > MAX_SCALE_DIFFERENCE
+    apart = abs(point_scale / header.scale - 1) if header.scale > 0 else 0.0
+    differs = apart > LIMITS.largest_scale_difference
     if point_scale * header.scale <= 0 or differs:
         raise ValueError(
             f"the header scales points by {header.scale:.5g}, but POINT:SCALE says "
@@ -399,8 +391,9 @@ def read_samples(header: Header) -> Samples:
     impossible = np.zeros(channels, int)
     with header.path.open("rb") as file, np.errstate(invalid="ignore", over="ignore"):
         file.seek(header.data_start)
-        for start in range(0, frames, FRAMES_PER_SLICE):
-            stop = min(start + FRAMES_PER_SLICE, frames)
+        # half a megabyte at a time: much for NumPy, and little for a processor's cache
+        for start in range(0, frames, 512):
+            stop = min(start + 512, frames)
             data = file.read((stop - start) * frame.bytes)
             numbers = floats(data, order) if real else np.frombuffer(data, integer_type(order))
             words: NDArray[np.number] = numbers.reshape(stop - start, -1)
@@ -410,9 +403,9 @@ def read_samples(header: Header) -> Samples:
                 raw = raw * np.array([header.scale, header.scale, header.scale, 1])
                 raw_analog = raw_analog.view(integer_type(order, signed=not is_unsigned(header)))
             x, y, z, residual = np.moveaxis(raw, -1, 0)
-            seen = np.isfinite(x + y + z) & ((x != 0) | (y != 0) | (z != 0)) & (residual >= 0)
+            is_seen = np.isfinite(x + y + z) & ((x != 0) | (y != 0) | (z != 0)) & (residual >= 0)
             points[start:stop] = raw[..., :3]
-            points[start:stop][~seen] = np.nan
+            points[start:stop][~is_seen] = np.nan
             values = analog[:, start:stop]
             values[:] = np.moveaxis(raw_analog, -1, 0)
             values -= offset
@@ -438,16 +431,17 @@ def frame_rate_hz(header: Header) -> tuple[float, list[Fact]]:
         analog_rate = parameters.number("ANALOG", "RATE", np.nan)
         places["ANALOG:RATE and the samples per frame"] = analog_rate / header.frame.per_channel
     shown = {k: f"{hz:g} Hz" if np.isfinite(hz) else "no number" for k, hz in places.items()}
-    every = ", ".join(f"{text} by {place}" for place, text in shown.items())
-    rates = [hz for hz in places.values() if MIN_RATE_HZ <= hz <= MAX_RATE_HZ]
-    agreeing = [sum(abs(hz / other - 1) <= MAX_RATE_DIFFERENCE for hz in rates) for other in rates]
+    by_place = ", ".join(f"{text} by {place}" for place, text in shown.items())
+    (lowest, highest), same = LIMITS.rates, LIMITS.largest_rate_difference
+    rates = [hz for hz in places.values() if lowest <= hz <= highest]
+    agreeing = [sum(abs(hz / other - 1) <= same for hz in rates) for other in rates]
     if len(rates) != 1 and 2 * max(agreeing, default=0) <= len(rates):
         raise ValueError(
-            f"the frame rate is {every}, expected one between {MIN_RATE_HZ:g} and "
-            f"{MAX_RATE_HZ:g} Hz on which most places agree; export the file again"
+            f"the frame rate is {by_place}, expected one between {lowest:g} and "
+            f"{highest:g} Hz on which most places agree; export the file again"
         )
     rate = rates[agreeing.index(max(agreeing))]
-    wrong = [k for k, hz in places.items() if not abs(hz / rate - 1) <= MIN_RATE_DIFFERENCE]
+    wrong = [k for k, hz in places.items() if not abs(hz / rate - 1) <= LIMITS.rounded_rate]
     return rate, [correction(f"rate by {k}", shown[k], f"{rate:g} Hz") for k in wrong]
 
 

@@ -11,15 +11,15 @@ from typing import Any
 
 def main() -> None:
     """Read one file as the arguments say; exit with ezc3d's own words where it refuses."""
-    source, target, wanted, memory = sys.argv[1:]
+    source, target, names, memory = sys.argv[1:]
     _limit(int(memory))
     try:
-        _read(source, target, wanted.split(","))
+        _read(source, target, names.split(","))
     except Exception as error:  # of any kind: the file may hold anything
         sys.exit(f"{error}" or type(error).__name__)
 
 
-def _read(source: str, target: str, wanted: list[str]) -> None:
+def _read(source: str, target: str, names: list[str]) -> None:
     import ezc3d
     import numpy as np
 
@@ -31,7 +31,7 @@ def _read(source: str, target: str, wanted: list[str]) -> None:
         "analog": data["analogs"][0].T,
         "rate_hz": file["header"]["points"]["frame_rate"],
     }
-    for key in wanted:
+    for key in names:
         group, name = key.split(":")
         value = parameters.get(group, {}).get(name, {"value": []})["value"]
         texts = isinstance(value, list)

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, cross, shift_wrench
 from hbm.spelling import short
 from pipeline.io.c3d.data import Header
@@ -21,24 +22,7 @@ QUANTITIES: Final[dict[int, tuple[Quantity, ...]]] = {
     4: ("force",) * 3 + ("moment",) * 3,
 }
 """TYPE -> what its channels hold; of TYPE 4, what they give after the matrix."""
-MAX_PLATES: Final = 255
-"""As many as a dimension of a parameter has entries."""
-MAX_CORNER_ERROR_M: Final = 0.005
-"""By which the corners may miss a rectangle: what measuring them by a marker misses."""
-USUAL_EDGES_M: Final = 0.1, 4.0
-POSSIBLE_EDGES_M: Final = 0.02, 10.0
-LIKELY_EDGES_M: Final = 0.2, 4.0
-"""Edges of a plate: those that raise no question, of anything that measures forces, and of plates
-for a person; treadmills are up to 3 m long."""
-MIN_ORIGIN_M: Final = 0.005
-MAX_ORIGIN_M: Final = 1.0
-"""From the transducer to the centre of the surface."""
-NEAR_PLATE_M: Final = 0.15
-MIN_FRAMES: Final = 10
-"""In which a marker is that near to the surface of a plate on which somebody stands."""
-VOLTS: Final = {"v", "mv", "uv", "volt", "volts", ""}
-MAX_CONDITION: Final = 1e9
-"""Of channels -> wrench; units of force and moment differ by 1e3, a singular matrix by 1e16."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "plates")
 
 
 class Undescribed(ValueError):
@@ -113,6 +97,7 @@ class PlateLayout:
         1.7.2 gives TYPE 1 moments the opposite sign, against its own free moment.
         """
         values = channels * self.to_si if self.to_si.ndim == 1 else (self.to_si @ channels.T).T
+        # TYPE 1: m = p × f + t, p in the surface, t about its normal
         if self.kind == 1:
             centre = np.pad(values[:, 3:5], ((0, 0), (0, 1)))
             free_moment = np.pad(values[:, 5:], ((0, 0), (2, 0)))
@@ -148,7 +133,7 @@ def plate_layouts(
     """
     parameters = header.parameters
     used = parameters.integer("FORCE_PLATFORM", "USED", 0)
-    if used > MAX_PLATES:
+    if used > 255:  # which is as many as a dimension of a parameter has entries
         raise ValueError(f"FORCE_PLATFORM:USED says {used} plates: the file is damaged")
     plates: list[PlateLayout] = []
     facts: list[Fact] = []
@@ -185,7 +170,7 @@ def _plate_layout(
     corners = corners * unit
     halves = corners[:2] + corners[2:]  # equal in a rectangle
     error_m = np.linalg.norm(halves[0] - halves[1])
-    if error_m > MAX_CORNER_ERROR_M:
+    if error_m > LIMITS.largest_corner_error:
         doubt = f"one corner is {1000 * error_m:.0f} mm from a rectangle's"
         facts.append(Fact("in_doubt", f"plate {k + 1}", doubt))
     numbers = _of_plate(parameters, "CHANNEL", k, (len(quantities),)).astype(int) - 1
@@ -193,7 +178,8 @@ def _plate_layout(
     if not all(0 <= channel < len(labelled) for channel in channels):
         raise Undescribed(f"it uses channels outside the file's {len(labelled)} analog channels")
     names, units = zip(*(labelled[channel] for channel in channels), strict=True)
-    if kind == 4 and {written.strip().lower() for written in units} <= VOLTS:
+    volts = {"v", "mv", "uv", "volt", "volts", ""}
+    if kind == 4 and {written.strip().lower() for written in units} <= volts:
         # the matrix makes of them forces in the plates' unit
         force = parameters.text("FORCE_PLATFORM", "UNITS") or "N"
         units = (force,) * 3 + (f"{force}{stated.units or length}",) * 3
@@ -205,8 +191,10 @@ def _plate_layout(
             raise ValueError(f"channel {short(name)}: {error}") from error
     origin = np.zeros(3) if kind == 1 else _of_plate(parameters, "ORIGIN", k, (3,))
     # in the unit of the corners where the transducer is not near a plate in that of the markers
-    nearer = MIN_ORIGIN_M <= np.linalg.norm(origin) * metre <= MAX_ORIGIN_M
-    origin = origin * (metre if nearer else unit)
+    nearest, farthest = LIMITS.origin_distances
+    is_near = nearest <= np.linalg.norm(origin) * metre <= farthest
+    origin = origin * (metre if is_near else unit)
+    # the transducer lies below the surface, whose z points down: o from it is negative
     origin = -origin if origin[2] > 0 else origin
     if kind == 3:
         # forces x12, x34, y14, y23, z1, z2, z3, z4 of sensors at the distances ±a and ±b
@@ -240,11 +228,11 @@ def unit_of_corners(
     def fits(unit: float, lowest: float, highest: float) -> bool:
         return bool(lowest <= edges.min() * unit and edges.max() * unit <= highest)
 
-    possible = fits(metre, *POSSIBLE_EDGES_M)
-    if fits(metre, *USUAL_EDGES_M):
+    possible = fits(metre, *LIMITS.possible_edges)
+    if fits(metre, *LIMITS.usual_edges):
         return metre, []
     size = f"{1000 * edges[0] * metre:.3g} × {1000 * edges[1] * metre:.3g} mm"
-    likely = {name: unit for name, unit in LENGTHS.items() if fits(unit, *LIKELY_EDGES_M)}
+    likely = {name: unit for name, unit in LENGTHS.items() if fits(unit, *LIMITS.likely_edges)}
     for name, unit in likely.items() if len(likely) == 1 else ():
         if not possible or _under_markers(corners * unit, position):
             reason = f"{size} in the unit of the file, {name} used"
@@ -259,9 +247,11 @@ def _under_markers(corners: Array, position: Array | None) -> bool:
     if position is None:
         return False
     axes, centre = plate_axes(corners), corners.mean(axis=0)
+    # in the plate's axes: within half of its edges, and near its surface
     half = np.abs((corners - centre) @ axes)[:, :2].max(axis=0)
     place = np.abs((position - centre) @ axes)
-    return bool((place < [*half, NEAR_PLATE_M]).all(axis=-1).any(axis=1).sum() >= MIN_FRAMES)
+    is_near = (place < [*half, LIMITS.near_surface]).all(axis=-1).any(axis=1)
+    return bool(is_near.sum() >= LIMITS.near_frames)
 
 
 def _of_plate(parameters: Parameters, name: str, k: int, shape: tuple[int, ...]) -> Array:
@@ -330,7 +320,8 @@ def channel_change(plate: PlateLayout, wrench_change: Array) -> Array:
         why = "TYPE 1 stores a centre of pressure, which a compensated force may not have"
         raise ValueError(f"force plate {plate.number}: {why}; export it with TYPE 2 plates")
     to_wrench = plate.wrench(np.eye(len(plate.channels))).T
-    if not np.linalg.cond(to_wrench) < MAX_CONDITION:
+    # units of force and moment differ by 1e3, a singular matrix by 1e16
+    if not np.linalg.cond(to_wrench) < 1e9:
         check = f"check FORCE_PLATFORM:{'CAL_MATRIX' if plate.kind == 4 else 'ORIGIN'}"
         raise ValueError(f"force plate {plate.number}: no wrench by its channels; {check}")
     if plate.kind == 3:

@@ -150,10 +150,10 @@ class Parameters:
         return next(iter(self.texts(group, name)), "")
 
     def _parts(self, group: str, name: str) -> list[Values]:
-        found = self.groups.get(group, {})
-        parts = [found[name]] if name in found else []
-        while parts and f"{name}{len(parts) + 1}" in found:
-            parts.append(found[f"{name}{len(parts) + 1}"])
+        members = self.groups.get(group, {})
+        parts = [members[name]] if name in members else []
+        while parts and f"{name}{len(parts) + 1}" in members:
+            parts.append(members[f"{name}{len(parts) + 1}"])
         if len({part.shape[:-1] for part in parts if part.dtype.kind != "U"}) > 1:
             raise ValueError(f"{group}:{name} and its continuations differ in shape")
         return parts

@@ -13,6 +13,7 @@ from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.coordinates import SIDES
 from hbm.markers import recognise_marker_set
 from hbm.notes import Note
+from hbm.numbers import read_numbers
 from hbm.spatial import Array, frozen
 from hbm.spelling import short
 from pipeline.io.axes import settle_axes
@@ -45,11 +46,7 @@ KINDS: Final = {
 }
 """Letters of a label without its side -> kind of event."""
 SIDE_WORDS: Final = {"left": "left", "l": "left", "right": "right", "r": "right"}
-LABEL: Final = re.compile(
-    rf"(?P<before>{'|'.join(SIDE_WORDS)})?(?P<kind>{'|'.join(KINDS)})(?P<after>{'|'.join(SIDE_WORDS)})?"
-)
-MIN_SWING_S: Final = 0.3
-"""Between two strikes, or two foot offs, of one foot: no swing is shorter, running included."""
+LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "persons")
 GROUP: Final = "HBM_RESIDUALS"
 OF_SUBJECT: Final = {
     "mass_kg": ("BODYMASS", 1.0, 5.0, 500.0),
@@ -66,17 +63,6 @@ OF_LIMB: Final = {
 }
 """Attribute -> PROCESSING parameter, without the L or R before it, factor to SI from the file's kg
 and mm, and bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
-
-
-OUTPUT_GROUPS: Final = (
-    *("ANGLES", "FORCES", "MOMENTS", "POWERS"),
-    *("REACTIONS", "SCALARS", "MODELED_MARKERS"),
-)
-OUTPUT_NAME: Final = re.compile(r"(Angles?|Moments?|Forces?|Powers?|NormalisedGRF)$")
-SEGMENT_FRAME_SUFFIXES: Final = ("O", "A", "L", "P")
-"""Vicon's four points of a segment frame: origin, anterior, lateral, proximal."""
-FEWEST_OF_A_PERSON: Final = 12
-"""Markers; fewer are of plates alone."""
 
 
 def sort_labels(
@@ -110,12 +96,15 @@ def sort_labels(
     labels += [""] * (n_points - len(labels))
     labels = [label or f"unlabelled_{k + 1}" for k, label in enumerate(labels)]
     bare, notes = without_prefixes(labels, stated)
-    computed = {name for group in OUTPUT_GROUPS for name in parameters.texts("POINT", group)}
+    groups = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "REACTIONS", "SCALARS", "MODELED_MARKERS")
+    computed = {name for group in groups for name in parameters.texts("POINT", group)}
     names = {*bare.values()}
+    # a segment frame has four points: origin, anterior, lateral, proximal
     for stem in {name[:-1] for name in names if len(name) > 1}:
-        frame = {stem + suffix for suffix in SEGMENT_FRAME_SUFFIXES}
+        frame = {stem + suffix for suffix in "OALP"}
         computed |= frame if frame <= names else set()
-    computed |= {*filter(OUTPUT_NAME.search, names)}
+    of_outputs = re.compile(r"(Angles?|Moments?|Forces?|Powers?|NormalisedGRF)$")
+    computed |= {*filter(of_outputs.search, names)}
     outputs = {k: name for k, name in bare.items() if {labels[k], name} & computed}
     markers = {k: name for k, name in bare.items() if k not in outputs}
     return markers, numbered(outputs), notes
@@ -161,13 +150,14 @@ def merge_events(events: Sequence[Event]) -> tuple[tuple[Event, ...], list[Fact]
     (1, '1 of 2 gait events')
     """
     last_s, single = dict[tuple[str, str], float](), list[Event]()
+    # strikes in the order of time, foot offs backwards: the first of each is kept
     signs = {"foot_strike": 1, "foot_off": -1}
     for event in sorted(events, key=lambda event: signs[event.label] * event.time):
         foot = event.label, event.side
-        if abs(event.time - last_s.get(foot, np.inf)) >= MIN_SWING_S:
+        if abs(event.time - last_s.get(foot, np.inf)) >= LIMITS.shortest_swing:
             last_s[foot] = event.time
             single.append(event)
-    reason = f"less than {MIN_SWING_S:g} s from another one of the same kind and foot"
+    reason = f"less than {LIMITS.shortest_swing:g} s from another one of the same kind and foot"
     joined = Fact("joined", f"{len(events) - len(single)} of {len(events)} gait events", reason)
     return tuple(single), [joined] * (len(single) < len(events))
 
@@ -190,17 +180,19 @@ def _seconds(times: Array, labelled: int) -> Array:
 
 def kind_and_side(label: str) -> tuple[str, str]:
     """Give kind and side that a label states, such as "Left Foot Strike" or "RHS"; "" if not."""
-    found = LABEL.fullmatch("".join(re.findall("[a-z]", label.lower())))
-    if found is None:
+    side, kind = "|".join(SIDE_WORDS), "|".join(KINDS)
+    words = "".join(re.findall("[a-z]", label.lower()))
+    match = re.fullmatch(rf"(?P<before>{side})?(?P<kind>{kind})(?P<after>{side})?", words)
+    if match is None:
         return "", ""
-    sides = {SIDE_WORDS[word] for word in (found["before"], found["after"]) if word}
-    return (KINDS[found["kind"]], "".join(sides)) if len(sides) < 2 else ("", "")
+    sides = {SIDE_WORDS[word] for word in (match["before"], match["after"]) if word}
+    return (KINDS[match["kind"]], "".join(sides)) if len(sides) < 2 else ("", "")
 
 
 def compensation_group(compensation: Compensation) -> dict[str, Value]:
     """Give the group's parameters; what is not known is left out."""
-    said = {field.name.upper(): getattr(compensation, field.name) for field in fields(compensation)}
-    members: dict[str, Value] = {n: v for n, v in said.items() if isinstance(v, str) and v}
+    values = {f.name.upper(): getattr(compensation, f.name) for f in fields(compensation)}
+    members: dict[str, Value] = {n: v for n, v in values.items() if isinstance(v, str) and v}
     members["PLATES"] = np.array(compensation.plates, int)
     if compensation.cutoff_hz is not None:
         members["CUTOFF_HZ"] = np.array([compensation.cutoff_hz])
@@ -272,21 +264,21 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     """Read a C3D file as `read_c3d` does; errors do not name it."""
     header = read_header(path)
     parameters, channels = header.parameters, header.channels
-    said: list[Note | Fact] = [*header.corrections]
-    with saying(said):  # those that follow too
+    remarks: list[Note | Fact] = [*header.corrections]
+    with saying(remarks):  # those that follow too
         samples = read_samples(header)
         first_frame, wrong_frame = _first_frame(header)
-        said += [*samples.corrections, *wrong_frame]
+        remarks += [*samples.corrections, *wrong_frame]
         labels, outputs, label_notes = sort_labels(header, stated)
         unit = parameters.text("POINT", "UNITS")
         markers = settle_markers(labels, unit, samples.points[:, [*labels]], stated, label_notes)
-        said += markers.notes
-        said += impossible_samples([name for name, _ in channels], samples.impossible)
+        remarks += markers.notes
+        remarks += impossible_samples([name for name, _ in channels], samples.impossible)
         try:
             layouts, of_plates = plate_layouts(header, stated, markers.position)
         except ValueError as error:
             raise _with_faults_of_markers(error, markers, stated) from error
-        said += of_plates
+        remarks += of_plates
         analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
         plates = []
         for plate in layouts:
@@ -297,14 +289,14 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         # mended, plates show the axes; the recording keeps them as they are until it is mended
         witnesses = mended_plates(plates, stated.mend_plates) if plates else ()
         events, of_events = read_events(header, (first_frame - 1) / samples.rate_hz)
-        said += of_events
+        remarks += of_events
         if events and any(fact.kind == "in_doubt" for fact in wrong_frame):
             raise ValueError(
                 f"{wrong_frame[0]}: one of them is wrong, and with it the times of all events; "
                 "correct or delete the events in the capture software and export the file again"
             )
         compensation = read_compensation(parameters)
-        said += _plate_notes(parameters, layouts, compensation)
+        remarks += _plate_notes(parameters, layouts, compensation)
     taken = {channel for plate in layouts for channel in plate.channels}
     rest = [k for k in range(len(channels)) if k not in taken]
     names, units = (tuple(channels[k][part] for k in rest) for part in (0, 1))
@@ -318,7 +310,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         witnesses=witnesses,
         units=[channels[k][1] for k in sorted(taken)],
         screen_up=parameters.text("POINT", "Y_SCREEN"),
-        notes=said,
+        notes=remarks,
         analog=Analog(analog_time, names, units, others) if rest else None,
         events=events,
         first_frame=first_frame,
@@ -330,7 +322,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
 
 def _with_faults_of_markers(plates: ValueError, markers: FileMarkers, stated: Stated) -> ValueError:
     """Give the fault of plates together with those of labels or axes, which come before it."""
-    if len(markers.names) < FEWEST_OF_A_PERSON:
+    if len(markers.names) < LIMITS.fewest_markers:  # of plates alone
         return plates
     try:
         if stated.marker_set is None:
@@ -365,20 +357,20 @@ def _metadata(parameters: Parameters) -> Metadata:
     }
     return Metadata(
         **_measures(parameters, "", OF_SUBJECT),
-        limbs={side: found for side, found in limbs.items() if found != LimbMeasures()},
+        limbs={side: limb for side, limb in limbs.items() if limb != LimbMeasures()},
     )
 
 
 def _measures(
-    parameters: Parameters, letter: str, wanted: Mapping[str, tuple[str, float, float, float]]
+    parameters: Parameters, letter: str, table: Mapping[str, tuple[str, float, float, float]]
 ) -> dict[str, float]:
     """Give measures of the subject in SI units, without those that are absent or implausible."""
-    found = {}
-    for attribute, (name, scale, lowest, highest) in wanted.items():
+    measures = {}
+    for attribute, (name, scale, lowest, highest) in table.items():
         for number in parameters.numbers("PROCESSING", letter + name).flat:
             if lowest < number * scale < highest:
-                found[attribute] = float(number * scale)
-    return found
+                measures[attribute] = float(number * scale)
+    return measures
 
 
 def _plate_notes(

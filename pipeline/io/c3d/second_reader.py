@@ -32,17 +32,8 @@ COMPARED: Final = (
     *("EVENT:LABELS", "EVENT:CONTEXTS", "EVENT:TIMES"),
 )
 """Parameters that give the samples their meaning."""
-MEMORY_BYTES: Final = 1 << 30
-"""For the interpreter and its libraries."""
-MEMORY_PER_BYTE: Final = 32
-"""And per byte of the file: ezc3d takes 11 for 4-byte samples, twice that for 2-byte ones."""
 SECONDS: Final = 60.0
-SECONDS_PER_MB: Final = 1.0
-"""Ten times what ezc3d takes."""
-MAX_REASON: Final = 160
-"""Characters of ezc3d's message that are passed on."""
-ROUNDING: Final = 4 * float(np.finfo(np.float32).eps)
-"""Relative: by less differ programs that scale stored numbers in another order."""
+"""Left to ezc3d, and 1 s more for each megabyte: ten times what it takes."""
 SMALLEST: Final = 4 * float(np.finfo(np.float32).tiny)
 """Numbers below are zero, or occur only in DEC files, where ezc3d 1.7.2 reads four times as
 much."""
@@ -91,10 +82,10 @@ def compare_readers(path: Path) -> SecondReading:
         header = read_header(path)
         samples = read_samples(header)
     try:
-        found = _differences(header, samples, _read_by_ezc3d(path))
+        differences = _differences(header, samples, _read_by_ezc3d(path))
     except _Refused as error:
         return SecondReading(reader(), str(error))
-    return SecondReading(reader(), "", tuple(found))
+    return SecondReading(reader(), "", tuple(differences))
 
 
 def reader() -> str:
@@ -107,7 +98,9 @@ def _read_by_ezc3d(path: Path) -> Arrays:
     if not installed():
         raise _Refused("it is not installed")
     size = path.stat().st_size
-    memory, seconds = MEMORY_BYTES + MEMORY_PER_BYTE * size, SECONDS + SECONDS_PER_MB * size / 1e6
+    # for the interpreter and its libraries, and for each byte of the file: ezc3d takes 11 for
+    # samples of 4 bytes, and twice that for those of 2
+    memory, seconds = (1 << 30) + 32 * size, SECONDS + size / 1e6
     with TemporaryDirectory(prefix="second_reader_", ignore_cleanup_errors=True) as folder:
         target, program = Path(folder) / "arrays.npz", (sys.executable, "-P", PROGRAM)
         try:
@@ -127,7 +120,7 @@ def _read_by_ezc3d(path: Path) -> Arrays:
             reason = " ".join(done.stderr.decode(errors="replace").split())
             if "bad_alloc" in reason:
                 reason = f"it needs more than {memory / 1e9:.1f} GB of memory"
-            raise _Refused(reason[:MAX_REASON] or f"its process ends with {done.returncode}")
+            raise _Refused(reason[:160] or f"its process ends with {done.returncode}")
         try:
             with np.load(target, allow_pickle=False) as stored:
                 return dict(stored)
@@ -151,29 +144,31 @@ def _differences(header: Header, samples: Samples, second: Arrays) -> list[str]:
     counts += [("samples", len(analog), len(samples.analog))] * (channels > 0)
     for name, read, held in counts:
         if read != held:
-            said = f"it reads {read} of {held} {name}"
+            difference = f"it reads {read} of {held} {name}"
             if contradictory or read == 0 or read == MAX_COUNT < held:
-                raise _Refused(said)
-            return [said]
-    found = []
+                raise _Refused(difference)
+            return [difference]
+    differences = []
     if samples.rate_hz != second["rate_hz"] and not contradictory:
-        found.append(f"frame rate: {samples.rate_hz:g} Hz here, {float(second['rate_hz']):g} Hz")
+        theirs_hz = float(second["rate_hz"])
+        differences.append(f"frame rate: {samples.rate_hz:g} Hz here, {theirs_hz:g} Hz")
     for key in COMPARED:
         group, name = key.split(":")
         ours = parameters.groups.get(group, {}).get(name, np.empty(0)).ravel(order="F")
         if len(ours) and not _same(ours, second[key]):
-            found.append(
+            differences.append(
                 f"parameter {key}: {short(ours.tolist())} here, {short(second[key].tolist())}"
             )
-    seen = np.where((second["residuals"] >= 0)[..., None], points, np.nan)
+    points = np.where((second["residuals"] >= 0)[..., None], points, np.nan)
     labels = parameters.texts("POINT", "LABELS")
-    found += _different_samples("marker", labels, _seen(samples.points), _seen(seen), header)
+    of_markers = _seen(samples.points), _seen(points)
+    differences += _different_samples("marker", labels, *of_markers, header)
     names = [name for name, _ in header.channels]
     analog = np.where(np.abs(analog) <= MAX_VALUE, analog, np.nan)
     unlike = _different_samples("channel", names, samples.analog, analog, header)
-    if unlike and not found and (parameters.numbers("ANALOG", "OFFSET") < 0).any():
+    if unlike and not differences and (parameters.numbers("ANALOG", "OFFSET") < 0).any():
         raise _Refused("it takes ANALOG:OFFSET without its sign")
-    return found + unlike
+    return differences + unlike
 
 
 def _same(first: NDArray[Any], second: NDArray[Any]) -> bool:
@@ -199,14 +194,16 @@ def _different_samples(
     """Name each marker, (T, M, 3), or channel, (N, M), that differs: first frame, both values."""
     if not first.shape[1]:
         return []
-    same = np.isclose(first, second, rtol=ROUNDING, atol=SMALLEST, equal_nan=True)
+    # programs that scale stored numbers in another order differ by rounding
+    rounding = 4 * float(np.finfo(np.float32).eps)
+    same = np.isclose(first, second, rtol=rounding, atol=SMALLEST, equal_nan=True)
     different = ~same.reshape(*first.shape[:2], -1).all(axis=-1)
-    found = []
+    differences = []
     for k in np.flatnonzero(different.any(axis=0)).tolist():
         at = int(different[:, k].argmax())
         frame = header.first_frame + at * header.frames // len(first)
         name = names[k] if k < len(names) and names[k] else f"{k + 1}"
-        found.append(
+        differences.append(
             f"{kind} {name}, frame {frame}: {first[at, k]} here, {second[at, k]} by {reader()}"
         )
-    return found
+    return differences

@@ -62,7 +62,7 @@ def same_markers(read, plain):
 def regular_rows(file, numbers, values, column, rate_hz=0.0):
     """Times, values and facts of rows with these numbers of lines."""
     table = TextTable(Path(file), [(k, "") for k in numbers], [])
-    return *table.regular(values, column, rate_hz), table.said
+    return *table.regular(values, column, rate_hz), table.remarks
 
 
 RATES_HZ = st.one_of(

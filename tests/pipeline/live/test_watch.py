@@ -12,7 +12,7 @@ from pipeline.live.chain import LiveFrame
 from pipeline.live.cycles import GaitTracker
 from pipeline.live.light import Finding, Kind
 from pipeline.live.monitor import (
-    GONE_S,
+    LIMITS,
     DelayWatch,
     FitWatch,
     MarkerGaps,
@@ -92,7 +92,7 @@ def test_a_marker_is_found_as_long_as_it_is_hidden_once_it_has_been_for_long(gon
         part = slice(k, k + each)
         gaps.add(time[part], position[part])
         last_s = time[part][-1]
-        hidden = 0.49 + GONE_S - 1e-9 <= last_s < 0.5 + gone / 100 - 1e-9
+        hidden = 0.49 + LIMITS.hidden_marker - 1e-9 <= last_s < 0.5 + gone / 100 - 1e-9
         assert [finding.subject for finding in gaps.found] == [("RASIS",)] * int(hidden)
 
 
