@@ -8,6 +8,8 @@ import re
 import struct
 from collections.abc import Iterator, Sequence
 from functools import cache
+from importlib.resources import files
+from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -30,24 +32,6 @@ from pipeline.io.text_table import decoded
 from pipeline.io.xdf import MAGIC, read_streams
 
 WORD: Final = re.compile(r"[^\W\d_]{2,}")
-WORDS: Final = frozenset(
-    WORD.findall(
-        """
-        acc actual amti analog axis belt bertec bytes cal camera camerarate cameras channel
-        channels cm cop copx copy copz cortex count cx cy cz data datarate default deg
-        description devices duration event events fields file first foot for force forces forx
-        fory forz fp frame framenumber frames frequency fx fy fz general hz imported included
-        info kistler kn label labels last left mag marker markers measured milliseconds mm mom
-        moment moments momx momy momz motek motion motive mx my mz names nexus nm nmm no
-        numframes nummarkers of off offset optitrack origdatarate origdatastartframe origin
-        orignumframes pathfiletype pitch plate plates point pos position posx posy posz px py pz
-        qtm qualisys rad rate right samples scale seconds speed stamp start strike sub sway time
-        timestamp toe torque track trajectories trajectory trc treadmill trial tsv type types
-        units used velocity version vicon vx vy vz
-        """,
-    )
-)
-"""Words of the headers of all formats, and of programs that write them."""
 
 
 def describe_header(path: Path) -> list[str]:
@@ -76,55 +60,44 @@ def describe_header(path: Path) -> list[str]:
     except ValueError as error:
         kind = str(error).replace(f"{path.name}: ", "", 1)
     lines = [f"{kind}; {path.stat().st_size:,} bytes"]
-    if head[1:2] == bytes([KEY]):
-        return [*lines, *_c3d(head)]
-    if head.startswith(MAGIC):
-        return [*lines, *_xdf(head)]
+    is_c3d, is_xdf = head[1:2] == bytes([KEY]), head.startswith(MAGIC)
+    describe = _c3d if is_c3d else _xdf if is_xdf else _text
     try:
-        return [*lines, *_text(decoded(head[: len(head) // 2 * 2]))]
-    except ValueError:
-        return [*lines, f"begins with the bytes {head[:16].hex(' ')}"]
+        lines.extend(islice(describe(head), 300))
+    except (ValueError, IndexError, struct.error) as error:
+        reason = str(error) if is_c3d else _words(str(error))
+        lines += [reason, f"begins with the bytes {head[:16].hex(' ')}"]
+    return lines
 
 
 def _c3d(head: bytes) -> Iterator[str]:
     """Describe the header block and the parameters of a C3D file."""
     section = head[max(head[0] - 1, 0) * BLOCK_BYTES :]
-    order = BYTE_ORDERS.get(section[3] if len(section) > 3 else 0, "intel")
-    if len(head) < BLOCK_BYTES:
-        return
+    order = BYTE_ORDERS.get(section[3], "intel")
     words = np.frombuffer(head[:BLOCK_BYTES], integer_type(order, signed=False))
     scale, rate = floats(head[12:16] + head[20:24], order)
     yield (
         f"{order}; points {words[1]}, analog samples {words[2]}, frames {words[3]} to {words[4]}, "
         f"scale {scale:g}, data in block {words[8]}, samples per frame {words[9]}, {rate:g} Hz"
     )
-    body = section[4 : BLOCK_BYTES * (section[2] if len(section) > 2 else 0)]
-    try:
-        groups = parse_parameters(body, order).groups
-    except (ValueError, struct.error) as error:
-        yield f"parameters: {error}"
-        groups = {}
-    for group, members in groups.items():
+    for group, members in parse_parameters(
+        section[4 : BLOCK_BYTES * section[2]], order
+    ).groups.items():
         for name, values in members.items():
             shape = "×".join(map(str, values.shape)) or "1"
-            texts = [str(text) for text in values.ravel(order="F")]
+            every = values.ravel(order="F")
             if values.dtype.kind != "U":
-                shown = " ".join(f"{number:g}" for number in values.ravel(order="F")[:24])
+                shown = [f"{number:g}" for number in every[:24]]
             elif name.startswith("LABELS") and group in ("POINT", "ANALOG"):
-                shown = ", ".join(_labels(texts))
+                shown = _labels([*map(str, every)])
             else:
-                shown = ", ".join(map(_words, texts[:24]))
-            yield f"{group}:{name} [{shape}] {shown}"
+                shown = [*map(_words, every[:24])]
+            yield f"{group}:{name} [{shape}] {', '.join(shown)}"
 
 
 def _xdf(content: bytes) -> Iterator[str]:
     """Describe the streams of an XDF file."""
-    try:
-        streams = read_streams(content)[0]
-    except ValueError as error:
-        yield f"streams: {_words(str(error))}"
-        return
-    for stream in streams:
+    for stream in read_streams(content)[0]:
         labels = _labels([label.text or "" for label in stream.info.iter("label")])
         yield (
             f"stream {_words(stream.name)} of type {_words(stream.content_type)}: "
@@ -133,16 +106,13 @@ def _xdf(content: bytes) -> Iterator[str]:
         )
 
 
-def _text(text: str) -> list[str]:
+def _text(content: bytes) -> Iterator[str]:
     """Describe the rows of a text file that have words, and two rows of numbers after each."""
-    described, numbers = list[str](), 0
-    for row in text.splitlines():
+    numbers = 0
+    for row in decoded(content[: len(content) // 2 * 2]).splitlines():
         numbers = 0 if WORD.search(row) else numbers + 1
         if numbers <= 2:
-            described.append(_row(row[:4000]))
-        if len(described) == 50:
-            break
-    return described
+            yield _row(row[:4000])
 
 
 def _row(row: str) -> str:
@@ -152,8 +122,7 @@ def _row(row: str) -> str:
     known = [cell for cell in named if "letters›" not in _words(cell.rpartition(":")[2])]
     # columns of markers are labels whatever their names; other rows are anybody's text
     labels = len(named) > 3 and 3 * len(known) >= len(named)
-    shown = _labels(cells) if labels else [*map(_words, cells)]
-    return " | ".join(shown)
+    return " | ".join(_labels(cells) if labels else map(_words, cells))
 
 
 def _labels(labels: Sequence[str]) -> list[str]:
@@ -180,4 +149,5 @@ def _known() -> frozenset[str]:
     """Give the words of headers and those in the labels of all marker sets, in lower case."""
     sets = marker_sets().values()
     labels = (label for chosen in sets for marker in chosen.markers for label in marker.labels)
-    return WORDS.union(word.casefold() for label in labels for word in WORD.findall(label))
+    words = files("pipeline.io").joinpath("header_words.txt").read_text(encoding="utf-8")
+    return frozenset(WORD.findall(" ".join((words, *labels)).casefold()))
