@@ -65,6 +65,8 @@ PROGRAMS: Final = {
     ".legs_alone": "residuals without markers on trunk, head and arms (15 s)",
     ".plates": "plates with one known fault each, under known weights (30 min)",
     ".planted_faults": "plates with planted faults under walks (15 min)",
+    ".healthy": "what healthy walks show of what plates are judged by (2 min)",
+    ".thresholds": "what trials say at half and twice each number of judgement (2 h)",
     ".explain": "trials with seeded faults, explained (4 h)",
     ".explain.injected": "faults of any size put into recordings (3 h)",
     ".explain.unseen": "bands of residuals without upper markers (1 min)",

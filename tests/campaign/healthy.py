@@ -91,9 +91,13 @@ def report(walks: Iterable[Base]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.campaign.healthy")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign.healthy",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--virtual", type=int, default=10)
+    parser.add_argument("--virtual", type=int, default=10, help="virtual walks")
     given = parser.parse_args()
     print(f"real, {report([*real(given.data), opencap(given.data)])}")
     print(f"virtual, {report(virtual(given.virtual))}")

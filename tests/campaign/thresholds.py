@@ -1,43 +1,71 @@
-"""What do real recordings say at half and at twice each number of judgement of a trial?
+"""What do recordings say at half and at twice each number of judgement of a trial?
 
     python -m tests.campaign.thresholds [--data ../shared/data] [SECTION | SECTION.NAME …]
 
-Of `pipeline/trial/thresholds.toml`, by default of all. Healthy walks, a descent of steps with
-plates that are not zeroed among them, are processed with one number changed, but for the body and
-its inverse kinematics. A recording that then has other notes, findings, events, flags of frames,
-residuals or joints, or an error, says something else. Prints a line for each number. Defaults of
-arguments keep their value.
+Of `pipeline/trial/thresholds.toml`, by default of all. Healthy real walks (a descent of steps with
+plates that are not zeroed among them), and a virtual and a real walk with planted faults of plates,
+are processed with one number changed, but for the body and its inverse kinematics. A recording that
+then has other notes, findings, events, flags of frames, residuals or joints, or an error, says
+something else. Prints a line for each number, and with --details what is said anew or no more.
 """
 
 import argparse
-import sys
 import tomllib
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
+from multiprocessing import get_context
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 import pipeline.trial.process  # noqa: F401  reads every section
+from hbm.numbers import read_numbers
 from pipeline.trial.chain import Chain
 from pipeline.trial.joints import joint_curves, joint_rows
 from pipeline.trial.process import result_of
 from pipeline.trial.residuals import residual_rows
+from tests.campaign.planted_faults import all_walks, faults
 from tests.campaign.walks import opencap, real
 
 FILE = Path(__file__).resolve().parents[2] / "pipeline" / "trial" / "thresholds.toml"
+FACTORS = {"half": 0.5, "twice": 2.0}
+Statements = tuple[str, frozenset[str]]
+"""All that a trial says, and the kinds of its warnings and findings."""
 
 
-def statements(chain: Chain) -> str:
-    """All that a trial says; its inverse kinematics is solved once."""
+def statements(chain: Chain) -> Statements:
+    """What a trial says; its inverse kinematics is solved once."""
     try:
         result = result_of(chain.changed(solved=chain.solved, body=chain.body))
     except (ArithmeticError, LookupError, ValueError) as error:
-        return str(error)
+        return str(error), frozenset({type(error).__name__})
     joints = joint_rows(result, "", joint_curves(result))
-    told = *map(str, result.notes), result.findings, result.events, result.shortage
-    return repr((told, result.quality.tobytes(), residual_rows(result), joints))
+    said = *map(str, result.notes), result.findings, result.events, result.shortage
+    whole = repr((said, result.quality.tobytes(), residual_rows(result), joints))
+    kinds = {note.code for note in result.notes if note.level == "warning"}
+    return whole, frozenset(kinds | {finding.kind for finding in result.findings})
+
+
+@cache
+def trials(data: Path) -> tuple[dict[str, Chain], dict[str, Chain]]:
+    """Healthy walks, and walks with planted faults: every third of a virtual and of a real one."""
+    sound = {base.name: base.chain() for base in (*real(data), opencap(data))}
+    walks = all_walks(None, 2)[:1] + tuple(base for base in real(data) if base.name == "HC030A05")
+    planted = (
+        (f"{base.name}, {fault}", fault.trial.chain())
+        for base in walks
+        for k, fault in enumerate(faults(base, None, 1))
+        if k % 3 == 0
+    )
+    return sound, dict(planted)
+
+
+@cache
+def usual(data: Path) -> tuple[dict[str, Statements], ...]:
+    """What is said with the numbers as they are."""
+    return tuple({name: statements(c) for name, c in of.items()} for of in trials(data))
 
 
 def scaled(value: Any, factor: float) -> Any:
@@ -45,41 +73,53 @@ def scaled(value: Any, factor: float) -> Any:
     if isinstance(value, dict):
         return {key: scaled(one, factor) for key, one in value.items()}
     if isinstance(value, list):
-        return [scaled(one, factor) for one in value]
+        return np.array([scaled(one, factor) for one in value])
     return max(round(value * factor), 1) if isinstance(value, int) else value * factor
 
 
-def places(names: set[str]) -> Iterator[SimpleNamespace]:
-    """Where code holds the numbers of a section."""
-    for module in [*sys.modules.values()]:
-        limits = getattr(module, "LIMITS", None)
-        if isinstance(limits, SimpleNamespace) and vars(limits).keys() == names:
-            yield limits
+def line(data: Path, number: tuple[str, str, Any]) -> str:
+    """Say in how many trials half and twice a number change what is said, and which kinds."""
+    section, name, value = number
+    numbers, parts, kinds = read_numbers("pipeline.trial", FILE.name, section), [], set[str]()
+    before = usual(data)
+    for words, factor in FACTORS.items():
+        kept = getattr(numbers, name)
+        setattr(numbers, name, scaled(value, factor))
+        now = [{key: statements(chain) for key, chain in of.items()} for of in trials(data)]
+        setattr(numbers, name, kept)
+        counts = []
+        for ours, theirs in zip(now, before, strict=True):
+            changed = [key for key in ours if ours[key][0] != theirs[key][0]]
+            counts.append(f"{len(changed)} of {len(ours)}")
+            for key in changed:
+                kinds |= {f"+{kind}" for kind in ours[key][1] - theirs[key][1]}
+                kinds |= {f"-{kind}" for kind in theirs[key][1] - ours[key][1]}
+        parts.append(f"{words} the value: {counts[0]} healthy, {counts[1]} faulty")
+    return f"{section}.{name}: {', '.join(parts)}\t{' '.join(sorted(kinds))}"
+
+
+def numbers(names: list[str]) -> Iterator[tuple[str, str, Any]]:
+    """Sections, names and values of the file, of those that are asked for."""
+    for section, entries in tomllib.loads(FILE.read_text(encoding="utf-8")).items():
+        for name, entry in entries.items():
+            if not names or {section, f"{section}.{name}"} & {*names}:
+                yield section, name, entry["value"]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.campaign.thresholds")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign.thresholds",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("names", nargs="*")
+    parser.add_argument("--details", action="store_true", help="kinds that are said, or no more")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("names", nargs="*", metavar="NUMBER", help="SECTION or SECTION.NAME")
     given = parser.parse_args()
-    walks = [base.chain() for base in (*real(given.data), opencap(given.data))]
-    usual = [statements(walk) for walk in walks]
-    for section, entries in tomllib.loads(FILE.read_text(encoding="utf-8")).items():
-        for name, entry in entries.items():
-            if given.names and not {section, f"{section}.{name}"} & {*given.names}:
-                continue
-            others = dict[str, str]()
-            for words, factor in (("half", 0.5), ("twice", 2.0)):
-                for limits in places({*entries}):
-                    value = scaled(entry["value"], factor)
-                    setattr(limits, name, np.array(value) if isinstance(value, list) else value)
-                said = [statements(walk) for walk in walks]
-                changed = sum(one != two for one, two in zip(said, usual, strict=True))
-                others[words] = f"{words} the value: {changed} of {len(walks)}"
-            for limits in places({*entries}):
-                value = entry["value"]
-                setattr(limits, name, np.array(value) if isinstance(value, list) else value)
-            print(f"{section}.{name}: " + ", ".join(others.values()), flush=True)
+    with ProcessPoolExecutor(given.jobs, mp_context=get_context("spawn")) as pool:
+        for text in pool.map(partial(line, given.data), numbers(given.names)):
+            print(text if given.details else text.partition("\t")[0], flush=True)
 
 
 if __name__ == "__main__":
