@@ -46,7 +46,7 @@ class Size:
 
 LONG: Final = Size(7000, 2500, 500, 1000, 100, 1000, 1000)
 """10,000 files; all environments and injections that there are."""
-SHORT: Final = Size(240, 120, 14, 60, 2, 8, 8)
+SHORT: Final = Size(150, 80, 8, 40, 2, 6, 6)
 ATTACKS: Final = {
     "mutation": "files of every format with values that were changed",
     "truncation": "files that were cut off",

@@ -77,14 +77,14 @@ def codes(result):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("axis", "size"), [(2, 30.0), (3, 1.0)], ids=["Fz", "Mx"])
-def test_a_drift_of_ten_minutes_is_found_to_a_fifth_and_leaves_no_residual(tmp_path, axis, size):
+def test_drifts_of_ten_minutes_are_found_to_a_fifth_and_leave_no_residual(tmp_path):
     """0.05 N/s of the vertical force, 1 N·m of the moment."""
     simulate_trial(tmp_path / "long.c3d", duration_s=600.0, plate_noise_n=1.1, seed=3)
     steady = pipeline.read_c3d(tmp_path / "long.c3d")
-    chain = chain_of(drifting(steady, line(*size / 600 * np.eye(6)[axis])))
-    assert chain.zeros[0].drifts.tolist() == [k == axis for k in range(6)]
-    assert chain.zeros[0].change[axis] == pytest.approx(size, rel=0.2)
+    size = np.array([0.0, 0.0, 30.0, 1.0, 0.0, 0.0])
+    chain = chain_of(drifting(steady, line(*size / 600)))
+    assert chain.zeros[0].drifts.tolist() == [*(size > 0)]
+    np.testing.assert_allclose(chain.zeros[0].change[size > 0], size[size > 0], rtol=0.2)
     assert not chain.zeros[1].drifts.any()
     np.testing.assert_allclose(rms(chain.mended(["1: drift"])), rms(chain_of(steady)), rtol=0.05)
 
