@@ -150,7 +150,9 @@ def _lead_links_to_the_root(_: Sphinx, path: Path, parent: str, content: list[st
     """Let links in an included file lead where they do in the repository."""
     text = content[0].replace("](../tests/validation/", "](laboratory/")
     if path.parent == Path(".."):
-        text = re.sub(r"\]\((CHANGELOG|CODE_OF_CONDUCT|CONTRIBUTING)", lambda link: link[0].lower(), text)
+        text = re.sub(
+            r"\]\((CHANGELOG|CODE_OF_CONDUCT|CONTRIBUTING)", lambda link: link[0].lower(), text
+        )
         text = text.replace("](subjects/README.md", "](subjects.md")
         text = text.replace("](tests/validation/", "](laboratory/").replace("](docs/", "](")
         text = re.sub(r"\]\((?!https?:|#|notebooks/|laboratory/|[a-z0-9_]+\.[a-z])", "](../", text)
