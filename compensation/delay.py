@@ -275,10 +275,10 @@ def sensor_delays(accelerations: ArrayLike, wrench: ArrayLike, rate_hz: float) -
     --------
     >>> import numpy as np
     >>> rng = np.random.default_rng(0)
-    >>> felt = low_pass(rng.normal(size=(6000, 6)), 200.0, 5.0, "zero_phase")
-    >>> plate = felt @ rng.normal(size=(6, 6)) + 0.001 * rng.normal(size=(6000, 6))
-    >>> felt[1:, 3:] = felt[:-1, 3:].copy()
-    >>> [round(1000 * late.seconds, 1) + 0.0 for late in sensor_delays(felt, plate, 200.0)]
+    >>> accelerations = low_pass(rng.normal(size=(6000, 6)), 200.0, 5.0, "zero_phase")
+    >>> plate = accelerations @ rng.normal(size=(6, 6)) + 0.001 * rng.normal(size=(6000, 6))
+    >>> accelerations[1:, 3:] = accelerations[:-1, 3:].copy()
+    >>> [round(1000 * late.seconds, 1) + 0.0 for late in sensor_delays(accelerations, plate, 200.0)]
     [0.0, 5.0]
     """
     a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench")

@@ -16,7 +16,7 @@ from hbm.spatial import WRENCH_COMPONENTS, Array
 LIMITS: Final = read_numbers("compensation", "thresholds.toml", "choice")
 
 Samples = Mapping[str, tuple[Array, Array]]
-"""Plate -> what was felt, (N, K) [m/s²], and its wrench, (N, 6) [N, N·m], both without gaps."""
+"""Plate -> accelerations, (N, K) [m/s²], and its wrench, (N, 6) [N, N·m], both without gaps."""
 BESIDE_WEIGHTS: Final = (1.0, 0.1, 0.01, 0.001, 0.0001)
 """Of a sample of people beside an empty plate, by one of commanded motion: alike, down to a
 ten-thousandth, at which gains are those of commanded motion wherever it determines them."""
@@ -51,8 +51,8 @@ def weigh_beside(
 
     Examples
     --------
-    >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
-    >>> rigid = felt, felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> rigid = accelerations, accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
     >>> weigh_beside([("empty", {"plate 1": rigid})], 3, 100.0)
     (1.0, '')
     """

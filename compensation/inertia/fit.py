@@ -186,8 +186,8 @@ def fit_trials(
     Examples
     --------
     >>> rng, gain = np.random.default_rng(0), np.hstack([-150 * np.eye(3), np.ones((3, 3))])
-    >>> felt = [rng.normal([0, 0, 9.81], 1.0, (600, 3)) for _ in range(2)]
-    >>> model = fit_trials([(felt[0], felt[0] @ gain), (felt[1], felt[1] @ gain + 4.0)])
+    >>> a, b = (rng.normal([0, 0, 9.81], 1.0, (600, 3)) for _ in range(2))
+    >>> model = fit_trials([(a, a @ gain), (b, b @ gain + 4.0)])
     >>> model.gain[-1].round(6)
     array([2., 2., 2., 2., 2., 2.])
     """
@@ -196,11 +196,11 @@ def fit_trials(
     read = [(read_table(a, "accelerations"), read_table(w, "wrench", 6)) for a, w in trials]
     for one, other in read:
         refuse_unequal(accelerations=one, wrench=other)
-    felt, w = (np.vstack(both) for both in zip(*read, strict=True))
-    n, channels = felt.shape
+    accelerations, w = (np.vstack(both) for both in zip(*read, strict=True))
+    n, channels = accelerations.shape
     # readings first, then their differences lag by lag
     k = channels // (1 + len(lags_s))
-    a, sensors = felt[:, :k], sensor_names(setup, k)
+    a, sensors = accelerations[:, :k], sensor_names(setup, k)
     if k * (1 + len(lags_s)) != channels:
         raise ValueError(
             f"channels: {channels}, expected the readings of all accelerometers and as many "
@@ -211,7 +211,7 @@ def fit_trials(
             f"a dynamic model needs the accelerations of the next {max(LAGS_S):g} s, which a "
             "real-time filter does not know; use the static model, or filter with zero_phase"
         )
-    if is_short(felt):
+    if is_short(accelerations):
         raise ValueError(
             f"{n} samples are too few to fit {channels + 1} gains per component; "
             f"give at least {LIMITS.least_samples * (channels + 1)}, better a minute of motion"
@@ -232,9 +232,9 @@ def fit_trials(
     # each recording has a zero of its own: about its means, gains do not see it
     counts = np.array([len(one) for one, _ in read])
     ends = np.cumsum(counts)[:-1]
-    felt_mean = np.array([one.mean(axis=0) for one, _ in read])
+    mean_accelerations = np.array([one.mean(axis=0) for one, _ in read])
     wrench_mean = np.array([other.mean(axis=0) for _, other in read])
-    mean = felt_mean.mean(axis=0)
+    mean = mean_accelerations.mean(axis=0)
     weight, u, s, directions = _decomposed([x for x, _ in read], len(lags_s), beside_weight, noise)
     root = np.sqrt(weight)[:, None]
     # errors in variables: noise adds 1 to the square of each scaled singular value
@@ -244,8 +244,8 @@ def fit_trials(
     # from directions back to channels, with the constant at zero acceleration
     to_gain = np.block([[directions, np.zeros((channels, 1))], [-mean @ directions, np.ones(1)]])
     gain = to_gain @ np.vstack([slopes, wrench_mean.mean(axis=0)])
-    zeros = wrench_mean - felt_mean @ gain[:-1]
-    residual = w - (gain[:-1].T @ felt.T).T - _repeated(zeros, counts)
+    zeros = wrench_mean - mean_accelerations @ gain[:-1]
+    residual = w - (gain[:-1].T @ accelerations.T).T - _repeated(zeros, counts)
 
     # recordings weigh alike in the constant
     one_of_each = np.repeat(n / (len(read) * counts), counts)
@@ -309,9 +309,9 @@ def left_of_held_out(
 
     Examples
     --------
-    >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
-    >>> wrench = felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
-    >>> bool(np.abs(left_of_held_out([(felt, wrench)])).max() < 1e-6)
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> bool(np.abs(left_of_held_out([(accelerations, wrench)])).max() < 1e-6)
     True
     """
     channels, wrenches = zip(*trials, strict=True)
@@ -322,25 +322,25 @@ def left_of_held_out(
     return np.split(np.vstack(unseen) / root, ends)
 
 
-def is_short(felt: Array) -> bool:
+def is_short(accelerations: Array) -> bool:
     """Whether channels (N, K) are too few samples to fit their gains."""
-    return bool(len(felt) < LIMITS.least_samples * (felt.shape[1] + 1))
+    return bool(len(accelerations) < LIMITS.least_samples * (accelerations.shape[1] + 1))
 
 
 def _decomposed(
-    felt: Sequence[Array], lags: int, beside_weight: float, noise: Array
+    accelerations: Sequence[Array], lags: int, beside_weight: float, noise: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Decompose weighted channels of recordings about their means, and the penalty, by a SVD.
 
     Gives the weight of every sample (N,), left vectors (N, r), singular values (r,), of channels in
     units of their noise or standard deviation, and directions (K, r) by which gains follow.
     """
-    counts = np.array([len(x) for x in felt])
+    counts = np.array([len(x) for x in accelerations])
     # the first recording is commanded motion; weights sum to the number of samples
-    of_each = np.where(np.arange(len(felt)) == 0, 1.0, beside_weight)
+    of_each = np.where(np.arange(len(accelerations)) == 0, 1.0, beside_weight)
     n, weight = counts.sum(), np.repeat(of_each * counts.sum() / (of_each @ counts), counts)
-    a = np.vstack(felt)
-    centred = a - _repeated(np.array([x.mean(axis=0) for x in felt]), counts)
+    a = np.vstack(accelerations)
+    centred = a - _repeated(np.array([x.mean(axis=0) for x in accelerations]), counts)
     size = noise if noise.any() else np.std(a, axis=0)
     penalty, k = np.zeros(a.shape[1]), a.shape[1] // (1 + lags)
     # ridge on the gains of differences: they follow only motion that differs by more

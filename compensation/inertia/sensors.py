@@ -98,9 +98,9 @@ def find_sensors(
     >>> import numpy as np
     >>> rng = np.random.default_rng(0)
     >>> setup = Setup(("rear",), rate_hz=200.0, cutoff_hz=20.0)
-    >>> felt = setup.low_pass(rng.normal([0, 0, 9.81], 1.0, (6000, 3)), 200.0)
-    >>> wrench = felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
-    >>> (rear,) = find_sensors(felt, wrench, felt, setup, 200.0)
+    >>> accelerations = setup.low_pass(rng.normal([0, 0, 9.81], 1.0, (6000, 3)), 200.0)
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> (rear,) = find_sensors(accelerations, wrench, accelerations, setup, 200.0)
     >>> abs(rear.delay_s) < 1e-4
     True
     """

@@ -358,7 +358,7 @@ class LiveGround:
         def read(at: Array) -> Array:
             return np.array([_resampled(self.readings, sensors.resampling, t) for t in at.tolist()])
 
-        readings = sensors.felt(read, time + self.earlier_s)[self.of_plate, None]
+        readings = sensors.accelerations(read, time + self.earlier_s)[self.of_plate, None]
         # the model is linear: a gain per reading, and a constant
         return np.asarray(readings @ self.gains[:, :-1] + self.gains[:, -1:])
 

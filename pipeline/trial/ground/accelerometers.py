@@ -247,7 +247,7 @@ def at_plate_times(
     delays_s: Sequence[float],
     lags_s: Sequence[float] = (),
 ) -> list[Array]:
-    """Give what the accelerometers felt at the samples of each plate, (M, k (1 + lags)) [m/s²].
+    """Give what the accelerometers measure at the samples of each plate, (M, k (1 + lags)) [m/s²].
 
     The readings (N, k) at times of the clock (N,) have their sensors' delays undone; of a dynamic
     model, differences of the filtered readings over the lags follow. NaN where unknown. Plates of
@@ -257,20 +257,20 @@ def at_plate_times(
     channels = dynamic_channels(filtered, mean_rate_hz(clock), lags_s)
     kinds = [readings, *np.split(channels, 1 + len(lags_s), axis=1)[1:]]
 
-    def felt(time: Array) -> Array:
+    def accelerations(time: Array) -> Array:
         def read(of_sensors: Array, delay_s: float) -> Array:
             return resample(clock, of_sensors, time + delay_s)
 
         return np.hstack([_undelayed(kind, delays_s, read) for kind in kinds])
 
     different = {time.tobytes(): time for time in plate_times}
-    at = {key: felt(time) for key, time in different.items()}
+    at = {key: accelerations(time) for key, time in different.items()}
     return [at[time.tobytes()] for time in plate_times]
 
 
 @dataclass(frozen=True, slots=True)
 class RealtimeAccelerometers:
-    """How what accelerometers felt follows from their samples.
+    """How what accelerometers measure follows from their samples.
 
     Attributes
     ----------
@@ -300,8 +300,8 @@ class RealtimeAccelerometers:
         """How much later than an instant the last sample is that it needs [s]."""
         return max(self.delays_s) + max(self.lags_s, default=0.0) + self.resampling.reach_s
 
-    def felt(self, read: Signal, at: Array) -> Array:
-        """Give what they felt at instants on the plates' clock, (T, k (1 + lags)) [m/s²].
+    def accelerations(self, read: Signal, at: Array) -> Array:
+        """Give what they measure at instants on the plates' clock, (T, k (1 + lags)) [m/s²].
 
         From their resampled readings at any times, (T, k); NaN where unknown.
         """

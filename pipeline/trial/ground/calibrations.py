@@ -133,8 +133,8 @@ def plate_samples(
     times = [plate.time for plate in plates]
     every = at_plate_times(clock, filtered, filtered, times, delays_s, lags_s)
     wrenches, samples = wrenches_in_time(recording, setup, correction), {}
-    for plate, felt, wrench in zip(plates, every, wrenches, strict=True):
-        both = without_gaps(felt, wrench)
+    for plate, measured, wrench in zip(plates, every, wrenches, strict=True):
+        both = without_gaps(measured, wrench)
         if not len(both[0]):
             raise ValueError(
                 f"{recording.source.name}: plate {plate.number} has no samples at which the "
@@ -160,12 +160,12 @@ def empty_plates(
     setup = setup_of(recording, treadmill)
     recording, empty = with_corrected_plates(recording, correction), {}
     every = plate_samples(recording, treadmill, sensors, correction, LAGS_S)
-    for name, (felt, wrench) in every.items():
+    for name, (measured, wrench) in every.items():
         if (model := models.get(name)) is None:
             continue
         model.require(setup)
         # vertical force that the platform's motion does not explain
-        force = model.compensate(felt[:, : len(model.acceleration_mean)], wrench)[:, 2]
+        force = model.compensate(measured[:, : len(model.acceleration_mean)], wrench)[:, 2]
         if len(force) < LIMITS.shortest_beside * setup.rate_hz:
             raise ValueError(
                 f"{len(force) / setup.rate_hz:.1f} s are too short, expected "
@@ -183,7 +183,7 @@ def empty_plates(
                 f"{LIMITS.step_span:g} s, expected {LIMITS.largest_step:g} N at most of an empty "
                 "plate); record people who stay on the other plate or on the boards all the time"
             )
-        empty[name] = felt, wrench
+        empty[name] = measured, wrench
     if not empty:
         raise ValueError(
             "somebody was on every plate; a recording beside the empty plate leaves one plate empty"
@@ -254,7 +254,9 @@ def fit_calibration(
     sensors = _sensors(recording, treadmill, plates)
     samples = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
     # noise of the accelerometers makes gains too small, unless the fit knows it
-    noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in samples.items()}
+    noises = {
+        name: noise_for_fit(sensors, measured[:, :k]) for name, (measured, _) in samples.items()
+    }
     belts = [mean_belt_speed(fastest_belt(one, treadmill)) for one in every]
 
     def fitted(trials: Sequence[tuple[str, Samples]], weight: float) -> dict[str, InertiaModel]:
@@ -264,7 +266,7 @@ def fit_calibration(
             of_plate = [trials[n][1][name] for n in rows]
             speeds = [speed for n in rows if (speed := belts[n]) is not None]
             models[name] = fit_trials(
-                [(felt[:, :k], wrench) for felt, wrench in of_plate],
+                [(measured[:, :k], wrench) for measured, wrench in of_plate],
                 setup,
                 noise,
                 belts_mps=speeds if len(speeds) == len(rows) else (),
@@ -350,8 +352,8 @@ def _joint_correlation(
     """Give the correlation of what is left of all plates; None where their clocks differ."""
     # by the static channels, which come first
     rest = [
-        models[name].compensate(felt[:, : len(models[name].gain) - 1], wrench)
-        for name, (felt, wrench) in samples.items()
+        models[name].compensate(measured[:, : len(models[name].gain) - 1], wrench)
+        for name, (measured, wrench) in samples.items()
     ]
     # residuals go together only where they are sampled together
     clocks = {plate.time.tobytes() for plate in recording.plates}
@@ -368,7 +370,7 @@ def _sensors(
     clock, readings = accelerations(recording, treadmill)
     setup, first = setup_of(recording, treadmill), recording.plates[0].time
     filtered, stated_s = setup.low_pass(readings, clock), sensor_delays_s(treadmill, ())
-    (felt,) = at_plate_times(clock, filtered, filtered, [first], stated_s)
+    (measured,) = at_plate_times(clock, filtered, filtered, [first], stated_s)
     wrenches = wrenches_in_time(recording, setup, correction)
     # delays are fitted to all plates that are sampled at the same times
     same_clock = [
@@ -376,8 +378,11 @@ def _sensors(
         for plate, wrench in zip(recording.plates, wrenches, strict=True)
         if np.array_equal(plate.time, first)
     ]
-    (complete,), (felt, *same_clock) = without_gaps(readings), without_gaps(felt, *same_clock)
-    sensors = find_sensors(felt, np.hstack(same_clock), complete, setup, mean_rate_hz(clock))
+    (complete,), (measured, *same_clock) = (
+        without_gaps(readings),
+        without_gaps(measured, *same_clock),
+    )
+    sensors = find_sensors(measured, np.hstack(same_clock), complete, setup, mean_rate_hz(clock))
     if (delay_s := treadmill.accelerometer_delay_s) is None:
         return sensors
     return tuple(replace(sensor, delay_s=delay_s, delay_error_s=0.0) for sensor in sensors)
@@ -419,10 +424,10 @@ def read_calibration(
     --------
     >>> import compensation, pipeline
     >>> import numpy as np
-    >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
-    >>> wrench = felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> measured = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = measured @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
     >>> setup = compensation.Setup(("rear",), rate_hz=1000.0, cutoff_hz=20.0)
-    >>> fitted = Calibration({"plate 1": compensation.fit_inertia(felt, wrench, setup)})
+    >>> fitted = Calibration({"plate 1": compensation.fit_inertia(measured, wrench, setup)})
     >>> _ = Path("lab.json").write_text(compensation.to_json(fitted))
     >>> rear = pipeline.Treadmill(accelerometers={"rear": ("Acc1.X", "Acc1.Y", "Acc1.Z")})
     >>> list(pipeline.read_calibration("lab.json", rear).plates)
@@ -555,9 +560,9 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> Calibration
         return CalibrationCheck(False, faults)
     belts_mps, checked = mean_belt_speed(lab.belts), {}
     samples = plate_samples(recording, laboratory.treadmill, lab.sensors, laboratory.plates)
-    for name, (felt, wrench) in samples.items():
+    for name, (measured, wrench) in samples.items():
         with naming(recording.source):
-            checked[name] = check_another_day(calibration.plates[name], felt, wrench, belts_mps)
+            checked[name] = check_another_day(calibration.plates[name], measured, wrench, belts_mps)
     faulty = [f"{name}: {', '.join(one.faults)}" for name, one in checked.items() if one.faults]
     if faulty:
         note = Note.of("calibration_outdated", recording=file, faults=faulty)

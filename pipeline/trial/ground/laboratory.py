@@ -265,10 +265,10 @@ class BoundLaboratory:
             return np.zeros((0, 0))
         return calibration.correlation_of([f"plate {p.number}" for p in self.recording.plates])
 
-    def felt(
+    def accelerations(
         self, times: Sequence[Array], method: Method = FILTER, *, low_passed: bool = True
     ) -> list[Array]:
-        """Give what the accelerometers felt for each plate at its own times (T,), (T, K) [m/s²].
+        """Give what the accelerometers measure for each plate at its own times (T,), (T, K) [m/s²].
 
         They are read as for the first plate, through the low-pass of the calibration or, but for
         the differences of a dynamic model, without. In real time they pass no low-pass: the
@@ -283,7 +283,7 @@ class BoundLaboratory:
             rates_hz = mean_rate_hz(clock), self.recording.markers.rate_hz
             live = RealtimeAccelerometers.of(self.sensor_delays_s, self.lags_s, *rates_hz)
             read = partial(live.resampling.evaluate, clock, readings)
-            return [live.felt(read, at) for at in earlier]
+            return [live.accelerations(read, at) for at in earlier]
         filtered = self.setup.low_pass(readings, clock)
         sensed = filtered if low_passed else readings
         return at_plate_times(clock, sensed, filtered, earlier, self.sensor_delays_s, self.lags_s)

@@ -226,14 +226,14 @@ def _commanded_pose(
     return PlatformPose(rotation, position), (Note.of("platform_pose", source=source),)
 
 
-def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay | None:
+def plate_marker_delay(pose: PlatformPose, accelerations: Array, rate_hz: float) -> Delay | None:
     """Estimate how much later the plates are than the markers on their platform.
 
-    From the pose at the markers' frames and what its accelerometers felt then, timed as the plates,
-    (T, k) [m/s²]. None where the motion does not show it to 4 ms.
+    From the pose at the markers' frames and what its accelerometers measure then, timed as the
+    plates, (T, k) [m/s²]. None where the motion does not show it to 4 ms.
     """
     # the motion must be known without a gap from its first to its last frame
-    is_known = np.asarray(np.isfinite(np.hstack([felt, pose.position])).all(axis=1))
+    is_known = np.asarray(np.isfinite(np.hstack([accelerations, pose.position])).all(axis=1))
     inside = np.flatnonzero(is_known)
     if not len(inside) or not is_known[inside[0] : inside[-1] + 1].all():
         return None
@@ -241,7 +241,7 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
     there = PlatformPose(pose.rotation[part], pose.position[part])
     try:
         force = compensation.specific_force(there, rate_hz)
-        late = compensation.estimate_delay(felt[part], force, rate_hz)
+        late = compensation.estimate_delay(accelerations[part], force, rate_hz)
     except ValueError:
         return None
     if not late.standard_error < LIMITS.largest_delay_error:
@@ -251,14 +251,14 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
 
 
 def plates_note(
-    pose: PlatformPose, felt: Array, rate_hz: float, stated_s: float
+    pose: PlatformPose, accelerations: Array, rate_hz: float, stated_s: float
 ) -> tuple[Note, ...]:
     """Say how much later plates are than the platform's markers; nothing where unknown.
 
     Parameters are those of `plate_marker_delay`, and the delay that is stated; more beside it than
     the interval and 1 ms is a warning.
     """
-    if (late := plate_marker_delay(pose, felt, rate_hz)) is None:
+    if (late := plate_marker_delay(pose, accelerations, rate_hz)) is None:
         return ()
     interval_s = QUANTILE_95 * late.standard_error
     beyond = abs(late.seconds) > interval_s + LIMITS.least_delay

@@ -49,9 +49,13 @@ def plate_artefacts(lab: BoundLaboratory) -> tuple[list[Array], tuple[Note, ...]
                 artefact += hold_ends(time, wrench, what)
 
     if laboratory.calibration is not None:
-        felt = zip(lab.models, lab.felt(times, low_passed=False), strict=True)
         # inertia: gain times specific force, and an offset
-        predicted = [channels @ model.gain[:-1] + model.gain[-1] for model, channels in felt]
+        predicted = [
+            channels @ model.gain[:-1] + model.gain[-1]
+            for model, channels in zip(
+                lab.models, lab.accelerations(times, low_passed=False), strict=True
+            )
+        ]
         add(predicted, "the acceleration")
         notes = *laboratory.calibration.notes, *sensor_notes(lab)
     if laboratory.belts and (belt := laboratory.treadmill.belt) is not None:
@@ -135,8 +139,8 @@ class Ground:
     correlation
         Between all plates, as `sum_deviation` takes it, (6 P, 6 P).
     accelerations
-        Per plate what the accelerometers felt at the markers' times, as its inertia model takes it,
-        (T, K) [m/s²]; empty without a calibration of the platform.
+        Per plate what the accelerometers measure at the markers' times, as its inertia model takes
+        it, (T, K) [m/s²]; empty without a calibration of the platform.
     belts
         Per plate what was subtracted of its accelerating belt, in the plate's own axes, (T, 6)
         [N, N·m]; empty without a calibration of the belts.
@@ -221,10 +225,10 @@ def ground_wrenches(
         at_markers(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)
     ]
 
-    variants, felt, added = {"measured": measured}, list[Array](), list[Array]()
+    variants, accelerations, added = {"measured": measured}, list[Array](), list[Array]()
     notes = list[Note]()
     if lab.models:
-        plain, felt = measured, lab.felt(times, method)
+        plain, accelerations = measured, lab.accelerations(times, method)
         if not live:
             # both pass the low-pass of the calibration: filtering only one of them would leave
             # the part of the artefact that the filter takes from the other
@@ -233,7 +237,7 @@ def ground_wrenches(
                 for p, t in zip(plates, times, strict=True)
             ]
         # in the plate's own frame, in which plates and accelerometers measure
-        variants["compensated"] = list(map(_compensated, lab.models, felt, plain))
+        variants["compensated"] = list(map(_compensated, lab.models, accelerations, plain))
         notes += _compensation_notes(lab, method)
     if laboratory.belts and belt is not None:
         added = belt_wrenches(recording, laboratory.belts, belt, times, method)
@@ -255,7 +259,7 @@ def ground_wrenches(
                 for name, wrenches in variants.items()
             }
         if lab.models:
-            readings = felt[0][:, : len(lab.models[0].acceleration_mean)]
+            readings = accelerations[0][:, : len(lab.models[0].acceleration_mean)]
             notes += plates_note(pose, readings, recording.markers.rate_hz, lab.delays_s[0])
     belts_mps = None if lab.belts is None else interpolate(*lab.belts, times[0])
     # up to 6 Hz the noise is that below 6 Hz, else all that passed the calibration's filter, which
@@ -268,7 +272,7 @@ def ground_wrenches(
             rotation=plate.rotation[None] if pose is None else pose.rotation @ plate.rotation,
             center=plate.center[None] if pose is None else pose.to_lab(plate.center),
         )
-        for model, plate, channels in zip(lab.models, plates, felt, strict=False)
+        for model, plate, channels in zip(lab.models, plates, accelerations, strict=False)
     ]
     return Ground(
         plates=plates,
@@ -277,7 +281,7 @@ def ground_wrenches(
         pose=pose,
         spreads=tuple(spreads),
         correlation=lab.correlation,
-        accelerations=tuple(felt),
+        accelerations=tuple(accelerations),
         belts=tuple(added),
         notes=tuple(notes),
     )
@@ -382,11 +386,11 @@ def plate_loads(lab: BoundLaboratory) -> tuple[PlateLoad, ...]:
     plates = lab.recording.plates
     forces = [plate.wrench_in_plate[:, :3] @ plate.rotation[2] for plate in plates]
     if lab.models:
-        felt = lab.felt([plate.time for plate in plates])
+        accelerations = lab.accelerations([plate.time for plate in plates])
         for k, (model, plate) in enumerate(zip(lab.models, plates, strict=True)):
             # of the force alone, along the normal of the plate
             gain = model.gain[:, :3] @ plate.rotation[2]
-            forces[k] = forces[k] - (felt[k] @ gain[:-1] + gain[-1])
+            forces[k] = forces[k] - (accelerations[k] @ gain[:-1] + gain[-1])
     return tuple(
         PlateLoad(plate.number, plate.time - delay, force)
         for plate, delay, force in zip(plates, lab.delays_s, forces, strict=True)
