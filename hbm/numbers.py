@@ -3,19 +3,24 @@
 `thresholds.toml` has what decides what people read, `parameters.toml` what a simulation assumes.
 """
 
+import re
+import tomllib
 from functools import cache
+from importlib.resources import files
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from hbm.spelling import packaged_toml
+WORDS: Final = re.compile(r"^(?:unit|meaning|data|command|source) = .*\n", re.MULTILINE)
 
 
 @cache
 def _sections(package: str, file: str) -> dict[str, dict[str, dict[str, Any]]]:
-    """Read a file of a package once."""
-    return packaged_toml(package, file)
+    """Read the values in a file of a package once."""
+    text = files(package).joinpath(file).read_text(encoding="utf-8")
+    # words are for readers of the file: without them it is parsed in a quarter of the time
+    return tomllib.loads(WORDS.sub("", text))
 
 
 @cache
