@@ -32,6 +32,7 @@ from pipeline.io.text_table import decoded
 from pipeline.io.xdf import MAGIC, read_streams
 
 WORD: Final = re.compile(r"[^\W\d_]{2,}")
+DATE: Final = re.compile(r"\b(?:\d{4}([-./])\d\d?\1\d\d?|\d\d?([-./])\d\d?\2(?:\d\d){1,2})\b")
 
 
 def describe_header(path: Path) -> list[str]:
@@ -63,9 +64,9 @@ def describe_header(path: Path) -> list[str]:
     is_c3d, is_xdf = head[1:2] == bytes([KEY]), head.startswith(MAGIC)
     describe = _c3d if is_c3d else _xdf if is_xdf else _text
     try:
-        lines.extend(islice(describe(head), 300))
+        lines.extend(islice(describe(head), 300))  # more is no head any more
     except (ValueError, IndexError, struct.error) as error:
-        reason = str(error) if is_c3d else _words(str(error))
+        reason = _words(str(error)) if is_xdf else str(error)  # streams have names of their own
         lines += [reason, f"begins with the bytes {head[:16].hex(' ')}"]
     return lines
 
@@ -85,7 +86,7 @@ def _c3d(head: bytes) -> Iterator[str]:
     ).groups.items():
         for name, values in members.items():
             shape = "×".join(map(str, values.shape)) or "1"
-            every = values.ravel(order="F")
+            every = values.ravel(order="F")  # of lists other than labels, the first 24
             if values.dtype.kind != "U":
                 shown = [f"{number:g}" for number in every[:24]]
             elif name.startswith("LABELS") and group in ("POINT", "ANALOG"):
@@ -112,7 +113,7 @@ def _text(content: bytes) -> Iterator[str]:
     for row in decoded(content[: len(content) // 2 * 2]).splitlines():
         numbers = 0 if WORD.search(row) else numbers + 1
         if numbers <= 2:
-            yield _row(row[:4000])
+            yield _row(row[:4000])  # an hour of a .mox file is one row
 
 
 def _row(row: str) -> str:
@@ -137,11 +138,12 @@ def _labels(labels: Sequence[str]) -> list[str]:
 
 
 def _words(text: str) -> str:
-    """Give a text with the number of its letters in place of a word that means nothing here."""
-    return WORD.sub(
-        lambda word: word[0] if word[0].casefold() in _known() else f"‹{len(word[0])} letters›",
-        text,
-    )
+    """Give a text without dates, and the number of letters of words that mean nothing here."""
+
+    def shown(word: re.Match[str]) -> str:
+        return word[0] if word[0].casefold() in _known() else f"‹{len(word[0])} letters›"
+
+    return DATE.sub("‹date›", WORD.sub(shown, text))
 
 
 @cache

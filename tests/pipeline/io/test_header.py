@@ -64,6 +64,6 @@ def test_no_bytes_end_in_an_error(tmp_path_factory, content, c3d):
 
 
 def test_hbm_file_header_prints_it_for_any_file(tmp_path, capsys):
-    (tmp_path / "note.txt").write_text("XANTHIPPE walks\t1\t2\n", encoding="utf-8")
+    (tmp_path / "note.txt").write_text("XANTHIPPE walks\t1.5\t1984-03-12\n", encoding="utf-8")
     assert main([str(tmp_path / "note.txt"), "--header"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == "‹9 letters› ‹5 letters› | 1 | 2"
+    assert capsys.readouterr().out.splitlines()[-1] == "‹9 letters› ‹5 letters› | 1.5 | ‹date›"
