@@ -1,5 +1,6 @@
-"""Tables of what tests and campaigns find."""
+"""Tables of what tests and campaigns find, and the help of the commands that find it."""
 
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Mapping
 
 import pandas as pd
@@ -20,3 +21,13 @@ def described(heading: str, lines: Mapping[str, str]) -> str:
     """Give a list of names, each with its line, for the help of a command."""
     width = max(map(len, lines))
     return "\n".join([f"{heading}:", *(f"  {n:{width}}  {line}" for n, line in lines.items())])
+
+
+def command(module: str, text: str | None, *lists: str) -> ArgumentParser:
+    """Give the parser of ``python -m MODULE``, whose help has a text and lists as they stand."""
+    return ArgumentParser(
+        prog=f"python -m {module}",
+        description=text,
+        epilog="\n\n".join(lists),
+        formatter_class=RawDescriptionHelpFormatter,
+    )

@@ -15,7 +15,6 @@ from typing import Final
 
 import numpy as np
 
-from hbm.markers import marker_sets
 from pipeline.io.c3d.data import KEY
 from pipeline.io.c3d.parameters import (
     BLOCK_BYTES,
@@ -25,7 +24,7 @@ from pipeline.io.c3d.parameters import (
     parse_parameters,
 )
 from pipeline.io.input_file import open_file
-from pipeline.io.labels import without_prefixes
+from pipeline.io.labels import labels_with, without_prefixes
 from pipeline.io.read import file_format
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded
@@ -149,7 +148,5 @@ def _words(text: str) -> str:
 @cache
 def _known() -> frozenset[str]:
     """Give the words of headers and those in the labels of all marker sets, in lower case."""
-    sets = marker_sets().values()
-    labels = (label for chosen in sets for marker in chosen.markers for label in marker.labels)
     words = files("pipeline.io").joinpath("header_words.txt").read_text(encoding="utf-8")
-    return frozenset(WORD.findall(" ".join((words, *labels)).casefold()))
+    return frozenset(WORD.findall(" ".join((words, *labels_with(None))).casefold()))

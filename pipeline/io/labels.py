@@ -104,11 +104,11 @@ def without_prefixes(
 
 def _known(stated: Stated) -> frozenset[str]:
     """Give the labels that mean something, in lower case: those of marker sets and to rename."""
-    return _labels_with(stated.marker_set).union(map(str.casefold, stated.rename))
+    return labels_with(stated.marker_set).union(map(str.casefold, stated.rename))
 
 
 @cache
-def _labels_with(marker_set: MarkerSet | None) -> frozenset[str]:
+def labels_with(marker_set: MarkerSet | None) -> frozenset[str]:
     """Give the labels of all shipped sets and of another, in lower case."""
     sets = [*marker_sets().values(), *filter(None, [marker_set])]
     labels = (label for chosen in sets for marker in chosen.markers for label in marker.labels)

@@ -19,7 +19,6 @@ from pipeline.trial.residuals import (
     threshold_rows,
 )
 from pipeline.trial.result import TrialResult
-from pipeline.trial.stages import MAX_DELAY_S
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,7 +37,7 @@ LIMITS: Final = {
     "marker_rms_mm": f"{QUALITY.marker_error:g}",
     "marker_peak_mm": f"{QUALITY.marker_peak:g}",
     "gap_percent": f"{QUALITY.marker_gaps:g}",
-    "delay_ms": f"{1000 * MAX_DELAY_S:g}",
+    "delay_ms": f"{1000 * QUALITY.largest_delay:g}",
 }
 
 
@@ -205,7 +204,7 @@ def _delay(delay_s: float, uncertainty_s: float) -> Check:
     if np.isnan(delay_s):
         return "check", "unknown", ""
     spread = "" if np.isnan(uncertainty_s) else f" ± {1000 * uncertainty_s:.1f}"
-    rating = "check" if abs(delay_s) > MAX_DELAY_S else "pass"
+    rating = "check" if abs(delay_s) > QUALITY.largest_delay else "pass"
     return rating, f"{written(1000 * delay_s, 'z.1f')}{spread} ms", ""
 
 

@@ -39,9 +39,6 @@ from pipeline.trial.quality import NO_SUPPORT, Quality, flagged, free_of, settle
 
 LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "stages")
 
-MAX_DELAY_S: Final = 0.010
-"""No published limit: one frame of a 100 Hz camera."""
-
 
 class Pose(NamedTuple):
     """The markers that were solved, the motion that they show, and the filtered one, T frames.

@@ -23,18 +23,14 @@ from tests.benchmarks.comparison import (
 )
 from tests.benchmarks.trial import export_trial, write_trial
 from tests.benchmarks.walker import walk
-from tests.tables import described
+from tests.tables import command, described
 
 Measured = dict[str, Any]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.benchmarks",
-        description=__doc__,
-        epilog=described("parts", {name: line for name, (line, _) in PARTS.items()}),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parts = described("parts", {name: line for name, (line, _) in PARTS.items()})
+    parser = command("tests.benchmarks", __doc__, parts)
     parser.add_argument("parts", nargs="*", metavar="PART", help="parts; default: all")
     parser.add_argument("--json", type=Path, help="file for the measurements")
     parser.add_argument("--csv", type=Path, help="file for the table of gait events")

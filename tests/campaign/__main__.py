@@ -4,7 +4,6 @@ The long form writes its table to validation/reliability.md. Ends with 1 where a
 not survived.
 """
 
-import argparse
 import platform
 import random
 import sys
@@ -28,7 +27,7 @@ from tests.campaign.recordings import recordings, walk_in
 from tests.campaign.results import results
 from tests.campaign.study_files import study_files, write_study
 from tests.campaign.worker import carry_out
-from tests.tables import described
+from tests.tables import command, described
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,16 +74,11 @@ PROGRAMS: Final = {
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.campaign",
-        description=__doc__,
-        epilog="\n\n".join(
-            [
-                described("campaigns, for --only (30 min all)", ATTACKS),
-                described("other campaigns, each with --help: python -m tests.campaign", PROGRAMS),
-            ]
-        ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = command(
+        "tests.campaign",
+        __doc__,
+        described("campaigns, for --only (30 min all)", ATTACKS),
+        described("other campaigns, each with --help: python -m tests.campaign", PROGRAMS),
     )
     parser.add_argument("--short", action="store_true", help="a choice, within two minutes")
     parser.add_argument("--seed", type=int, default=1, help="equal seeds make equal attacks")

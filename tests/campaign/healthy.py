@@ -12,7 +12,6 @@ compare; the range of loads by their change between samples; and what channels s
 their noise without.
 """
 
-import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from pipeline.io.recording import Plate
 from pipeline.trial.findings.evidence import LIMITS, find_stances, pressure
 from pipeline.trial.plate_units import _feet, _pressure_and_feet, _rms
 from tests.campaign.walks import Base, opencap, real, virtual
+from tests.tables import command
 
 
 def shown_by_channels(plate: Plate) -> Array:
@@ -91,11 +91,7 @@ def report(walks: Iterable[Base]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.campaign.healthy",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("tests.campaign.healthy", __doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--virtual", type=int, default=10, help="virtual walks")
     given = parser.parse_args()

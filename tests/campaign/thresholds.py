@@ -9,7 +9,6 @@ then has other notes, findings, events, flags of frames, residuals or joints, or
 something else. Prints a line for each number, and with --details what is said anew or no more.
 """
 
-import argparse
 import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -26,8 +25,9 @@ from pipeline.trial.chain import Chain
 from pipeline.trial.joints import joint_curves, joint_rows
 from pipeline.trial.process import result_of
 from pipeline.trial.residuals import residual_rows
-from tests.campaign.planted_faults import all_walks, faults
-from tests.campaign.walks import opencap, real
+from tests.campaign.planted_faults import faults
+from tests.campaign.walks import opencap, real, virtual
+from tests.tables import command
 
 FILE = Path(__file__).resolve().parents[2] / "pipeline" / "trial" / "thresholds.toml"
 FACTORS = {"half": 0.5, "twice": 2.0}
@@ -51,8 +51,9 @@ def statements(chain: Chain) -> Statements:
 @cache
 def trials(data: Path) -> tuple[dict[str, Chain], dict[str, Chain]]:
     """Healthy walks, and walks with planted faults: every third of a virtual and of a real one."""
-    sound = {base.name: base.chain() for base in (*real(data), opencap(data))}
-    walks = all_walks(None, 2)[:1] + tuple(base for base in real(data) if base.name == "HC030A05")
+    healthy = (*real(data), opencap(data))
+    sound = {base.name: base.chain() for base in healthy}
+    walks = (*virtual(1), *(base for base in healthy if base.name == "HC030A05"))
     planted = (
         (f"{base.name}, {fault}", fault.trial.chain())
         for base in walks
@@ -107,11 +108,7 @@ def numbers(names: list[str]) -> Iterator[tuple[str, str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.campaign.thresholds",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = command("tests.campaign.thresholds", __doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--details", action="store_true", help="kinds that are said, or no more")
     parser.add_argument("--jobs", type=int, default=1, help="processes")

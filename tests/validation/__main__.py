@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
-from tests.tables import described
+from tests.tables import command, described
 from tests.validation import published_compensation as published
 from tests.validation import residual_reduction
 from tests.validation.ablation import ablation
@@ -49,12 +49,8 @@ STUDIES: dict[str, tuple[str, Callable[[argparse.Namespace], Tables]]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.validation",
-        description=__doc__,
-        epilog=described("studies", {name: line for name, (line, _) in STUDIES.items()}),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    studies = described("studies", {name: line for name, (line, _) in STUDIES.items()})
+    parser = command("tests.validation", __doc__, studies)
     parser.add_argument("study", choices=STUDIES)
     parser.add_argument("out", type=Path, help="folder of the tables and figures")
     parser.add_argument("--jobs", type=int, default=2, help="processes")

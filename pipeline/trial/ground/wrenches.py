@@ -49,12 +49,11 @@ def plate_artefacts(lab: BoundLaboratory) -> tuple[list[Array], tuple[Note, ...]
                 artefact += hold_ends(time, wrench, what)
 
     if laboratory.calibration is not None:
+        readings = lab.accelerations(times, low_passed=False)
         # inertia: gain times specific force, and an offset
         predicted = [
             channels @ model.gain[:-1] + model.gain[-1]
-            for model, channels in zip(
-                lab.models, lab.accelerations(times, low_passed=False), strict=True
-            )
+            for model, channels in zip(lab.models, readings, strict=True)
         ]
         add(predicted, "the acceleration")
         notes = *laboratory.calibration.notes, *sensor_notes(lab)
