@@ -14,7 +14,7 @@ from pipeline.cli.output import OUTPUT, plain_notes, tables_in
 from pipeline.cli.request import RecordingRequest, marker_names
 from pipeline.cli.terminal import PlainConsole, StepProgress, announcer, print_block
 from pipeline.config.schema import CalibrationFit, Platform, Treadmill
-from pipeline.io.input_file import naming
+from pipeline.io.input_file import file_digest, naming
 
 if TYPE_CHECKING:
     from pipeline.io.recording import Recording
@@ -68,7 +68,6 @@ def fit(
     from pipeline.io.write import write_text
     from pipeline.report.empty_treadmill import measure_empty
     from pipeline.report.laboratory import calibration_part
-    from pipeline.run.job import file_digest
     from pipeline.trial.ground import accelerometers
     from pipeline.trial.ground import calibrations as of_empty
     from pipeline.trial.ground.laboratory import Laboratory, with_corrected_plates
@@ -264,7 +263,6 @@ def check(
     from pipeline.config.plate_correction import read_plate_correction
     from pipeline.report.empty_treadmill import measure_empty
     from pipeline.report.laboratory import add_check, calibration_in_use, check_part
-    from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import stated_accelerometers
     from pipeline.trial.ground.calibrations import check_recording, read_empty, read_laboratory
 

@@ -5,6 +5,7 @@ Patterns and words are in ``recording_names.toml``; a pattern that somebody stat
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from itertools import combinations
 from pathlib import PurePosixPath
 from typing import Final, NamedTuple
@@ -79,6 +80,7 @@ class RecordingName(NamedTuple):
     sure: bool
 
     @classmethod
+    @cache
     def of(cls, file: str) -> "RecordingName":
         """Read the name of a file, relative to a folder."""
         text = stem = normalize("NFC", str(PurePosixPath(file).with_suffix("")))

@@ -39,12 +39,11 @@ from pipeline.io.c3d.parameters import (
 )
 from pipeline.io.c3d.read import GROUP, compensation_group, read_compensation
 from pipeline.io.c3d.second_reader import SecondReading, compare_readers, reader
-from pipeline.io.input_file import describe_error, naming
+from pipeline.io.input_file import describe_error, file_digest, naming
 from pipeline.io.read import file_format
 from pipeline.io.recording import Compensation, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.write import whole_file
-from pipeline.run.job import file_digest
 from pipeline.trial.ground.laboratory import (
     Laboratory,
     bind,

@@ -1,11 +1,13 @@
 """Files that are given to be read: opened if they are files, their faults told with their name."""
 
 import errno
+import hashlib
 import os
 import re
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -90,6 +92,24 @@ def last_written(path: Path) -> tuple[int, int]:
     """Give what changes when a file is written anew: when it was written [ns], and its bytes."""
     status = path.stat()
     return status.st_mtime_ns, status.st_size
+
+
+def file_digest(path: Path) -> str:
+    """Give a file's SHA-256; for a file that cannot be read, a text that says why.
+
+    It is hashed once, until it is written to again.
+    """
+    try:
+        return _sha256(path, last_written(path))
+    except OSError as error:
+        return f"unreadable: {error.strerror}"
+
+
+@cache
+def _sha256(path: Path, version: tuple[int, int]) -> str:
+    """Hash a file; the version changes when it is written anew."""
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def open_file(path: Path, most: int = MAX_BYTES) -> BinaryIO:

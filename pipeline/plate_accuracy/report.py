@@ -18,6 +18,7 @@ from hbm.numbers import read_numbers
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import FILE, PlatesFile, WeightRecording
 from pipeline.figures.style import drawing, in_style, save_figure
+from pipeline.io.input_file import file_digest
 from pipeline.io.write import write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy, mean_loads
 from pipeline.plate_accuracy.response import LIMITS, STANCE, PlateResponse, rms
@@ -25,7 +26,6 @@ from pipeline.plate_accuracy.trials import SLOW_CUTOFF_HZ, THESIS_FILTER, Weight
 from pipeline.plate_accuracy.verdict import TOTAL, PlateVerdict, judge
 from pipeline.report.blocks import Check, Drawn, Table
 from pipeline.report.laboratory import Part, frame_table
-from pipeline.run.job import file_digest
 from pipeline.statistics.factorial import anova, compare_levels, residuals
 
 EFFECTS: Final = read_numbers("pipeline.plate_accuracy", "thresholds.toml", "effects")

@@ -33,7 +33,7 @@ from hbm.spelling import written
 from pipeline.config.schema import StudyFile
 from pipeline.config.study import Study
 from pipeline.figures.style import drawing
-from pipeline.io.input_file import read_text
+from pipeline.io.input_file import file_digest, read_text
 from pipeline.io.write import read_csv, write_csv, write_text
 from pipeline.report.blocks import Block, Check, Drawn, Section, Table, write_page
 from pipeline.report.empty_treadmill import (
@@ -43,7 +43,6 @@ from pipeline.report.empty_treadmill import (
     spectrum_figure,
     time_figure,
 )
-from pipeline.run.job import file_digest
 from pipeline.trial.ground.calibrations import CalibrationCheck
 from pipeline.trial.ground.laboratory import BESIDE
 from pipeline.trial.result import StoredNote

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from hbm.notes import Note
 from pipeline.config.schema import Settings, Subject, TrialName
 from pipeline.config.study import Study
-from pipeline.io.input_file import describe_error, last_written, read_text
+from pipeline.io.input_file import describe_error, file_digest, last_written, read_text
 from pipeline.io.qualisys import plate_files
 from pipeline.io.write import write_text
 from pipeline.run.program import computation_digest
@@ -262,24 +262,6 @@ def outdated(job: Job) -> str | None:
         if name != "id" and getattr(new, name) != value
     ]
     return ", ".join(changed) or "its settings in the study have changed"
-
-
-def file_digest(path: Path) -> str:
-    """Give a file's SHA-256; for a file that cannot be read, a text that says why.
-
-    It is hashed once, until it is written to again.
-    """
-    try:
-        return _sha256(path, last_written(path))
-    except OSError as error:
-        return f"unreadable: {error.strerror}"
-
-
-@cache
-def _sha256(path: Path, version: tuple[int, int]) -> str:
-    """Hash a file; the version changes when it is written anew."""
-    with path.open("rb") as content:
-        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 FAILURES: Final = "failures.json"

@@ -11,8 +11,9 @@ from pydantic import TypeAdapter
 
 from pipeline.config.schema import Comparison, Condition, Plates, Settings, Treadmill, TrialName
 from pipeline.config.study import Study
+from pipeline.io.input_file import file_digest
 from pipeline.io.qualisys import plate_files
-from pipeline.run.job import file_digest, trial_key
+from pipeline.run.job import trial_key
 from pipeline.run.load import Results
 from pipeline.run.program import git_commit, program_digest
 from pipeline.trial.result import PACKAGES, StoredNote, TrialResult

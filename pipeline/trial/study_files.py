@@ -9,7 +9,7 @@ from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments, require_file
-from pipeline.io.input_file import last_written
+from pipeline.io.input_file import file_digest
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Fact, Recording, saying
 from pipeline.trial.ground.belts import fit_belts
@@ -90,10 +90,9 @@ def read_study_laboratory(study: Study) -> Laboratory:
     """
     treadmill, stated = study.file.treadmill, study.stated
     plates_file = study.file.plates.calibration
-    # a file that was written again is read again
     files = [study.path(name) for name in (*treadmill.files, plates_file) if name]
-    versions = tuple((file, last_written(file)) for file in files)
-    key = treadmill.model_dump_json(), plates_file, stated, versions
+    contents = tuple((file.name, file_digest(file)) for file in files)
+    key = treadmill.model_dump_json(), plates_file, stated, contents
     if key in _laboratories:
         return _laboratories[key]
     plates = read_plate_correction(study.path(plates_file)) if plates_file else None

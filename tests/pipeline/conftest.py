@@ -167,9 +167,15 @@ def finished(moving_study, tmp_path_factory):
 
 @pytest.fixture
 def undrawn():
-    """Reports without the figures of the study, which are not looked at."""
+    """Reports without figures of the study and comparisons of curves, which are not looked at."""
     with without_figures():
         yield
+
+
+@pytest.fixture
+def plain_pages(monkeypatch):
+    """Pages of laboratories without figures, which are not looked at."""
+    monkeypatch.setattr("pipeline.report.laboratory._of_recording", lambda *given: [])
 
 
 @pytest.fixture

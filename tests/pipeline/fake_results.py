@@ -40,8 +40,9 @@ COMPENSATION = np.array([1.0, -1.0, 0.5, 0.4, -0.4, 0.3])
 
 @contextmanager
 def without_figures() -> Iterator[None]:
-    """Leave the figures of a study out of its report: they take most of its time."""
+    """Leave figures and the comparison of curves out of a report: they take most of its time."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.report.write.compared_curves", lambda *given: {})
         for figures in ("study_figures", "joint_figures"):
             patch.setattr(f"pipeline.report.write.{figures}", lambda *given: iter(()))
         yield

@@ -66,14 +66,18 @@ def copy(study, explained, tmp_path):
 @pytest.fixture
 def known(copy, monkeypatch):
     """Trials are explained as they were: what that takes is not tested here."""
-    by_key = {}
-    for path in (copy / FOLDER / f"sub01_{name}.json" for name in ("baseline", "sway")):
+    explained = {}
+    for name in ("baseline", "sway"):
+        path = copy / FOLDER / f"sub01_{name}.json"
         own = read_explanation(path, Explanation)
         evidence = read_evidence(beside(path, EVIDENCE))
         bands = read_bands(beside(path, BANDS))
-        budget = replace(own.budget, evidence=evidence, bands=bands)
-        by_key[own.key] = replace(own, budget=budget)
-    monkeypatch.setattr("pipeline.budgets.explanation.explain", lambda *trial: by_key[trial[-1]])
+        explained[name] = replace(own, budget=replace(own.budget, evidence=evidence, bands=bands))
+
+    def explain(recording, laboratory, result, key):
+        return replace(explained[result.condition], key=key)
+
+    monkeypatch.setattr("pipeline.budgets.explanation.explain", explain)
 
 
 def outcomes(out):
@@ -127,7 +131,7 @@ def test_an_explanation_outlives_its_recording(copy):
     assert states(copy)["sway"] == "kept"
 
 
-def test_a_result_that_is_not_of_the_study_any_more_is_not_explained(copy):
+def test_a_result_that_is_not_of_the_study_any_more_is_not_explained(copy, known):
     file = copy.parent / "study" / "sub01.toml"
     file.write_text(file.read_text().replace('sex = "', 'height_m = 1.9\nsex = "'))
     shutil.rmtree(copy / FOLDER)

@@ -39,6 +39,23 @@ def recorded(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module", autouse=True)
+def read_once():
+    """A recording is read once, however many links there are to it."""
+    recordings = {}
+
+    def read(path):
+        status = path.stat()
+        key = status.st_ino, status.st_mtime_ns
+        if key not in recordings:
+            recordings[key] = read_with_any_axes(path)
+        return recordings[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.config.found_recordings.read_with_any_axes", read)
+        yield read
+
+
 @pytest.fixture
 def named(recorded, tmp_path):
     """Put recordings of such names into a folder: a pose where the name says so, else a walk."""
@@ -354,13 +371,13 @@ PEOPLE = (
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("conditions", [("slow", "fast"), ("normaal", "schoen")])
 def test_no_habit_of_naming_makes_a_study_of_wrong_people(
-    recorded, tmp_path, monkeypatch, order, conditions
+    recorded, tmp_path, read_once, monkeypatch, order, conditions
 ):
     """Two people, two conditions, two recordings each and a pose: they are found, or nobody is.
 
     Each pattern that is shown in that case gives the study that is shown.
     """
-    files = {kind: read_with_any_axes(recorded / f"{kind}.c3d") for kind in ("walk", "pose")}
+    files = {kind: read_once(recorded / f"{kind}.c3d") for kind in ("walk", "pose")}
     read = lambda path: files["pose" if "static" in str(path) else "walk"]  # noqa: E731
     monkeypatch.setattr("pipeline.config.found_recordings.read_with_any_axes", read)
     for number, people in enumerate(PEOPLE):

@@ -10,7 +10,7 @@ from hbm.signals.filtering import low_pass
 from hbm.spatial import rotation_about
 from pipeline.export.compensated_c3d import write_compensated, write_compensated_study
 from pipeline.io.c3d.read import read_c3d
-from pipeline.run.job import file_digest
+from pipeline.io.input_file import file_digest
 from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory, bind, with_corrected_plates
 from pipeline.trial.ground.platform import platform_pose, pose_at

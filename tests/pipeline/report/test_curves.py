@@ -16,6 +16,7 @@ from pipeline.run.load import Curves, collect
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.curves import CurveComparison
 from pipeline.statistics.design import EXPERIMENT_3, design_of
+from pipeline.trial.residuals import AXES
 from tests.pipeline.fake_results import write_fake_results
 
 COLUMNS_OF_CYCLES = ["subject", "condition", "compensated", "recording", "axis", "percent"]
@@ -26,20 +27,25 @@ PAIR = "sway IC - baseline no IC"
 def results(tmp_path_factory):
     """Twelve people, one of whom did not sway."""
     folder = tmp_path_factory.mktemp("twelve")
-    write_fake_results(folder, subjects=12, cycles=4, without=[("sub01", "sway")])
+    write_fake_results(folder, subjects=12, cycles=2, without=[("sub01", "sway")])
     return collect(folder, in_curves=lambda trial: True)
 
 
-def compared(results, design, **columns):
-    cycles, joints = (Curves(results.folder / f"{n}.parquet") for n in ("cycles", "joint_cycles"))
+NO_JOINTS = SimpleNamespace(of_recordings={})
+
+
+def compared(results, design, axes=("Fx",), joints=NO_JOINTS, **columns):
     people = pd.DataFrame(columns, index=results.subjects["subject"])
+    cycles = Curves(results.folder / "cycles.parquet")
     over_cycles = rms_over_cycles(cycles, "cycle", within=("recording",))
-    return compared_curves(over_cycles, JointMeans(joints, "cycle"), design, people)
+    over_cycles = over_cycles[over_cycles["axis"].isin(axes)]
+    return compared_curves(over_cycles, joints, design, people)
 
 
 @pytest.fixture(scope="module")
 def of_experiment(results):
-    return compared(results, EXPERIMENT_3)
+    joints = JointMeans(Curves(results.folder / "joint_cycles.parquet"), "cycle")
+    return compared(results, EXPERIMENT_3, AXES, joints)
 
 
 def test_a_subject_without_a_condition_enters_curves_as_it_enters_the_mixed_model(
@@ -56,7 +62,7 @@ def test_a_subject_without_a_condition_enters_curves_as_it_enters_the_mixed_mode
 def test_groups_are_compared_in_every_cell_and_in_what_cells_differ_by(results):
     design = replace(design_of(("baseline", "pitch"), compensated=False), group="group")
     large = compared(results, design, group=[*"ppppppcccccc"])
-    labels = {label for curve, label in large if curve == "Fx"}
+    labels = {label for _, label in large}
     cells = ("pitch - baseline", "pitch", "baseline")
     assert labels == {cells[0], *(f"{cell}: p - c" for cell in cells)}
     assert large["Fx", "pitch: p - c"].subjects == 12
@@ -81,7 +87,7 @@ def test_of_three_groups_each_is_compared_with_the_first():
     over_cycles = rows.assign(axis="Fx", condition="walk", compensated=False)
     over_cycles["value"] = rng.normal(size=len(rows))
     design = replace(design_of(["walk"], compensated=False), group="group")
-    found = compared_curves(over_cycles, SimpleNamespace(of_recordings={}), design, people)
+    found = compared_curves(over_cycles, NO_JOINTS, design, people)
     assert {label: of.in_groups for (_, label), of in found.items()} == {
         "walk: b - a": (6, 6),
         "walk: c - a": (6, 6),
@@ -90,15 +96,14 @@ def test_of_three_groups_each_is_compared_with_the_first():
     unknown = over_cycles.assign(condition="run", value=np.nan)
     two = replace(design_of(["walk", "run"], compensated=False), group="group")
     every = pd.concat([over_cycles, unknown])
-    found = compared_curves(every, SimpleNamespace(of_recordings={}), two, people)
+    found = compared_curves(every, NO_JOINTS, two, people)
     assert {label for _, label in found} == {"walk: b - a", "walk: c - a"}
 
 
 def test_without_gait_cycles_nothing_is_compared_and_the_tables_have_their_columns():
     over_cycles = pd.DataFrame(columns=[*COLUMNS_OF_CYCLES, "value"])
     people = pd.DataFrame(index=["sub01"])
-    joints = SimpleNamespace(of_recordings={})
-    tables = curve_tables(compared_curves(over_cycles, joints, EXPERIMENT_3, people))
+    tables = curve_tables(compared_curves(over_cycles, NO_JOINTS, EXPERIMENT_3, people))
     assert [(len(of), len(of.columns)) for of in tables.values()] == [(0, 7), (0, 8)]
 
 

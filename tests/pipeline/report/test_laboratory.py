@@ -3,10 +3,12 @@
 import os
 import re
 import shutil
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
 from functools import cache
 from html.parser import HTMLParser
+from itertools import islice
 
 import numpy as np
 import pandas as pd
@@ -21,6 +23,7 @@ from pipeline.cli.app import main
 from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_laboratory, read_study
 from pipeline.io.stated import Stated
+from pipeline.report import laboratory
 from pipeline.report.blocks import Table
 from pipeline.report.empty_treadmill import measure_empty
 from pipeline.report.laboratory import (
@@ -93,6 +96,21 @@ def saved(recording, path, day):
     return path
 
 
+@contextmanager
+def figures_of(count):
+    """Draw the first so many plates on pages, which takes most of their time."""
+    every = laboratory._of_recording
+
+    def few(calibration, empty):
+        parts = {name: getattr(empty, name) for name in ("before", "spectra")}
+        first = {name: dict(islice(of.items(), count)) for name, of in parts.items()}
+        return every(calibration, replace(empty, **first))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(laboratory, "_of_recording", few)
+        yield
+
+
 def fit(folder, seed):
     path = lab.save(empty(seed), folder / "empty.c3d")
     out = str(folder / "lab.json")
@@ -103,7 +121,8 @@ def fit(folder, seed):
 def fitted(tmp_path_factory):
     """Folder of a calibration."""
     folder = tmp_path_factory.mktemp("fitted")
-    fit(folder, 1)
+    with figures_of(1):
+        fit(folder, 1)
     return folder
 
 
@@ -114,17 +133,11 @@ def checked(fitted, tmp_path_factory):
     calibration = folder / "lab.json"
     first = saved(empty(2), folder / "day1.c3d", DAYS[0])
     second = saved(turned(empty(3)), folder / "day2.c3d", DAYS[1])
-    with pytest.MonkeyPatch.context() as patch:  # the page shows the figures of the last check
-        patch.setattr("pipeline.report.laboratory._of_recording", lambda *given: [])
+    with figures_of(0):  # the page shows the figures of the last check
         assert main(["calibration", "check", str(calibration), str(second)]) == 1
-    assert main(["calibration", "check", str(calibration), str(first)]) == 0
+    with figures_of(1):
+        assert main(["calibration", "check", str(calibration), str(first)]) == 0
     return folder
-
-
-@pytest.fixture
-def plain(monkeypatch):
-    """Pages without figures, which are not looked at."""
-    monkeypatch.setattr("pipeline.report.laboratory._of_recording", lambda *given: [])
 
 
 def page_of(folder):
@@ -183,7 +196,7 @@ def test_two_checks_on_different_days_are_two_rows(checked):
 
 
 def test_a_check_of_the_same_recording_again_adds_no_row_and_a_stated_day_counts(
-    checked, tmp_path, plain
+    checked, tmp_path, plain_pages
 ):
     folder = shutil.copytree(checked, tmp_path / "lab")
     command = ["calibration", "check", str(folder / "lab.json"), str(folder / "day1.c3d")]
@@ -203,7 +216,7 @@ def test_the_page_says_for_how_long_by_all_checks_and_the_last_day_decides(check
 
 
 def test_a_check_leaves_tables_and_figures_of_the_fit_and_a_new_fit_drops_the_checks(
-    fitted, checked, tmp_path, plain
+    fitted, checked, tmp_path, plain_pages
 ):
     def details(page):
         return re.search(r'<section id="calibration">.*?</section>', page, re.DOTALL)[0]
@@ -239,7 +252,7 @@ def test_a_damaged_file_beside_the_page_is_named(checked, tmp_path):
             write_laboratory(folder)
 
 
-def test_every_warning_that_the_console_prints_is_on_the_page(tmp_path, capsys, plain):
+def test_every_warning_that_the_console_prints_is_on_the_page(tmp_path, capsys, plain_pages):
     """Plate 2 is 5 ms late; with a check, the page keeps the warnings of the fit."""
     recording = empty(1)
     first, second = recording.plates
@@ -256,7 +269,7 @@ def test_every_warning_that_the_console_prints_is_on_the_page(tmp_path, capsys, 
         main(["calibration", "check", str(tmp_path / "lab.json"), str(other)])
 
 
-def test_a_dead_sensor_is_a_check_that_failed(fitted, tmp_path, plain):
+def test_a_dead_sensor_is_a_check_that_failed(fitted, tmp_path, plain_pages):
     folder = shutil.copytree(fitted, tmp_path / "lab")
     recording = empty(2)
     values = recording.analog.values.copy()
@@ -379,7 +392,7 @@ def test_the_page_raises_no_error_requests_nothing_and_draws_every_figure(browse
     other = [url for url in browser.requests if not url.startswith("data:")]
     assert len(other) == 1
     sizes = browser.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth])")
-    assert len(sizes) == 4 + 4  # two plates over time and their spectra, twice
+    assert len(sizes) == 2 + 2  # a plate over time and its spectra, twice
     assert all(complete and width > 500 for complete, width in sizes)
 
 

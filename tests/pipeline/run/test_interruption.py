@@ -7,12 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from pipeline.cli.app import main
 from pipeline.run.processes import recorded_requests
+from pipeline.trial import process
 from tests.campaign.kills import environment
 from tests.pipeline.fake_results import write_fake_results
 
@@ -21,17 +23,12 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="li
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="process groups and signals")
 
 
-def hbm(*arguments, before=lambda: None):
+def hbm(*arguments):
     """Start the command line as a terminal does in the foreground: an interrupt ends it.
 
-    ``before`` is called in the new process first. Without the reset, the process would ignore
-    interrupts wherever the tests run in the background of a shell, for it inherits that.
+    Without the reset, the process would ignore interrupts wherever the tests run in the background
+    of a shell, for it inherits that.
     """
-
-    def start():
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        before()
-
     return subprocess.Popen(
         [sys.executable, "-m", "pipeline.cli", *map(str, arguments)],
         stdout=subprocess.PIPE,
@@ -39,8 +36,18 @@ def hbm(*arguments, before=lambda: None):
         text=True,
         env=environment("test of interruption"),
         start_new_session=True,
-        preexec_fn=start,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
+
+
+@contextmanager
+def handled(number, handler):
+    """Let a signal to this process have another handler."""
+    before = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
 
 
 def results(out):
@@ -106,24 +113,6 @@ def test_a_stopped_run_says_how_to_go_on_and_leaves_no_process(
     assert not list(tmp_path.rglob("*.part"))
 
 
-STOPPED_AS_IT_WRITES = """
-import os, signal, sys, time
-from pathlib import Path
-from pipeline.cli.app import main
-from pipeline.run.processes import recorded_requests
-number, suffix, *words = sys.argv[1:]
-replace = Path.replace
-def stop(self, target):
-    if str(target).endswith(suffix):
-        os.kill(os.getpid(), int(number))
-        time.sleep(5.0)
-    return replace(self, target)
-Path.replace = stop
-signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.exit(main(words))
-"""
-
-
 def test_requests_to_stop_that_are_recorded_interrupt_nothing_however_close_they_come():
     handlers = [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)]
     with recorded_requests() as requests:
@@ -142,23 +131,29 @@ def test_requests_to_stop_that_are_recorded_interrupt_nothing_however_close_they
     ],
 )
 def test_any_command_that_is_stopped_says_so_and_leaves_no_half_written_file(
-    moving_study, tmp_path, words, suffix, number
+    moving_study, tmp_path, monkeypatch, capsys, words, suffix, number
 ):
-    out = tmp_path / "out"
+    out, replace = tmp_path / "out", Path.replace
     if words.startswith("report"):
-        write_fake_results(out, subjects=2, cycles=3)
+        write_fake_results(out, subjects=2, conditions=("sway",), cycles=2)
+
+    def stopped(self, target):
+        if str(target).endswith(suffix):
+            signal.raise_signal(number)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", stopped)
     words = words.format(study=moving_study, out=out).split()
-    done = subprocess.run(
-        [sys.executable, "-c", STOPPED_AS_IT_WRITES, str(int(number)), suffix, *words],
-        capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
+    with handled(signal.SIGINT, signal.default_int_handler):
+        returned = main(words)
+    printed, error = capsys.readouterr()
     code, word = {signal.SIGTERM: (143, "terminated"), signal.SIGINT: (130, "interrupted")}[number]
-    assert done.returncode == code
-    assert re.fullmatch(rf"hbm: {word}: .*same command.*\n", done.stderr)
+    assert returned == code
+    assert re.fullmatch(rf"hbm: {word}: .*same command.*\n", error)
     assert not list(out.rglob("*.part"))
     if "--json" in words:
-        error = json.loads(done.stdout)["error"]
-        assert (error["code"], f"hbm: {error['text']}\n") == (word, done.stderr)
+        said = json.loads(printed)["error"]
+        assert (said["code"], f"hbm: {said['text']}\n") == (word, error)
 
 
 @needs_proc
@@ -181,34 +176,35 @@ def test_a_stopped_simulation_says_how_to_go_on_and_leaves_no_process(tmp_path):
     wait_until(lambda: not members(running.pid), 10.0)
 
 
-def test_a_run_that_the_shell_shields_from_interrupts_goes_on(moving_study, finished, tmp_path):
+def test_a_run_that_the_shell_shields_from_interrupts_goes_on(
+    moving_study, finished, tmp_path, monkeypatch, capsys
+):
     """As a shell does for what it starts in the background, with ``&`` or ``nohup``."""
 
-    def shield():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    real = process.process_chain
 
-    one = ("--subject", "sub01", "--condition", "sway")
-    running = hbm("run", moving_study, "--out", tmp_path, *one, before=shield)
-    while not (tmp_path / "run.json").exists():
-        time.sleep(0.05)
-    running.send_signal(signal.SIGINT)
-    _, errors = running.communicate()
-    assert (running.returncode, errors) == (0, "")
+    def interrupted(*given, **named):
+        signal.raise_signal(signal.SIGINT)
+        return real(*given, **named)
+
+    monkeypatch.setattr(process, "process_chain", interrupted)
+    one = ["--subject", "sub01", "--condition", "sway"]
+    with handled(signal.SIGINT, signal.SIG_IGN):
+        assert main(["run", str(moving_study), "--out", str(tmp_path), *one]) == 0
+    assert capsys.readouterr().err == ""
     assert results(tmp_path).items() <= results(finished).items()
     assert len(results(tmp_path)) == 1
 
 
-def test_files_that_may_not_grow_fail_with_one_line_each(moving_study, tmp_path):
+def test_files_that_may_not_grow_fail_with_one_line_each(moving_study, tmp_path, capsys):
     resource = pytest.importorskip("resource")
-    limit = 400_000
-
-    def restrict():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    pitch = ("--condition", "pitch")
-    running = hbm("run", moving_study, "--out", tmp_path, *pitch, before=restrict)
-    printed, _ = running.communicate()
-    assert running.returncode == 1
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, before[1]))
+    try:
+        assert main(["run", str(moving_study), "--out", str(tmp_path), "--condition", "pitch"]) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    printed = capsys.readouterr().out
     failed = [line for line in printed.splitlines() if line.startswith("FAILED")]
     assert len(failed) == 2
     assert all("file too large" in line for line in failed), failed

@@ -64,7 +64,9 @@ def test_a_stated_delay_that_differs_from_the_calibrations_is_one_line(study):
     assert re.search("4 ms.*plates.json .*2.0 ms .*plate 2", fault)
 
 
-def test_a_fitted_calibration_of_uncorrected_plates_is_a_fault_that_says_what_to_do(study):
+def test_a_fitted_calibration_of_uncorrected_plates_is_a_fault_that_says_what_to_do(
+    study, plain_pages
+):
     fitted = ["calibration", "fit", str(study / "empty.c3d"), "-o", str(study / "lab.json")]
     fitted += ["--axes", AXES]
     assert main(fitted) == 0
@@ -100,7 +102,9 @@ def residuals(trial, out, *options):
     return code, out / f"{trial.stem}_residuals.csv"
 
 
-def test_one_trial_of_wrong_plates_is_corrected_on_the_command_line(study, tmp_path, capsys):
+def test_one_trial_of_wrong_plates_is_corrected_on_the_command_line(
+    study, tmp_path, plain_pages, capsys
+):
     """Platform and all; the calibration of the treadmill is fitted to plates corrected alike."""
     right = study / "sub01_pitch.c3d"
     recording, empty = read_c3d(right), read_c3d(study / "empty.c3d", AXES)

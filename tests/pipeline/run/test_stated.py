@@ -168,7 +168,7 @@ def test_a_pair_to_rename_that_is_none_is_refused(plain):
         check_options(TrialRequest, {"trial": plain / "sub01_pitch.c3d", "rename": ("LASI",)})
 
 
-def test_calibrations_are_fitted_in_stated_units(plain, disguised, tmp_path, capsys):
+def test_calibrations_are_fitted_in_stated_units(plain, disguised, tmp_path, plain_pages, capsys):
     fitted = []
     for folder, options in ((plain, []), (disguised, ["--units", "mm", "--plate-units", "N,Nmm"])):
         out = tmp_path / f"{folder.parent.name}.json"
