@@ -13,13 +13,13 @@ from pipeline.live.replay import recorded_streams
 from pipeline.live.session import rehearse
 from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.process import process_recording
 from pipeline.viewer.live import Board
 from tests.pipeline import lab
+from tests.pipeline.live.playing import body_of
 
-SECONDS = 16.0
+SECONDS = 13.0
 FAULT_S = SECONDS - 4.0
-REQUIRED = 8
+REQUIRED = 6
 PERSON = Subject(sex="male", mass_kg=74.6)
 REALTIME = Settings(filter="realtime")
 EXPECTED = {
@@ -81,7 +81,7 @@ class VirtualLaboratory:
 
     def __init__(self, folder):
         self.walk = lab.walk(folder, duration_s=SECONDS)
-        self.body = process_recording(self.walk, PERSON, REALTIME).body
+        self.body = body_of(self.walk, PERSON)
         platform = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
         treadmill = Treadmill(accelerometers=lab.CHANNELS, platform=platform)
         empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
