@@ -16,10 +16,9 @@ from pipeline.live.monitor import Monitor
 from pipeline.live.session import Session
 from pipeline.live.stream import Arrivals, Samples, StreamDescription
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from tests.pipeline import lab
-from tests.pipeline.live.playing import arrivals, chain_of, streams_of
+from tests.pipeline.live.playing import arrivals, body_of, chain_of, streams_of
 
 REALTIME = Settings(filter="realtime")
 STREAMS = [
@@ -35,7 +34,7 @@ def recording(walker):
 
 @pytest.fixture(scope="module")
 def body(recording):
-    return process_recording(recording, Subject(sex="female"), REALTIME).body
+    return body_of(recording, Subject(sex="female"))
 
 
 @pytest.fixture(scope="module")
