@@ -29,7 +29,6 @@ def settled(viewer, views, seconds=1.0):
     while time.monotonic() < deadline:
         state = viewer.get_state()
         if len([one for one in state.views if one.visible]) >= views:
-            viewer.take_screenshot(max_size=100)  # once it has painted them
             time.sleep(seconds)
             return viewer.get_state()
         time.sleep(0.1)
