@@ -240,8 +240,9 @@ class Inlet:
         self.lost, self._inlet = True, None
 
 
-FORGET_S: Final = 2.0
-"""After it, a stream that no longer answers is not among those that are there."""
+FORGET_S, ANSWERS_S = 2.0, 0.75
+"""After the first, a stream that no longer answers is not among those that are there. Within the
+second all answer, also others of one name: the library asks twice."""
 
 
 Searching = Callable[[Sequence[str], Sequence[str]], object]
@@ -369,8 +370,7 @@ class LslSource:
                 searching(absent, list(there))
             if several and now_s - complete_s > FORGET_S:
                 self._chosen = {name: _choose(name, there[name], senders) for name in several}
-            # within 0.75 s every stream answers, also others of one name: the library asks twice
-            elif absent or several or now_s - begun_s <= 0.75:
+            elif absent or several or now_s - begun_s <= ANSWERS_S:
                 time.sleep(POLL_S)
                 continue
             return [self._chosen.get(name, there[name][0]) for name in names]

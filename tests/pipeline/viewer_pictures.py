@@ -23,16 +23,40 @@ needs_vulkan = pytest.mark.skipif(
 )
 
 
-def settled(viewer, views):
-    """Wait until so many views are drawn, and give the viewer's state."""
+def settled(viewer, views, seconds=1.0):
+    """Wait until so many views are drawn, and some seconds more; give the viewer's state."""
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
         state = viewer.get_state()
         if len([one for one in state.views if one.visible]) >= views:
-            time.sleep(1)
+            time.sleep(seconds)
             return viewer.get_state()
-        time.sleep(0.2)
+        time.sleep(0.1)
     raise TimeoutError(f"the viewer shows {state.views}")
+
+
+def moments(viewer):
+    """Timeline and time that each recording is shown at."""
+    return [(one.current_timeline, one.current_time) for one in viewer.get_state().recordings]
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + PATIENCE_S
+    while not (met := condition()):
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.05)
+    return met
+
+
+def picture_with(viewer, *colours, least=50):
+    """Give a picture of a viewer once so many of its pixels have each of the colours."""
+
+    def seen():
+        picture = viewer.take_screenshot(max_size=1600)
+        shown = all(count_pixels(picture, colour) > least for colour in colours)
+        return picture if shown else None
+
+    return wait_for(seen)
 
 
 def assert_no_fault(viewer):

@@ -16,6 +16,7 @@ from pipeline.io.write import write_text
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import study_files, study_texts
+from tests.pipeline import lab
 from tests.synthetic import synthetic_t_pose
 
 HEAVY = (
@@ -135,7 +136,8 @@ def test_what_answers_at_once_loads_nothing_heavy(commands, absent, tmp_path):
 def test_the_table_of_a_trial_is_shown_before_what_draws_it_is_loaded(walker, tmp_path):
     """Nor are other libraries loaded that take longer than the answer."""
     absent = ("casadi", "jinja2", "pandas", "scipy.interpolate", "scipy.optimize", "scipy.signal")
-    command = ["residuals", str(walker.source), "--sex", "male", "--out", str(tmp_path)]
+    walk = lab.save(lab.cropped(walker, 0, 600), tmp_path / "walk.c3d")
+    command = ["residuals", str(walk), "--sex", "male", "--out", str(tmp_path)]
     code = (
         "import sys\n"
         "from pipeline.cli.app import main\n"

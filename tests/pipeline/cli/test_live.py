@@ -17,8 +17,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pipeline.cli import live_session
 from pipeline.cli.app import main
-from pipeline.cli.live_session import STATUS_S, LightLine, follow
+from pipeline.cli.live_session import LightLine, follow
 from pipeline.cli.terminal import PlainConsole
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Subject, Treadmill
@@ -29,8 +30,8 @@ from pipeline.live.output import RESULTS_FOLDER, STREAMS
 from pipeline.live.replay import RecordedSource
 from pipeline.live.session import Session
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.process import process_recording
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
+from tests.pipeline.live.playing import body_of
 
 DURATION_S = 14.0
 PATIENCE_S = 60
@@ -235,21 +236,34 @@ class Picture:
     show_board = show
 
 
+@pytest.fixture(scope="module")
+def trial(walk):
+    """The recording of the walk and the body."""
+    recording = read_recording(walk)
+    return recording, body_of(recording, Subject())
+
+
 @pytest.mark.parametrize("view", [None, Picture()])
-def test_a_terminal_has_one_line_with_the_light_that_says_how_late_the_picture_is(walk, view):
-    trial = process_recording(read_recording(walk), Subject(), Settings())
-    source = RecordedSource(read_recording(walk))
-    plates, still = read_recording(walk).plates, Laboratory(Treadmill())
-    chain = LiveChain(trial.body, still, Settings(), Live(), source.streams, plates)
+def test_a_terminal_has_one_line_with_the_light_that_says_how_late_the_picture_is(
+    trial, view, monkeypatch
+):
+    recording, body = trial
+    source, plates, still = RecordedSource(recording), recording.plates, Laboratory(Treadmill())
+    chain = LiveChain(body, still, Settings(), Live(), source.streams, plates)
     session, monitor = Session(source, chain), Monitor(chain, plates)
+    monkeypatch.setattr(live_session, "STATUS_S", 0.05)
     shown = StringIO()
     with LightLine(PlainConsole(file=shown, force_terminal=True, width=200), 25) as line:
         line.wait_for_streams(["Markers"], ["Plates"])
         line._live.refresh()
         assert re.search("stream Markers; .*Plates · 0 / 25 ", shown.getvalue())
-        began = time.monotonic()
         recorder = SimpleNamespace(fault=None)
-        goes_on = lambda: time.monotonic() - began < 5 * STATUS_S  # noqa: E731
+        deadline = time.monotonic() + PATIENCE_S
+
+        def goes_on():
+            seen = line.board.colour == "good" and line.board.rms
+            return not seen and time.monotonic() < deadline
+
         follow(session, source, monitor, recorder, view, line, goes_on, deque())
         line._live.refresh()
     newest = shown.getvalue().rsplit(" GOOD ", 1)[-1]

@@ -107,14 +107,13 @@ def test_other_names_are_refused_before_anything_is_computed(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux alone")
 def test_a_study_works_within_a_folder_whose_name_is_not_utf_8(study, tmp_path):
-    folder = os.path.join(os.fsencode(tmp_path), b"\xe9tude")  # noqa: PTH118
-    shutil.copytree(os.fsencode(study), folder)
-    for words in (["run", "."], ["report", "--no-pages"], ["view", "--save", "a.rrd"]):
-        done = subprocess.run(
-            [sys.executable, *HBM, *words], cwd=folder, capture_output=True, timeout=300,
-            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])},
-        )  # fmt: skip
-        assert (done.returncode, done.stderr) == (0, b"")
+    folder = shutil.copytree(study, tmp_path / os.fsdecode(b"\xe9tude"))
+    commands = [["run", "."], ["report", "--no-pages"], ["view", "--save", "a.rrd"]]
+    program = f"from pipeline.cli.app import main; assert not any(map(main, {commands}))"
+    here = {"PYTHONPATH": str(Path(__file__).parents[3])}
+    done = started(("-c", program), changed=here, cwd=folder, stdout=subprocess.DEVNULL)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert {"a.rrd", "results"} < {path.name for path in folder.iterdir()}
 
 
 @pytest.mark.parametrize(

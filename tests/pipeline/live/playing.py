@@ -5,9 +5,12 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.config.live import Live
+from pipeline.config.schema import Settings
 from pipeline.live.chain import LiveChain, LiveFrame
 from pipeline.live.replay import recorded_streams
 from pipeline.live.stream import Samples
+from pipeline.trial.chain import Chain
+from pipeline.trial.inputs import Inputs
 from pipeline.trial.quality import Quality
 from pipeline.trial.residuals import reported
 
@@ -15,6 +18,12 @@ from pipeline.trial.residuals import reported
 def streams_of(recording):
     """Give each stream of a recording: description, times and values."""
     return [(each.description, each.time, each.values) for each in recorded_streams(recording)]
+
+
+def body_of(recording, subject, **given):
+    """Give the body as a trial has it, without what else is computed of the trial."""
+    inputs = Inputs(recording=recording, subject=subject, **given)
+    return Chain(inputs, Settings()).body
 
 
 def chain_of(body, laboratory, settings, recording, wait_s=0.2):

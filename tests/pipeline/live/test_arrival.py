@@ -1,6 +1,7 @@
 """After a sender set its clock its stream's time goes on, and its frames are processed."""
 
 from dataclasses import replace
+from time import sleep
 
 import numpy as np
 import pytest
@@ -15,10 +16,9 @@ from pipeline.live.monitor import Monitor
 from pipeline.live.session import Session
 from pipeline.live.stream import Arrivals, Samples, StreamDescription
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from tests.pipeline import lab
-from tests.pipeline.live.playing import arrivals, chain_of, streams_of
+from tests.pipeline.live.playing import arrivals, body_of, chain_of, streams_of
 
 REALTIME = Settings(filter="realtime")
 STREAMS = [
@@ -34,7 +34,7 @@ def recording(walker):
 
 @pytest.fixture(scope="module")
 def body(recording):
-    return process_recording(recording, Subject(sex="female"), REALTIME).body
+    return body_of(recording, Subject(sex="female"))
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def followed(body, recording, samples):
     session, monitor = Session(source, chain), Monitor(chain, recording.plates)
     session.start()
     while not source.ended and session.runs:
-        pass
+        sleep(0.005)
     session.stop()
     assert session.fault is None
     for each in session.samples:

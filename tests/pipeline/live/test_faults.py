@@ -13,11 +13,10 @@ from pipeline.io.units import acceleration_in_mps2
 from pipeline.live.chain import LiveChain
 from pipeline.live.ground import AnalogStreams
 from pipeline.live.stream import Arrivals, Samples, StreamDescription
-from pipeline.trial.process import process_recording
 from pipeline.trial.quality import Quality
 from pipeline.trial.study_files import read_study_file
 from tests.pipeline import lab
-from tests.pipeline.live.playing import arrivals, chain_of, play, streams_of
+from tests.pipeline.live.playing import arrivals, body_of, chain_of, play, streams_of
 
 REALTIME = Settings(filter="realtime")
 SECONDS = 4.0
@@ -32,7 +31,7 @@ def recording(study):
 @pytest.fixture(scope="module")
 def body(recording, laboratory):
     person = Subject(sex="male", mass_kg=74.6)
-    return process_recording(recording, person, REALTIME, laboratory=laboratory).body
+    return body_of(recording, person, laboratory=laboratory)
 
 
 @pytest.fixture(scope="module")

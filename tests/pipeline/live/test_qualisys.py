@@ -148,7 +148,8 @@ def test_other_markers_than_were_named_are_refused(source, server):
         collect(source, 9)
 
 
-def test_a_connection_that_is_lost_is_taken_up_again(source, server):
+def test_a_connection_that_is_lost_is_taken_up_again(source, server, monkeypatch):
+    monkeypatch.setattr(qualisys, "RETRY_S", 0.1)
     for data, *_ in frames(range(3)):
         server.send(data)
     assert len(collect(source, 3)["Markers"][0]) == 3
@@ -160,7 +161,10 @@ def test_a_connection_that_is_lost_is_taken_up_again(source, server):
     np.testing.assert_allclose(times, np.arange(300, 303) / 100, atol=1e-9)
 
 
-def test_plates_that_lie_elsewhere_when_the_program_is_back_are_refused(source, server):
+def test_plates_that_lie_elsewhere_when_the_program_is_back_are_refused(
+    source, server, monkeypatch
+):
+    monkeypatch.setattr(qualisys, "RETRY_S", 0.1)
     corners = np.array([[250, -450, 0], [-250, -450, 0], [-250, 450, 0], [250, 450, 0]])
     moved = (location(corners + np.array([600, 0, 0])), location(corners))
     server.settings = parameters(

@@ -31,7 +31,7 @@ from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
 from tests.pipeline import lab
 from tests.pipeline.live.perturbed import Faults, PerturbedSource
-from tests.pipeline.live.playing import chain_of
+from tests.pipeline.live.playing import body_of, chain_of
 
 REALTIME = Settings(filter="realtime")
 STILL = Laboratory(Treadmill())
@@ -45,6 +45,13 @@ def result(walker):
 @pytest.fixture(scope="module")
 def short(walker):
     return lab.cropped(walker, 0, 500)
+
+
+@pytest.fixture(scope="module")
+def strides(walker):
+    """Some gait cycles, and their residuals."""
+    some = lab.cropped(walker, 0, 700)
+    return some, process_recording(some, Subject(sex="female"), REALTIME)
 
 
 def chain(walker, result):
@@ -105,8 +112,10 @@ def test_a_recorded_session_processed_afterwards_gives_the_residuals_of_the_tria
 
 @pytest.mark.parametrize("apart_s", [0.0, 2e-5])
 def test_a_session_of_repeated_samples_processed_afterwards_gives_the_residuals_of_the_trial(
-    walker, result, tmp_path, apart_s
+    strides, tmp_path, apart_s
 ):
+    walk, result = strides
+
     class Repeating(RecordedSource):
         """One sample in ten comes twice, the copy with a time stamp of its own or the same."""
 
@@ -122,8 +131,8 @@ def test_a_session_of_repeated_samples_processed_afterwards_gives_the_residuals_
             return replace(samples, time=time, values=samples.values[order])
 
     rng = np.random.default_rng(0)
-    source, computed = Repeating(walker), chain(walker, result)
-    described = [describe_stream(each, computed.live, walker.plates) for each in source.streams]
+    source, computed = Repeating(walk), chain(walk, result)
+    described = [describe_stream(each, computed.live, walk.plates) for each in source.streams]
     with closing(Recorder(tmp_path / "live", described, result_columns())) as recorder:
         ended(Session(source, computed, recorder), source)
     read = read_recording(tmp_path / "live" / STREAMS)
@@ -202,7 +211,7 @@ def test_a_pose_is_found_where_the_subject_stands_and_gives_the_same_body(walker
         for samples in source.receive(0.0):
             pose = pose or finder.add(samples)
     assert samples.time[-1] < 1.5
-    body = process_recording(walker, Subject(sex="female"), REALTIME, static=pose).body
+    body = body_of(walker, Subject(sex="female"), static=pose)
     assert body.mass == pytest.approx(result.body.mass, rel=0.005)
     for name, segment in body.segments.items():
         np.testing.assert_allclose(segment.center, result.body.segments[name].center, atol=1e-3)

@@ -15,23 +15,31 @@ from pipeline.live.light import Finding, Kind, light
 from pipeline.live.monitor import Monitor
 from pipeline.live.replay import RecordedSource
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import AXES, HEALTHY_RMS
 from pipeline.viewer.live import FULL_SCALE, Board
 from pipeline.viewer.serve import LOOPBACK, light_server
 from tests.pipeline.browser import needs_chromium, open_browser
+from tests.pipeline.live.playing import body_of
 
 PATIENCE_S = 20
 SHOWN = "JSON.stringify(Object.fromEntries(['colour', 'sentence', 'done'].map((id) => "
 SHOWN += "[id, document.getElementById(id).textContent])))"
 WIDTHS = "[...document.querySelectorAll('.size')].map((each) => parseFloat(each.style.width))"
 LINES = "[...document.querySelectorAll('.limit')].map((each) => parseFloat(each.style.left))"
+FASTER = 5
+CLOCK = f"""{{
+  const now = Date.now, later = setTimeout, within = AbortSignal.timeout.bind(AbortSignal);
+  Date.now = () => {FASTER} * now();
+  window.setTimeout = (call, ms) => later(call, ms / {FASTER});
+  AbortSignal.timeout = (ms) => within(ms / {FASTER});
+}}"""
+"""Makes the clock of a page run faster."""
 
 
 @pytest.fixture(scope="module")
 def boards(walker):
     """Boards of a replayed walk, one a second, and the monitor at its end."""
-    body = process_recording(walker, Subject(), Settings()).body
+    body = body_of(walker, Subject())
     source, still = RecordedSource(walker), Laboratory(Treadmill())
     chain = LiveChain(body, still, Settings(), Live(), source.streams, walker.plates)
     monitor, found, next_s = Monitor(chain, walker.plates), [], 1.0
@@ -138,9 +146,10 @@ def test_a_page_whose_answer_is_late_says_so_and_never_shows_an_old_light():
         return good
 
     with light_server(board, LOOPBACK) as address, open_browser() as browser:
+        browser.call("Page.addScriptToEvaluateOnNewDocument", source=CLOCK)
         browser.open(address)
         wait_for(browser, "good")
-        waits_s[0] = 4.0
+        waits_s[0] = 4.0 / FASTER
         assert wait_for(browser, "look")["sentence"].endswith("s late")
         wait_for(browser, "stop")
         waits_s[0] = 0.0
