@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from hbm.markers import marker_sets
-from pipeline.io.columns import PlateColumns, settle_markers, wrench_about_origin
+from pipeline.io.c3d.force_plates import unit_of_corners
+from pipeline.io.c3d.read import _with_faults_of_markers
+from pipeline.io.columns import FileMarkers, PlateColumns, settle_markers, wrench_about_origin
 from pipeline.io.labels import without_prefixes
 from pipeline.io.mended_plates import find_overflows
 from pipeline.io.qualisys import plate_at
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
+from pipeline.io.streams import find_clock
 from pipeline.io.text_table import _grid
 from tests.synthetic import synthetic_t_pose
 
@@ -113,3 +116,35 @@ def test_a_prefix_is_removed_of_the_smallest_set_and_not_of_a_few_labels(name):
     assert [*without_prefixes(labels, Stated())[0].values()] == bare
     few = [*labels[:3], *(f"M{k}" for k in range(30))]
     assert [*without_prefixes(few, Stated())[0].values()] == few
+
+
+@pytest.mark.parametrize(
+    ("frames", "height_m", "is_larger"), [(6, 0.1, False), (15, 0.1, True), (15, 0.25, False)]
+)
+def test_who_stands_on_a_plate_shows_its_size_and_who_swings_a_foot_over_it_does_not(
+    frames, height_m, is_larger
+):
+    """Its corners are 60 mm apart by the file's unit, or 60 cm."""
+    corners = 60.0 * np.array([[1.0, 1, 0], [0, 1, 0], [0, 0, 0], [1, 0, 0]])
+    position = np.full((50, 1, 3), 5.0)
+    position[:frames] = [0.3, 0.3, height_m]
+    unit, facts = unit_of_corners(1, corners, 1e-3, position)
+    assert (unit == 0.01) == is_larger == bool(facts)
+
+
+@pytest.mark.parametrize(("count", "named"), [(8, False), (16, True)])
+def test_faults_of_labels_are_named_beside_those_of_plates_where_somebody_wears_them(count, named):
+    names = tuple(f"Own{k}" for k in range(count))
+    markers = FileMarkers(names, np.random.default_rng(0).normal(size=(20, count, 3)), "m", ())
+    fault = _with_faults_of_markers(ValueError("plate 1: volts"), markers, Stated())
+    assert str(fault).endswith("plate 1: volts")
+    assert ("Own0" in str(fault)) == named
+
+
+@pytest.mark.parametrize("again", [1, 2])
+def test_one_or_two_samples_that_come_again_beside_a_loss_are_said_to_and_fill_it_not(again):
+    frames = np.delete(np.arange(1000), slice(500, 500 + again))
+    values, places = np.sin(frames / 7)[:, None], [500] * again
+    stamps = np.insert(frames / 100.0, places, 4.99 + 1e-4 * np.arange(1, again + 1))
+    clock = find_clock(stamps, 100.0, np.insert(values, places, values[499], axis=0))
+    assert [fact.kind for fact in clock.facts] == ["joined", "missing"]
