@@ -124,6 +124,11 @@ def _sides(columns: Mapping[str, int], sites: Sequence[str] | None = None) -> li
     ]
 
 
+def above_feet(position: Array, sites: Sites) -> Array:
+    """Give the vectors from the feet to pelvis and shoulders, (T, 3); NaN where one is unseen."""
+    return _middle(position[:, sites.high]) - _middle(position[:, sites.low])
+
+
 def _middle(points: Array) -> Array:
     """Give the mean of the points seen in each frame, (T, 3); NaN where none is."""
     is_seen = np.isfinite(points).all(axis=-1, keepdims=True)
@@ -237,7 +242,7 @@ def settle_axes(
         if np.linalg.norm(force) > MIN_MEAN_LOAD_N
     }
     # of one who stands or walks, pelvis and shoulders are above the feet in most frames
-    above = typical(_middle(position[:, sites.high]) - _middle(position[:, sites.low]))
+    above = typical(above_feet(position, sites))
     if np.isfinite(above).all():
         evidence[ABOVE] = above
     if axes is None and not np.isfinite(position).any():

@@ -12,9 +12,10 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.numbers import read_numbers
+from hbm.signals.samples import medians_of_known
 from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
-from pipeline.io.axes import mean_force, parse_axes, settle_axes, split_axes
+from pipeline.io.axes import above_feet, find_sites, mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import join_trajectories, rename_markers, require_unique, without_prefixes
 from pipeline.io.recording import Fact, Plate, Recording, impossible_samples, saying
 from pipeline.io.stated import CONVERT, Stated, parse_mending
@@ -114,7 +115,7 @@ def settle_markers(
         # copied only where columns are left out: a file may be as large as the memory allows
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
-        _require_extent(position, stated.units or unit)
+        _require_extent(position, tuple(markers), stated, unit)
     return FileMarkers(tuple(markers), position, unit, [*remarks, *renamed], absent)
 
 
@@ -151,29 +152,32 @@ def without_impossible_positions(
         yield from impossible_samples(names, far.sum(axis=0))
 
 
-def _require_extent(position: Array, unit: str) -> None:
-    """Refuse positions, (T, M, 3) [m], whose extent in the median frame is that of no person."""
-    several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
+def _require_extent(position: Array, names: tuple[str, ...], stated: Stated, unit: str) -> None:
+    """Refuse positions, (T, M, 3) [m], whose extent is that of no recording or of no person."""
+    used, several = stated.units or unit, np.isfinite(position).all(axis=-1).sum(axis=1) > 1
     if not several.any():
         return
     highest, lowest = (extreme.reduce(position, axis=1)[several] for extreme in (np.fmax, np.fmin))
-    # diagonal of the box around all markers of a frame
-    with np.errstate(over="ignore"):
-        span = float(np.median(np.linalg.norm(highest - lowest, axis=1)))
-    least, largest = LIMITS.spans.tolist()
-    if not least < span < largest:
-        # the unit is said in which the extent comes nearest to that of a person
-        spans = {name: span / length_in_m(unit) * metre for name, metre in LENGTHS.items()}
-        right, metres = min(
-            spans.items(), key=lambda of: abs(np.log(of[1] / LIMITS.usual_span + 1e-9))
-        )
+    above = above_feet(position, find_sites(names, stated.marker_set))
+    for what, vectors, (least, largest) in (
+        # diagonal of the box around all markers of a frame; height of one who stands
+        ("the markers spread over", highest - lowest, LIMITS.spans),
+        ("pelvis or shoulders and feet are apart by", above, LIMITS.above_feet),
+    ):
+        with np.errstate(over="ignore", invalid="ignore"):
+            size = float(medians_of_known(np.linalg.norm(vectors, axis=1)))
+        if not (size <= least or size >= largest):
+            continue
+        # the unit is said in which the extent comes nearest to the middle of what is possible
+        metres = {name: size / length_in_m(used) * metre for name, metre in LENGTHS.items()}
+        middle = np.sqrt(least * largest)
+        right = min(metres, key=lambda name: abs(np.log(metres[name] / middle + 1e-9)))
         stating = f'--units {right}, or units = "{right}" in study.toml'
-        remedy = f"{metres:.3g} m in {right}: give {stating}"
-        likely = least < metres < largest
-        remedy = remedy if likely else "no unit m, cm or mm mends that: correct the positions"
-        limits = f"{least} to {largest:g} m"
-        fault = f"{span:.3g} m if their unit is {short(unit)!r}, expected {limits}"
-        raise ValueError(f"the markers spread over {fault}; {remedy}")
+        remedy = f"{metres[right]:.3g} m in {right}: give {stating}"
+        if not least < metres[right] < largest:
+            remedy = "no unit m, cm or mm mends that: correct the positions"
+        fault = f"{size:.3g} m if their unit is {short(used)!r}, expected {least} to {largest:g} m"
+        raise ValueError(f"{what} {fault}; {remedy}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -222,8 +222,7 @@ def _analog(columns: Mapping[str, Array], used: set[str], time: Array) -> Analog
     values = np.reshape([columns[name] for name in names], (len(names), len(time))).T
     modelled = np.array([name.endswith((".Ang", ".Mom", ".Pow")) for name in names])
     if np.count_nonzero(modelled) > 1:
-        failed = (values[:, modelled] == 0).all(axis=1)
-        values[failed[:, None] & modelled] = np.nan
+        values[(values[:, modelled] == 0).all(axis=1)[:, None] & modelled] = np.nan
     by_ending = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
     units = [next((u for end, u in by_ending.items() if n.endswith(end)), "") for n in names]
     return Analog(time, tuple(names), tuple(units), values)

@@ -122,8 +122,7 @@ def turning(degrees: str | int) -> Array:
     """Give what turns a wrench about the plate's third axis, (6, 6)."""
     angle = np.radians(int(degrees))
     cos, sin = round(np.cos(angle)), round(np.sin(angle))
-    about_z = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return np.kron(np.eye(2), about_z)
+    return np.kron(np.eye(2), [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def reversing(what: str) -> Array:

@@ -62,8 +62,7 @@ def correction(*mendings: str) -> str:
     """
     quoted = [f'"{mending}"' for mending in mendings]
     options = " ".join(f"--mend-plates {mending}" for mending in quoted)
-    stated = f"mend_plates = [{', '.join(quoted)}]"
-    return f"{stated} above the tables of study.toml ({options})"
+    return f"mend_plates = [{', '.join(quoted)}] above the tables of study.toml ({options})"
 
 
 def parse_plate_units(text: str) -> tuple[str, ...]:

@@ -440,8 +440,7 @@ def find_clock(
     stamps = np.asarray(stamps, float)
     different = np.arange(len(stamps), dtype=float)[:, None]
     samples, stamps, reasons = _settle(stamps, different if values is None else values, nominal_hz)
-    period = _period(stamps, nominal_hz)
-    index = _find_frames(stamps, period, nominal_hz)
+    index = _find_frames(stamps, _period(stamps, nominal_hz), nominal_hz)
     if index[-1] + 1 > LIMITS.largest_dropped_ratio * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
     # time = start + index / rate, by least squares

@@ -375,8 +375,7 @@ def read_samples(header: Header) -> Samples:
     rate, rate_corrections = frame_rate_hz(header)
     point_scale = header.parameters.number("POINT", "SCALE", header.scale)
     apart = abs(point_scale / header.scale - 1) if header.scale > 0 else 0.0
-    differs = apart > LIMITS.largest_scale_difference
-    if point_scale * header.scale <= 0 or differs:
+    if point_scale * header.scale <= 0 or apart > LIMITS.largest_scale_difference:
         raise ValueError(
             f"the header scales points by {header.scale:.5g}, but POINT:SCALE says "
             f"{point_scale:.5g}: one of them is wrong, and with it all positions; export the file "

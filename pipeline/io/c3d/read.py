@@ -106,8 +106,7 @@ def sort_labels(
     of_outputs = re.compile(r"(Angles?|Moments?|Forces?|Powers?|NormalisedGRF)$")
     computed |= {*filter(of_outputs.search, names)}
     outputs = {k: name for k, name in bare.items() if {labels[k], name} & computed}
-    markers = {k: name for k, name in bare.items() if k not in outputs}
-    return markers, numbered(outputs), notes
+    return {k: n for k, n in bare.items() if k not in outputs}, numbered(outputs), notes
 
 
 def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list[Note | Fact]]:

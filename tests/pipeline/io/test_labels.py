@@ -15,6 +15,7 @@ from pipeline.io.labels import without_prefixes
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Analog
 from pipeline.io.stated import Stated
+from pipeline.io.units import length_in_m
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline import xdf_file
 from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
@@ -227,6 +228,18 @@ def test_a_wrong_unit_is_named_with_the_right_one_beside_codes_of_missing_sample
     position[:5, 2] = 9999.0
     with pytest.raises(ValueError, match=rf" m in {unit}: .*--units {unit},"):
         settled(POSE.names, position)
+
+
+@pytest.mark.parametrize(
+    ("factor", "written", "unit"), [(10.0, "cm", "mm"), (0.1, "mm", "cm"), (0.1, "m", "no unit")]
+)
+@pytest.mark.parametrize("size", [0.4, 1.0, 1.25])
+def test_a_child_or_a_tall_person_of_ten_times_or_a_tenth_the_size_is_in_another_unit(
+    factor, written, unit, size
+):
+    position = NOISY * size * factor / length_in_m(written)
+    with pytest.raises(ValueError, match=rf"(markers spread|pelvis or shoulders) .*{unit}"):
+        settle_markers(dict(enumerate(POSE.names)), written, position, Stated(), ())
 
 
 PREFIXES = st.text("ABCDEFGHJKMNQVWXYZabcdefgh0123456789", min_size=1, max_size=8)

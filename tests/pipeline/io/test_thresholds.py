@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.numbers import read_numbers
-from pipeline.io.axes import between, find_sites, typical
+from pipeline.io.axes import above_feet, between, find_sites, typical
 from pipeline.io.read import read_recording
 
 AXES, POSITIONS, PLATES = (
@@ -32,18 +32,22 @@ def to_axis_deg(vector):
 
 
 def test_positions_are_within_the_limits(recordings):
-    spans, farthest = [], []
+    spans, farthest, above = [], [], []
     for recording in recordings:
-        position = recording.markers.position
+        position, names = recording.markers.position, recording.markers.names
+        above.append(np.linalg.norm(above_feet(position, find_sites(names)), axis=1))
         size = np.fmax.reduce(position, axis=1) - np.fmin.reduce(position, axis=1)
         spans.append(np.nanmedian(np.linalg.norm(size, axis=1)))
         farthest.append(np.nanmax(np.abs(position)))
     assert min(spans) > 1.5
     assert max(spans) < 2.3
-    assert np.median(spans) == pytest.approx(POSITIONS.usual_span, abs=0.25)
     least, largest = POSITIONS.spans
     assert max(spans) / 100 < least < min(spans)
     assert max(spans) < largest < 100 * min(spans)
+    above = [np.nanmedian(each) for each in above if np.isfinite(each).any()]
+    least, largest = POSITIONS.above_feet
+    assert max(above) / 10 < least < 0.68 < min(above)
+    assert max(above) < 1.3 < largest < 10 * min(above)
     assert max(farthest) < 4.3 < POSITIONS.farthest
 
 
