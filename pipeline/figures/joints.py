@@ -92,10 +92,10 @@ def joint_figure(
             above += "\n" * any_p
             if panel.get_subplotspec().is_first_row():
                 panel.set_title(above, loc="left")
-            first = panel.get_subplotspec().is_first_col()
-            panel.set_ylabel(beside if first else "")
-            if look == PAGE or not first:  # other places would be found from the ticks
-                panel.yaxis.set_label_coords(-0.3, 0.5)
+            if panel.get_subplotspec().is_first_col():
+                panel.set_ylabel(beside)
+            else:  # the place of an empty label would be found from the ticks
+                panel.yaxis.set_label_coords(0, 0)
             panel.set_xlabel(below)
             panel.axhline(0, color="black", lw=0.5)
             curve = motions[column].name, shown[row]

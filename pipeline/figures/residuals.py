@@ -178,7 +178,8 @@ def _stored_grid(rows: int, columns: int, size_inch: tuple[float, float], look: 
         panel.locator_params("x", nbins=intervals[0])
         panel.locator_params("y", nbins=intervals[1])
         for tick in panel.yaxis.get_major_ticks(MAX_TICKS + 3):
-            tick.label1.set_in_layout(not fixed)  # nothing is placed by how wide these are
+            # how wide a number is moves nothing but the axis label, which the first column has
+            tick.label1.set_in_layout(not fixed or panel in panels[:, 0])
     for panel in panels[-1]:
         panel.xaxis.get_major_ticks(MAX_TICKS + 3)
     for panel in panels[:-1].flat:

@@ -206,8 +206,7 @@ def write_report(
     look = PAGE if study is None else study.file.figures
     if formats:
         # two columns of a journal, if the study states no width
-        update = {"formats": formats, "width_mm": look.width_mm or 180.0}
-        look = look.model_copy(update=update)
+        look = look.model_copy(update={"formats": formats, "width_mm": look.width_mm or 180.0})
     tasks = [
         delayed(_draw)(folder / "figures" / name, draw, look)
         for name, draw in {**of_joints, **of_study_figures}.items()
@@ -267,8 +266,7 @@ def write_report(
     for part, title in SECTIONS.items():
         sections.append(Section(part, title, [markup(f"{part}.html", **values)], folded=True))
     name = source.name or "Study report"
-    write_page(folder / "report.html", name, _scope(results, design), sections)
-    return folder / "report.html"
+    return write_page(folder / "report.html", name, _scope(results, design), sections)
 
 
 def writes_pages(folder: Path, wanted: bool | None) -> bool:
