@@ -82,7 +82,10 @@ def joint_figure(
         for label, colour, linestyle, mean, spread in curves:
             any_gap |= bool(np.isnan(mean[:, columns][..., places]).any())
             for (row, column), panel in np.ndenumerate(panels):
-                values = (of[:, columns[column], places[row]] for of in (mean, spread))
+                values = (
+                    mean[:, columns[column], places[row]],
+                    spread[:, columns[column], places[row]],
+                )
                 draw_band(panel, percent, *values, colour, label=label, ls=linestyle)
         for (row, column), panel in np.ndenumerate(panels):
             above, beside = heads[column], quantities[row].replace(" ", "\n", 1)

@@ -169,11 +169,12 @@ def joint_figures(
     best = any(compensated for _, compensated in means.cells)
     by_name = by_label(compared, CURVE_COLUMNS)
     for condition in conditions if best else ():
-        drawn: list[Curve] = [
-            (variant.label, variant.colour, variant.line, *means.mean_and_spread[condition, ic])
-            for ic, variant in VARIANTS.items()
-            if (condition, ic) in means.mean_and_spread
-        ]
+        drawn: list[Curve] = []
+        for compensated, variant in VARIANTS.items():
+            if (condition, compensated) in means.mean_and_spread:
+                look = variant.label, variant.colour, variant.line
+                mean, spread = means.mean_and_spread[condition, compensated]
+                drawn.append((*look, mean, spread))
         title = f"Joints of the legs, {condition}: mean ± SD over {over(people[[condition]])}"
         label = f"{design.cell(condition, True)} - {design.cell(condition, False)}"
         parts = _parts(by_name.get(label, {}))
