@@ -1,6 +1,7 @@
 """Joint angles, moments and powers over the gait cycle: a row each, a column per joint motion."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
@@ -12,6 +13,8 @@ from hbm.spatial import Array
 from pipeline.config.schema import Figures
 from pipeline.figures.residuals import legend_below, panel_grid
 from pipeline.figures.style import (
+    COLOURS,
+    LINES,
     PAGE,
     add_title,
     draw_band,
@@ -88,8 +91,7 @@ def joint_figure(
             above, beside = heads[column], quantities[row].replace(" ", "\n", 1)
             below = "gait\N{NO-BREAK SPACE}cycle (%)"
             if turned:  # a panel may be as wide as a word
-                texts = (beside, above, below)
-                above, beside, below = (text.replace(" ", "\n") for text in texts)
+                above, beside, below = (t.replace(" ", "\n") for t in (above, beside, below))
             above += "\n" * any_p
             if panel.get_subplotspec().is_first_row():
                 panel.set_title(above, loc="left")
@@ -110,3 +112,28 @@ def joint_figure(
         make_room_above(figure, any_p)
         add_title(figure, title + gaps * any_gap, look)
     return figure
+
+
+def trial_figure(means: Mapping[str, Sequence[Array]]) -> Figure:
+    """Draw mean and SD of one trial by variant; of all trials it is one figure, laid out once."""
+    any_gap = any(np.isnan(mean[:, : len(LEG)]).any() for mean, _ in means.values())
+    figure = _trial_panels((*means,), GAPS * any_gap)
+    for panel, (curve, motion) in zip(figure.axes, np.ndindex(len(CURVES), len(LEG)), strict=True):
+        drawn: Any = panel.lines, panel.collections
+        for line, band, of_joints in zip(*drawn, means.values(), strict=False):
+            mean, spread = (values[:, motion, curve] for values in of_joints)
+            line.set_ydata(mean)
+            band.set_data(line.get_xdata(), *np.ma.masked_invalid([mean - spread, mean + spread]))
+        outlines = [path.vertices[:, 1] for band in drawn[1] for path in band.get_paths()]
+        heights = np.concatenate([*(line.get_ydata() for line in drawn[0]), *outlines])
+        panel.dataLim.intervaly = np.nanmin(heights), np.nanmax(heights)
+        panel.autoscale_view(scalex=False)
+    return figure
+
+
+@cache
+def _trial_panels(variants: tuple[str, ...], gaps: str) -> Figure:
+    unknown = np.full((101, len(JOINT_MOTIONS), len(CURVES)), np.nan)
+    lines = LINES if len(variants) > 1 else dict.fromkeys(variants, "-")
+    curves = [(name, COLOURS[name], lines[name], unknown, unknown) for name in variants]
+    return joint_figure(curves, "Joints of the legs, mean ± SD", healthy=healthy_bands(), gaps=gaps)

@@ -177,7 +177,11 @@ def _stored_grid(rows: int, columns: int, size_inch: tuple[float, float], look: 
     for panel in panels.flat:  # a tick takes as long to draw as a curve
         panel.locator_params("x", nbins=intervals[0])
         panel.locator_params("y", nbins=intervals[1])
-        panel.yaxis.get_major_ticks(MAX_TICKS + 3)
+        for tick in panel.yaxis.get_major_ticks(MAX_TICKS + 3):
+            # how wide a number is moves nothing but the axis label, which the first column has
+            tick.label1.set_in_layout(not fixed or panel in panels[:, 0])
+    for panel in panels[-1]:
+        panel.xaxis.get_major_ticks(MAX_TICKS + 3)
     for panel in panels[:-1].flat:
         panel.xaxis.set_visible(False)
     if fixed:

@@ -44,12 +44,11 @@ BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
 PAGE: Final = Figures()
 """Figures on the pages of a report; all others where nothing is stated of them."""
-PRINTERS: Final[Any] = {
-    "pdf": ("print_pdf", {"metadata": {"CreationDate": None}}),
-    "svg": ("print_svg", {"metadata": {"Date": None}}),
+OPTIONS: Final[Any] = {
+    "pdf": {"metadata": {"CreationDate": None}},
+    "svg": {"metadata": {"Date": None}},
     # default compression makes files 7 % smaller, and takes three times as long
-    "png": ("print_png", {"pil_kwargs": {"compress_level": 1}}),
-    "tiff": ("print_tif", {}),
+    "png": {"pil_kwargs": {"compress_level": 1}},
 }
 
 FONTS: Final = ("DejaVu Sans", "Arial Unicode MS", "Noto Sans CJK JP", "Hiragino Sans", "Yu Gothic")
@@ -204,10 +203,9 @@ def _printed(figure: Figure, kind: FigureFormat, look: Figures) -> bytes:
     # on a page 1400 pixels across it, else the least that journals take
     figure.dpi = look.dpi or (150 if look == PAGE else 300)
     target = BytesIO()
-    method, options = PRINTERS[kind]
-    canvas = get_registered_canvas_class(kind)  # that of PDF takes long to load
     with in_style(look):
-        getattr(canvas(figure), method)(target, **options)
+        canvas = get_registered_canvas_class(kind)(figure)  # loads what this format needs alone
+        getattr(canvas, f"print_{kind}")(target, **OPTIONS.get(kind, {}))
     figure.set_layout_engine("none")  # the same layout in all files
     if kind == "tiff":  # as journals ask: without transparency
         image, target = Image.open(target), BytesIO()

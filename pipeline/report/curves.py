@@ -1,7 +1,6 @@
 """Where curves over the gait cycle differ: residuals and joints of a study."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -47,24 +46,23 @@ def compared_curves(
     judged: list[tuple[Cell, Cell]] = [((c, best), reference) for c in judged_conditions(design)]
     of_joints = [((name, True), (name, False)) for name in design.conditions if best]
     of_joints += [((name, best), (design.reference, best)) for name in design.others]
-    keys = ["subject", "recording", "percent"]
-    of_axes: dict[Any, pd.DataFrame] = {
-        key: _by_percent(rows.set_index(keys)[["value"]], str(key[1]))
-        for key, rows in over_cycles.groupby(["axis", "condition", "compensated"], observed=True)
-    }
+    keys = ["subject", "recording", "percent", "axis"]
+    of_axes = dict[Cell, pd.DataFrame]()
+    for (condition, ic), rows in over_cycles.groupby(["condition", "compensated"], observed=True):
+        curves = rows.set_index(keys)["value"].unstack("axis").reindex(columns=[*AXES])
+        of_axes[str(condition), bool(ic)] = _by_percent(curves, str(condition))
     of_cells = {cell: _by_percent(of, cell[0]) for cell, of in joints.of_recordings.items()}
-    compared = dict[tuple[str, str], CurveComparison]()
-    for axis in AXES:
-        of_axis = {(c, bool(ic)): of for (a, c, ic), of in of_axes.items() if a == axis}
-        compared |= _of_one_curve(axis, of_axis, judged, design, people)
-    for motion in LEG:
-        for curve in CURVES:
-            name = f"{motion.name}_{curve}"
-            shown = {cell: pd.DataFrame(of[name]) for cell, of in of_cells.items()}
-            # plates do not change angles
-            pairs = [(a, b) for a, b in of_joints if curve != "angle" or a[0] != b[0]]
-            compared |= _of_one_curve(name, shown, pairs, design, people)
-    return compared
+    order = [*AXES, *(f"{motion.name}_{curve}" for motion in LEG for curve in CURVES)]
+    angles = [name for name in order if name.endswith("_angle")]
+    loads = [name for name in order if name not in (*AXES, *angles)]
+    # plates do not change angles
+    of_angles = [(first, second) for first, second in of_joints if first[0] != second[0]]
+    every = {
+        **dict(_of_cells(AXES, of_axes, judged, design, people)),
+        **dict(_of_cells(angles, of_cells, of_angles, design, people)),
+        **dict(_of_cells(loads, of_cells, of_joints, design, people)),
+    }
+    return {key: every[key] for key in sorted(every, key=lambda key: order.index(key[0]))}
 
 
 def curve_tables(compared: ComparedCurves) -> dict[str, pd.DataFrame]:
@@ -83,14 +81,14 @@ def curve_tables(compared: ComparedCurves) -> dict[str, pd.DataFrame]:
     return {"curves": pd.DataFrame(parts, columns=columns), "curve_bands": all_bands}
 
 
-def _of_one_curve(
-    curve: str,
+def _of_cells(
+    names: Sequence[str],
     cells: Mapping[Cell, pd.DataFrame],
     pairs: list[tuple[Cell, Cell]],
     design: Design,
     people: pd.DataFrame,
 ) -> Iterator[tuple[tuple[str, str], CurveComparison]]:
-    """Compare pairs of cells, and groups in each cell and pair."""
+    """Compare some curves of pairs of cells, and of groups in each cell and pair."""
     between = people.drop(columns=design.group or [])
     groups = [] if design.group is None else sorted(people[design.group].dropna().unique())
     singles = {cell for pair in pairs for cell in pair}
@@ -100,19 +98,22 @@ def _of_one_curve(
             continue
         label = " - ".join(design.cell(*cell) for cell in compared)
         table = pd.concat({design.cell(*cell): cells[cell] for cell in compared}, names=["cell"])
-        table = table.dropna(how="all")
-        rows, curves = table.index.to_frame(index=False), table.to_numpy(float)
-        if rows["cell"].nunique() < len(compared):
-            continue
-        if len(compared) == 2:
-            of_cells = compare_conditions(curves, rows, people)
-            if of_cells is not None:
-                yield (curve, label), of_cells
-        for other in groups[1:]:
-            two = people[design.group].where(people[design.group].isin((groups[0], other)))
-            of_groups = compare_groups(curves, rows, two, between)
-            if of_groups is not None:
-                yield (curve, f"{label}: {other} - {groups[0]}"), of_groups
+        every = table.index.to_frame(index=False)
+        for name in names:
+            curves = table[name].to_numpy(float)
+            is_known = ~np.isnan(curves).all(axis=1)
+            curves, rows = curves[is_known], every[is_known].reset_index(drop=True)
+            if rows["cell"].nunique() < len(compared):
+                continue
+            if len(compared) == 2:
+                of_cells = compare_conditions(curves, rows, people)
+                if of_cells is not None:
+                    yield (name, label), of_cells
+            for other in groups[1:]:
+                two = people[design.group].where(people[design.group].isin((groups[0], other)))
+                of_groups = compare_groups(curves, rows, two, between)
+                if of_groups is not None:
+                    yield (name, f"{label}: {other} - {groups[0]}"), of_groups
 
 
 def _by_percent(curves: pd.DataFrame, condition: str) -> pd.DataFrame:

@@ -101,10 +101,8 @@ def study_figures(
         label = f"{design.judged(condition)} - {design.reference_cell}"
         differing = {axis: of.parts for axis in AXES if (of := compared.get((axis, label)))}
         shown = over_cycles[over_cycles["condition"].isin((design.reference, condition))]
-        figure = partial(
-            gait_cycle_figure, shown, condition, design, grey=grey, differing=differing
-        )
-        yield f"gait_cycle_{condition}", figure
+        draw = partial(gait_cycle_figure, shown, condition, design, grey=grey, differing=differing)
+        yield f"gait_cycle_{condition}", draw
     by_name = by_label(compared, AXES)
     for (label, of_curves), name in zip(by_name.items(), file_names(by_name), strict=True):
         yield f"difference_{name}", partial(difference_figure, of_curves, label)

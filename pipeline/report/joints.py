@@ -166,10 +166,8 @@ def joint_figures(
     def over(counts: pd.Series) -> str:
         return numbers(counts, "subject") if counts.max() > 1 else "gait cycles"
 
-    best, by_name = (
-        any(compensated for _, compensated in means.cells),
-        by_label(compared, CURVE_COLUMNS),
-    )
+    best = any(compensated for _, compensated in means.cells)
+    by_name = by_label(compared, CURVE_COLUMNS)
     for condition in conditions if best else ():
         drawn: list[Curve] = []
         for compensated, variant in VARIANTS.items():

@@ -15,9 +15,9 @@ from hbm.notes import provenance, warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
 from hbm.spelling import join_names
 from pipeline.config.study import Study
-from pipeline.figures.joints import Curve, healthy_bands, joint_figure
+from pipeline.figures.joints import trial_figure
 from pipeline.figures.residuals import component_figure, residual_figure
-from pipeline.figures.style import COLOURS, LINES, PALETTE, drawing
+from pipeline.figures.style import PALETTE, drawing
 from pipeline.io.recording import Plate
 from pipeline.report.blocks import Block, Drawn, Section, Table, markup, write_page
 from pipeline.report.trial_tables import (
@@ -28,6 +28,7 @@ from pipeline.report.trial_tables import (
 )
 from pipeline.report.trials import causes
 from pipeline.run.program import program_digest
+from pipeline.run.store import read_trial
 from pipeline.trial.findings.finding import Finding
 from pipeline.trial.findings.judge import LIMITS as JUDGE
 from pipeline.trial.findings.words import note_of, row_of
@@ -132,23 +133,23 @@ def write_trial_page(
 
 
 def write_changed_page(
-    result: TrialResult, folder: Path, explanation: "Explanation | None", study: Study | None
+    trial: TrialResult, folder: Path, explanation: "Explanation | None", study: Study | None
 ) -> None:
     """Write a trial's page beside its result, unless it is of this result and program already.
 
-    Its commands name the folder as it is given.
+    Its frames are read from there. Its commands name the folder as it is given.
     """
-    name, page = result.name, folder / "trials" / f"{result.name.stem}.html"
+    name, page = trial.name, folder / "trials" / f"{trial.name.stem}.html"
     explained = explanation.key if explanation else ""
-    key = f"<!-- {result.key} {explained} {program_digest()} {quote(folder.as_posix())} -->"
+    key = f"<!-- {trial.key} {explained} {program_digest()} {quote(folder.as_posix())} -->"
     if page.is_file() and page.read_text(encoding="utf-8").endswith(key):
         return
-    plates: Iterable[Plate] = ()
+    result, plates = read_trial(page.with_suffix(".parquet")), list[Plate]()
     if study is not None and name in study.trials and doubted_plates(result):
-        trial = study.trial(name)
+        stated = study.trial(name)
         with suppress(ValueError, OSError):  # the recording may be gone since
             static = study.subject(name.subject).static
-            plates = read_study_file(study, str(trial.file), trial, static).plates
+            plates = [*read_study_file(study, str(stated.file), stated, static).plates]
     write_trial_page(
         result, page, plates=plates, explanation=explanation, study="../report.html", key=key
     )
@@ -156,26 +157,18 @@ def write_changed_page(
 
 def _joints(result: TrialResult) -> Iterator[Drawn]:
     """Draw mean and SD of the joints over the gait cycles of both sides, where there are any."""
-    of_variants = joint_curves(result)
-    curves: list[Curve] = [
-        (
-            variant,
-            COLOURS[variant],
-            LINES[variant] if len(of_variants) > 1 else "-",
-            *mean_and_sd(np.concatenate([*of_sides.values()])),
-        )
-        for variant, of_sides in of_variants.items()
+    means = {
+        variant: mean_and_sd(np.concatenate([*of_sides.values()]))
+        for variant, of_sides in joint_curves(result).items()
         if of_sides
-    ]
-    if curves:
-        title = "Joints of the legs, mean ± SD"
-        figure = joint_figure(curves, title, healthy=healthy_bands())
+    }
+    if means:
         text = (
             "Joints of the legs, mean ± SD over gait cycles of both sides, each from its foot "
             "strike. Internal moments by body mass, positive in the direction (+) in which the "
             "angle grows. Healthy: Pinzone et al. (2014)."
         )
-        yield Drawn(text, drawing(figure))
+        yield Drawn(text, drawing(trial_figure(means)))
 
 
 def findings_table(result: TrialResult) -> Table | None:

@@ -1,23 +1,24 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 from joblib import delayed
 from matplotlib.figure import Figure
 
-from pipeline.budgets.explanation import explanation_of, explanations
+from pipeline.budgets.explanation import explanations
 from pipeline.budgets.measurement import study_covariances
 from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import MAIN, Figures, Settings, TrialName
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import PAGE, save_figure
 from pipeline.io.write import write_csv, write_text
-from pipeline.report.blocks import Check, Drawn, Section, markup, write_page
+from pipeline.report.blocks import Drawn, Section, markup, write_page
 from pipeline.report.curves import compared_curves, curve_tables
 from pipeline.report.effects import tests_table
 from pipeline.report.figures import rms_over_cycles, study_figures
@@ -56,7 +57,6 @@ from pipeline.statistics.recordings import pool_recordings
 from pipeline.statistics.reliability import reliability
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
-from pipeline.trial.result import TrialResult
 
 SECTIONS: Final = {
     "residuals": "Residuals",
@@ -134,7 +134,7 @@ def write_report(
     failures, with_pages = read_failures(folder), writes_pages(folder, pages)
     results = collect(
         folder,
-        partial(_with_page, folder, study, failures) if with_pages else trial_quality,
+        trial_quality,
         lambda trial: not left_out(trial.name, trial, failures, study),
         partial(announce, "collecting the trials"),
     )
@@ -145,51 +145,60 @@ def write_report(
         announce("collecting the variants")
         of_variants |= variant_results(folder, study)
     tables = {"residuals": results.residuals, "cycles": results.by_cycle, "joints": results.joints}
-
-    announce("computing statistics")
-    headline = results.residuals[results.residuals["headline"].astype(bool)]
-    design = _design(headline, study)
-    compared = design.comparable(headline)
-    sensitivity = None
-    if len(of_variants) > 1:
-        tables["variants"] = variant_residuals(of_variants, design)
-        sensitivity = choices(of_variants, design)
-    names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
-    results = replace(results, residuals=pool_recordings(compared, design.weigh))
-    people = _all_subjects(results.subjects, study)
-    tests = statistics(results.residuals, people, design, compared)
-    write_wide_tables(folder, results.residuals, results.joints, people, design)
-    repeated = reliability(repeated_values(compared, results.joints))
-    if len(repeated):
-        tables["reliability"] = repeated
-    announce("comparing curves")
-    cycles = Curves(folder / "cycles.parquet")
-    of_recordings = rms_over_cycles(cycles, "cycle", within=("recording",))
-    over_cycles = of_recordings.drop(columns="recording")
-    if over_cycles.duplicated(["subject", "condition", "compensated", "axis", "percent"]).any():
-        over_cycles = rms_over_cycles(cycles, design.weigh)
-    joints = JointMeans(Curves(folder / "joint_cycles.parquet"), design.weigh)
-    between = people.set_index("subject")[_between(design, study)]
-    curves = compared_curves(of_recordings, joints, design, between)
     explained, failed, together, stale = explanations(folder, results.trials)
-    compared = compared[compared["condition"].isin(design.conditions)]
-    measurement, missing = study_covariances(explained, compared, design.weigh)
-    table = table_3(results.residuals, tests, design, measurement)
-    windows = windows_sentence(results.residuals)
-    windows = f"{windows} {recordings_sentence(results.residuals, design)}".strip()
-    below = "\n".join(filter(None, (windows, missing)))
-    write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
-    judged = verdicts(results.residuals, design, measurement, compared)
-    tables |= {**curve_tables(curves), "statistics": tests, "table_3": table}
-    for file, shown in {**tables, "plan": plan_table(judged, design)}.items():
-        write_csv(shown, folder / f"{file}.csv")
-    write_text(plan_markdown(judged, design), folder / "plan.md")
-    write_columns(folder)
-    if study is not None:
-        announce("hashing the study's files")
-    source = provenance(results, states, study)
-    write_text(source.to_json(), folder / "study.json")
+    of_pages = (
+        delayed(write_changed_page)(trial, folder, explained.get(name), study)
+        for name, trial in results.trials.items()
+        if with_pages
+    )
+    written: Any = in_processes(of_pages)
+    with closing(written):
+        next(written, None)  # the others are drawn while this process goes on
+        announce("computing statistics")
+        headline = results.residuals[results.residuals["headline"].astype(bool)]
+        design = _design(headline, study)
+        compared = design.comparable(headline)
+        sensitivity = None
+        if len(of_variants) > 1:
+            tables["variants"] = variant_residuals(of_variants, design)
+            sensitivity = choices(of_variants, design)
+        names = {TrialName(*key) for key in compared[[*TrialName._fields]].itertuples(index=False)}
+        results = replace(results, residuals=pool_recordings(compared, design.weigh))
+        people = _all_subjects(results.subjects, study)
+        tests = statistics(results.residuals, people, design, compared)
+        write_wide_tables(folder, results.residuals, results.joints, people, design)
+        repeated = reliability(repeated_values(compared, results.joints))
+        if len(repeated):
+            tables["reliability"] = repeated
+        announce("comparing curves")
+        cycles = Curves(folder / "cycles.parquet")
+        of_recordings = rms_over_cycles(cycles, "cycle", within=("recording",))
+        over_cycles = of_recordings.drop(columns="recording")
+        if over_cycles.duplicated(["subject", "condition", "compensated", "axis", "percent"]).any():
+            over_cycles = rms_over_cycles(cycles, design.weigh)
+        joints = JointMeans(Curves(folder / "joint_cycles.parquet"), design.weigh)
+        between = people.set_index("subject")[_between(design, study)]
+        curves = compared_curves(of_recordings, joints, design, between)
+        compared = compared[compared["condition"].isin(design.conditions)]
+        measurement, missing = study_covariances(explained, compared, design.weigh)
+        table = table_3(results.residuals, tests, design, measurement)
+        windows = windows_sentence(results.residuals)
+        windows = f"{windows} {recordings_sentence(results.residuals, design)}".strip()
+        below = "\n".join(filter(None, (windows, missing)))
+        write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
+        judged = verdicts(results.residuals, design, measurement, compared)
+        tables |= {**curve_tables(curves), "statistics": tests, "table_3": table}
+        for file, shown in {**tables, "plan": plan_table(judged, design)}.items():
+            write_csv(shown, folder / f"{file}.csv")
+        write_text(plan_markdown(judged, design), folder / "plan.md")
+        write_columns(folder)
+        if study is not None:
+            announce("hashing the study's files")
+        source = provenance(results, states, study)
+        write_text(source.to_json(), folder / "study.json")
 
+        for done, _ in enumerate(written, start=2):
+            announce("drawing pages of trials", done, len(results.trials))
     order = design.in_order(name.condition for name in results.trials)
     keys = sorted(results.trials, key=lambda n: (n.subject, order.index(n.condition), n.recording))
     of_joints = dict(joint_figures(joints, design, curves))
@@ -197,8 +206,7 @@ def write_report(
     look = PAGE if study is None else study.file.figures
     if formats:
         # two columns of a journal, if the study states no width
-        update = {"formats": formats, "width_mm": look.width_mm or 180.0}
-        look = look.model_copy(update=update)
+        look = look.model_copy(update={"formats": formats, "width_mm": look.width_mm or 180.0})
     tasks = [
         delayed(_draw)(folder / "figures" / name, draw, look)
         for name, draw in {**of_joints, **of_study_figures}.items()
@@ -258,23 +266,13 @@ def write_report(
     for part, title in SECTIONS.items():
         sections.append(Section(part, title, [markup(f"{part}.html", **values)], folded=True))
     name = source.name or "Study report"
-    write_page(folder / "report.html", name, _scope(results, design), sections)
-    return folder / "report.html"
+    return write_page(folder / "report.html", name, _scope(results, design), sections)
 
 
 def writes_pages(folder: Path, wanted: bool | None) -> bool:
     """Whether a page is written for each trial of a results folder, where that may be open."""
     count = sum(1 for _ in (folder / "trials").glob("*.parquet"))
     return count <= MAX_PAGES if wanted is None else wanted
-
-
-def _with_page(
-    folder: Path, study: Study | None, failures: Mapping[str, str], trial: TrialResult
-) -> dict[str, tuple[Check, ...]]:
-    """Rate a trial; write its page while its frames are there, if it is in the tables."""
-    if not left_out(trial.name, trial, failures, study):
-        write_changed_page(trial, folder, explanation_of(folder, trial), study)
-    return trial_quality(trial)
 
 
 def _draw(path: Path, draw: Callable[..., Figure], look: Figures) -> tuple[str, Drawn]:

@@ -192,7 +192,7 @@ def compare_groups(
 def _between(subjects: "pd.Series[Any]", between: pd.DataFrame | None) -> Array:
     """Give the columns of what differs between subjects, a mean first, (R, Q)."""
     columns = [np.ones(len(subjects))]
-    if between is not None:
+    if between is not None and len(between.columns):
         of_rows = between.dropna(axis=1, how="all").reindex(subjects)
         unknown = of_rows.isna().any(axis=1).to_numpy()
         # a subject with a mean of its own tells nothing of groups and covariates

@@ -338,9 +338,8 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     compared = [v for v in found if v.n >= MIN_SUBJECTS]
     if not compared:
         return ()
-    of_what, than = (
-        (" with inertia compensation", " without it") if design.compensated else ("", "")
-    )
+    of_what = " with inertia compensation" * design.compensated
+    than = " without it" * design.compensated
     pairs = len(design.pairs)
     together = f" simultaneous over {pairs} planned pairs (Bonferroni)" * (pairs > 1)
     sentences = [

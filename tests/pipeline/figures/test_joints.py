@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import pipeline
-from pipeline.figures.joints import LEG, healthy_bands, joint_figure
+from pipeline.figures.joints import LEG, healthy_bands, joint_figure, trial_figure
+from pipeline.figures.style import COLOURS, drawing
 from pipeline.trial.gait.cycles import mean_and_sd
 from pipeline.trial.joints import CURVES, JOINT_MOTIONS, joint_curves
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
@@ -71,3 +72,14 @@ def test_the_band_is_drawn_one_sd_to_both_sides_where_there_is_one():
             assert heights.max() == pytest.approx((usual + sd).max())
             with_bands.add((motion.name, row))
     assert with_bands == {*healthy_bands()}
+
+
+def test_a_trial_is_drawn_alike_whichever_was_drawn_before():
+    first, second = np.random.default_rng(0).normal(size=(2, 2, 101, len(JOINT_MOTIONS), 3))
+    second[1, :20] = np.nan
+    alone = drawing(trial_figure({"measured": second}))
+    assert drawing(trial_figure({"measured": 100 * first})) != alone
+    assert drawing(trial_figure({"measured": second})) == alone
+    title = "Joints of the legs, mean ± SD"
+    curves = [("measured", COLOURS["measured"], "-", *second)]
+    assert drawing(joint_figure(curves, title, healthy=healthy_bands())) == alone
