@@ -208,7 +208,7 @@ def _filtered(
     require_length(time, needed)
 
     columns = over_short_gaps(signal.reshape(len(time), -1), time, cutoff_hz, method)
-    results = [unknown(columns.shape) for _ in range(outputs)]
+    results: tuple[Array, ...] = ()
     for rows, sharing in blocks_without_gaps(columns, shortest):
         block = columns[rows, sharing], time[rows], cutoff_hz
         parts: tuple[Array, ...]
@@ -216,9 +216,14 @@ def _filtered(
             parts = _realtime(*block)
         else:
             parts = _both_ways(*block, method == "double_pass", derivatives=outputs > 1)
+        if parts[0].shape == columns.shape:  # without gaps it is copied nowhere
+            results = parts
+            break
+        results = results or tuple(unknown(columns.shape) for _ in range(outputs))
         for result, part in zip(results, parts, strict=False):
             result[rows, sharing] = part
-    return [result.reshape(signal.shape) for result in results]
+    results = results or (unknown(columns.shape),) * outputs
+    return [result.reshape(signal.shape) for result in results[:outputs]]
 
 
 def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
@@ -258,13 +263,15 @@ def _both_ways(
 
     def reversed_pass(channels: Array) -> Array:
         rest = channels[:, :1]
-        return np.flip(_recursion(to_value, feedback, channels - rest) + rest, axis=1)
+        passed = _recursion(to_value, feedback, channels - rest)
+        passed += rest
+        return passed[:, ::-1]
 
     # reflected ends keep value and slope, so that transients are beyond them
     # four periods of the cut-off: a transient decays to 2e-10 over them
     padding = int(np.ceil(4 / (cutoff_hz * step)))
     kept = slice(padding, padding + len(time))
-    filtered = reversed_pass(reversed_pass(extended(signal, padding).T)).T
+    filtered = np.ascontiguousarray(reversed_pass(reversed_pass(extended(signal, padding).T))).T
     more = spline_derivatives(filtered, step) if derivatives else ()
     return filtered[kept], *(derivative[kept] for derivative in more)
 
