@@ -211,7 +211,6 @@ def _filtered(
     results: tuple[Array, ...] = ()
     for rows, sharing in blocks_without_gaps(columns, shortest):
         block = columns[rows, sharing], time[rows], cutoff_hz
-        parts: tuple[Array, ...]
         if method == "realtime":
             parts = _realtime(*block)
         else:
@@ -226,7 +225,7 @@ def _filtered(
     return [result.reshape(signal.shape) for result in results[:outputs]]
 
 
-def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
+def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, ...]:
     """Filter (T, K) samples causally; the signal's first value is the state of rest."""
     step = np.diff(time)
     # steps that differ are taken one by one, as while they are measured
@@ -263,9 +262,7 @@ def _both_ways(
 
     def reversed_pass(channels: Array) -> Array:
         rest = channels[:, :1]
-        passed = _recursion(to_value, feedback, channels - rest)
-        passed += rest
-        return passed[:, ::-1]
+        return np.flip(_recursion(to_value, feedback, channels - rest) + rest, axis=1)
 
     # reflected ends keep value and slope, so that transients are beyond them
     # four periods of the cut-off: a transient decays to 2e-10 over them

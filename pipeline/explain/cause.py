@@ -9,7 +9,7 @@ import numpy as np
 
 from hbm.model import Body
 from hbm.signals.filtering import Filtered, butterworth
-from hbm.spatial import Array, shift_wrench
+from hbm.spatial import Array, Indices, shift_wrench
 from hbm.spelling import packaged_toml
 from pipeline.trial.chain import Chain
 
@@ -182,8 +182,7 @@ class Cause:
             difference = more.residual - less.residual
         else:
             # linear in the wrenches: the filter passes the difference once
-            pairs = zip(more.wrenches, less.wrenches, strict=True)
-            apart = chain.changed(wrenches=tuple(after - before for after, before in pairs))
+            apart = chain.changed(wrenches=tuple(map(np.subtract, more.wrenches, less.wrenches)))
             difference = -shift_wrench(apart.on_ground, chain.filtered.value[:, :3])
         return np.asarray(difference / (2 * self.prior.size))
 
@@ -196,10 +195,9 @@ class Cause:
         course, moved = self.moves
         columns, settings = np.flatnonzero(moved.any(axis=0)), chain.settings
         # few coordinates are picked; where most move, all are filtered, which takes no copy
-        moving = columns if 2 * len(columns) < moved.shape[1] else slice(None)
-        step = butterworth(
-            course * moved[:, moving], chain.time, settings.cutoff_hz, settings.filter
-        )
+        moving: Indices | slice = columns if 2 * len(columns) < moved.shape[1] else slice(None)
+        by_filter = chain.time, settings.cutoff_hz, settings.filter
+        step = butterworth(course * moved[:, moving], *by_filter)
         for end in (size, -size):
             state = Filtered(*(values.copy() for values in chain.filtered))
             for values, by in zip(state, step, strict=True):
