@@ -208,20 +208,24 @@ def _filtered(
     require_length(time, needed)
 
     columns = over_short_gaps(signal.reshape(len(time), -1), time, cutoff_hz, method)
-    results = [unknown(columns.shape) for _ in range(outputs)]
+    results: tuple[Array, ...] = ()
     for rows, sharing in blocks_without_gaps(columns, shortest):
         block = columns[rows, sharing], time[rows], cutoff_hz
-        parts: tuple[Array, ...]
         if method == "realtime":
             parts = _realtime(*block)
         else:
             parts = _both_ways(*block, method == "double_pass", derivatives=outputs > 1)
+        if parts[0].shape == columns.shape:  # without gaps it is copied nowhere
+            results = parts
+            break
+        results = results or tuple(unknown(columns.shape) for _ in range(outputs))
         for result, part in zip(results, parts, strict=False):
             result[rows, sharing] = part
-    return [result.reshape(signal.shape) for result in results]
+    results = results or (unknown(columns.shape),) * outputs
+    return [result.reshape(signal.shape) for result in results[:outputs]]
 
 
-def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
+def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, ...]:
     """Filter (T, K) samples causally; the signal's first value is the state of rest."""
     step = np.diff(time)
     # steps that differ are taken one by one, as while they are measured
@@ -264,7 +268,7 @@ def _both_ways(
     # four periods of the cut-off: a transient decays to 2e-10 over them
     padding = int(np.ceil(4 / (cutoff_hz * step)))
     kept = slice(padding, padding + len(time))
-    filtered = reversed_pass(reversed_pass(extended(signal, padding).T)).T
+    filtered = np.ascontiguousarray(reversed_pass(reversed_pass(extended(signal, padding).T))).T
     more = spline_derivatives(filtered, step) if derivatives else ()
     return filtered[kept], *(derivative[kept] for derivative in more)
 

@@ -151,7 +151,7 @@ def up_to_date(path: Path, key: str, kind: type[Explained]) -> Explained | None:
 def write_evidence(evidence: TrialEvidence, path: Path) -> None:
     """Write what a trial says of causes that others share, whole or not at all."""
     with whole_file(path) as temporary:
-        temporary.write_bytes(gzip.compress(TypeAdapter(TrialEvidence).dump_json(evidence)))
+        temporary.write_bytes(gzip.compress(TypeAdapter(TrialEvidence).dump_json(evidence), 6))
 
 
 def read_evidence(path: Path) -> TrialEvidence:

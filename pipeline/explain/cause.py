@@ -9,7 +9,7 @@ import numpy as np
 
 from hbm.model import Body
 from hbm.signals.filtering import Filtered, butterworth
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices, shift_wrench
 from hbm.spelling import packaged_toml
 from pipeline.trial.chain import Chain
 
@@ -176,8 +176,15 @@ class Cause:
         Central difference over one standard deviation to either side, in lab axes about the pelvis
         origin.
         """
-        more, less = (changed.residual for changed in self._changed(chain, self.prior.size))
-        return np.asarray((more - less) / (2 * self.prior.size))
+        measured = chain.wrenches  # before it is changed, so that both chains share them
+        more, less = self._changed(chain, self.prior.size)
+        if more.wrenches is measured:
+            difference = more.residual - less.residual
+        else:
+            # linear in the wrenches: the filter passes the difference once
+            apart = chain.changed(wrenches=tuple(map(np.subtract, more.wrenches, less.wrenches)))
+            difference = -shift_wrench(apart.on_ground, chain.filtered.value[:, :3])
+        return np.asarray(difference / (2 * self.prior.size))
 
     def _changed(self, chain: Chain, size: float) -> Iterator[Chain]:
         """Give the chain with the cause of a size, and of as much less."""
@@ -186,13 +193,15 @@ class Cause:
             return
         # the filter is linear: one pass of the change serves both ends
         course, moved = self.moves
-        moving, settings = moved.any(axis=0), chain.settings
-        # of q, v and a; most coordinates do not move, and are not filtered
-        step = np.zeros((3, *moved.shape))
-        change = size * course * moved[:, moving]
-        step[:, :, moving] = butterworth(change, chain.time, settings.cutoff_hz, settings.filter)
-        for end, by in ((size, step), (-size, -step)):
-            state = Filtered(*map(np.add, chain.filtered, by))
+        columns, settings = np.flatnonzero(moved.any(axis=0)), chain.settings
+        # few coordinates are picked; where most move, all are filtered, which takes no copy
+        moving: Indices | slice = columns if 2 * len(columns) < moved.shape[1] else slice(None)
+        by_filter = chain.time, settings.cutoff_hz, settings.filter
+        step = butterworth(course * moved[:, moving], *by_filter)
+        for end in (size, -size):
+            state = Filtered(*(values.copy() for values in chain.filtered))
+            for values, by in zip(state, step, strict=True):
+                values[:, moving] += end * by
             yield chain.changed(body=self.alters(chain.body, end), filtered=state)
 
 

@@ -15,7 +15,6 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Final
 
-from joblib import Parallel, cpu_count
 from threadpoolctl import threadpool_limits
 
 from pipeline.io.write import remove_leftovers, remove_unfinished
@@ -66,6 +65,8 @@ def in_processes(
     Linear algebra uses one thread, in other processes and in this one: several would sum in another
     order, and results would differ in their last digits with the number of workers.
     """
+    from joblib import Parallel, cpu_count  # of one trial it is not needed
+
     if workers is None:
         tasks = [*tasks]
         workers = max(1, min(cpu_count(), len(tasks) // least))

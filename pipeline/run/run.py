@@ -8,8 +8,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from joblib import delayed
-
 from hbm.kernels.native import kernels
 from hbm.spelling import shown
 from pipeline.config.schema import TrialName
@@ -241,6 +239,8 @@ def work_on(
     When a process dies, for example for lack of memory, the pool ends all others. What is left is
     then done one by one, so that only the trial that cannot be done fails.
     """
+    from joblib import delayed  # of one trial it is not needed
+
     left = {job.target: job for job in sorted(todo, key=lambda job: job.size, reverse=True)}
     try:
         tasks = [delayed(work)(job) for job in left.values()]

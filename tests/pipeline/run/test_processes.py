@@ -11,7 +11,6 @@ import pytest
 from joblib import delayed
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.run import processes
 from pipeline.run.processes import in_processes
 
 INTERRUPTED_IN_THE_SEARCH = """
@@ -93,7 +92,7 @@ def test_no_request_to_end_is_lost_and_processes_that_start_are_awaited(program,
 
 @pytest.mark.parametrize(("tasks", "started"), [(9, False), (12, True)])
 def test_no_process_starts_for_fewer_than_five_tasks(tasks, started, monkeypatch):
-    monkeypatch.setattr(processes, "cpu_count", lambda: 2)
+    monkeypatch.setattr("joblib.cpu_count", lambda: 2)
     elsewhere = {*in_processes([delayed(os.getpid)()] * tasks)} - {os.getpid()}
     assert bool(elsewhere) == started
 
