@@ -67,8 +67,8 @@ class Markers:
             raise ValueError("marker times must increase")
         # every coordinate in one piece of memory: most take marker by marker
         coordinates = np.moveaxis(position, 0, -1)
-        unknown = np.isnan(coordinates)
-        partly = unknown.any(axis=1) & ~unknown.all(axis=1)
+        x, y, z = np.moveaxis(np.isnan(coordinates), 1, 0)
+        partly = (x != y) | (y != z)
         if partly.any() or not coordinates.flags.c_contiguous:
             coordinates = np.array(coordinates, order="C")
             np.moveaxis(coordinates, 1, -1)[partly] = np.nan

@@ -98,6 +98,10 @@ def standard_error(replicates: Array) -> Array:
     return np.asarray(np.sqrt((count - 1) / count * np.sum(off**2, axis=0)))
 
 
+_Splines = Sequence[CubicSpline]
+"""What plates measured, slowly, through all samples of each recording."""
+
+
 def fit_response(
     trials: Sequence[WeightTrial], alignment: PlateAlignment, file: PlatesFile
 ) -> PlateResponse | None:
@@ -142,8 +146,9 @@ def fit_response(
     model = _Model(excited, (FZ,) if masses >= LIMITS.fewest_masses else (), file.full_scale_n)
     if len(trials) <= model.coefficients:
         return None
-    model = replace(model, rising=(*model.rising, *_rising(trials, model)))
-    coefficients, delay_s = _regress_with_delay(trials, model)
+    splines = [CubicSpline(trial.time, trial.slow_measured) for trial in trials]
+    model = replace(model, rising=(*model.rising, *_rising(trials, splines, model)))
+    coefficients, delay_s = _fit(trials, splines, model)
     # what is reported less the truth was regressed: the identity is the truth
     aligned = np.tile(np.eye(6), (len(coefficients), 1, 1))
     aligned[:, :, excited] += coefficients[:, 2 : model.delay].swapaxes(1, 2)
@@ -204,7 +209,7 @@ class _Model:
         return np.column_stack([constant, time - time[0], truth[:, self.excited], rate, risen])
 
 
-def _rising(trials: Sequence[WeightTrial], model: _Model) -> tuple[int, ...]:
+def _rising(trials: Sequence[WeightTrial], splines: _Splines, model: _Model) -> tuple[int, ...]:
     """Find the components, one by one, of which a gain rises or falls significantly with the load.
 
     Gains of which no rise shows are taken as constant: a rise in vain would cost precision.
@@ -213,7 +218,7 @@ def _rising(trials: Sequence[WeightTrial], model: _Model) -> tuple[int, ...]:
     freedom = len(trials) - model.coefficients - 1
     rising = []
     for c in others if freedom > 0 else ():
-        rises = _regress_with_delay(trials, replace(model, rising=(*model.rising, c)))[0][:, -1]
+        rises = _fit(trials, splines, replace(model, rising=(*model.rising, c)))[0][:, -1]
         # Bonferroni over all components that could rise and all in which that would show
         critical = stats.t.isf(ALPHA / 2 / (len(others) * rises.shape[1]), freedom)
         if np.any(np.abs(rises[0]) > critical * standard_error(rises)):
@@ -221,43 +226,39 @@ def _rising(trials: Sequence[WeightTrial], model: _Model) -> tuple[int, ...]:
     return tuple(rising[:freedom])
 
 
-def _regress_with_delay(trials: Sequence[WeightTrial], model: _Model) -> tuple[Array, Array]:
+def _fit(trials: Sequence[WeightTrial], splines: _Splines, model: _Model) -> tuple[Array, Array]:
     """Give the coefficients of all components, (K, coefficients, 6), and the delay, (K,)."""
+    x = [model.regressors(trial)[_inside(trial)] for trial in trials]
+    # normal equations of columns of equal size, or units would decide what counts as singular
+    size = np.sqrt(np.mean(np.vstack(x) ** 2, axis=0))
+    size[size == 0] = 1
+    x = [columns / size for columns in x]
+    inverse = np.linalg.pinv(_all_and_without_each(x, x), hermitian=True)
     delay_s = np.zeros(len(trials) + 1)
     # Newton's method: linear in the delay but for what it does to other terms, so that two steps do
     for _ in range(2):
-        coefficients = _regress(trials, model, delay_s[0])
+        # the plate reads later what was true now: it is read at the time plus the delay
+        errors = [
+            (measured(trial.time + delay_s[0]) - trial.slow_truth)[_inside(trial)]
+            for trial, measured in zip(trials, splines, strict=True)
+        ]
+        coefficients = inverse @ _all_and_without_each(x, errors) / size[:, None]
         gain = 1 + coefficients[:, 2 + model.excited.index(MY), MY]
         delay_s = delay_s[0] + coefficients[:, model.delay, MY] / gain
     return coefficients, delay_s
+
+
+def _all_and_without_each(x: Sequence[Array], y: Sequence[Array]) -> Array:
+    """Give sums of products over all recordings, then without each in turn, (K, …)."""
+    of_each = np.array([columns.T @ values for columns, values in zip(x, y, strict=True)])
+    # what one recording adds is subtracted
+    return np.concatenate([of_each.sum(0)[None], of_each.sum(0) - of_each])
 
 
 def _inside(trial: WeightTrial, edge_s: float = 1.0) -> Mask:
     # filters at 2.4 Hz are inaccurate in the first and the last second
     first, last = trial.time[0] + edge_s, trial.time[-1] - edge_s
     return np.asarray((trial.time > first) & (trial.time < last))
-
-
-def _regress(trials: Sequence[WeightTrial], model: _Model, delay_s: float) -> Array:
-    """Give the coefficients of all components, (K, coefficients, 6), with a delay so far."""
-    x, y = [], []
-    for trial in trials:
-        # the plate reads later what was true now: it is read at the time plus the delay
-        inside = _inside(trial)
-        at = trial.time[inside] + delay_s
-        measured = CubicSpline(trial.time, trial.slow_measured)(at)
-        x.append(model.regressors(trial)[inside])
-        y.append(measured - trial.slow_truth[inside])
-    # normal equations of columns of equal size, or units would decide what counts as singular
-    size = np.sqrt(np.mean(np.vstack(x) ** 2, axis=0))
-    size[size == 0] = 1
-    gram = np.array([(columns / size).T @ (columns / size) for columns in x])
-    cross = np.array([(columns / size).T @ error for columns, error in zip(x, y, strict=True)])
-    # of all recordings, then without each in turn: what one adds is subtracted
-    grams = np.concatenate([gram.sum(0)[None], gram.sum(0) - gram])
-    crosses = np.concatenate([cross.sum(0)[None], cross.sum(0) - cross])
-    solved = np.linalg.pinv(grams, hermitian=True) @ crosses
-    return np.asarray(solved / size[:, None])
 
 
 def _scatter(
@@ -269,8 +270,7 @@ def _scatter(
     lacks much of what happens where the belt turns back.
     """
     sines = np.array([trial.weight.profile == "sine" for trial in trials])
-    are_enough = np.count_nonzero(sines) >= LIMITS.fewest_sines
-    counted = sines if are_enough else np.ones(len(trials), bool)
+    counted = sines if sines.sum() >= LIMITS.fewest_sines else np.ones(len(trials), bool)
     variance, load = [], []
     for trial in trials:
         chosen = trial.used & _inside(trial)
@@ -283,8 +283,7 @@ def _scatter(
         rest = shift_wrench(trial.measured, trial.center) - late
         square = np.mean(rest[chosen] ** 2, axis=0)
         # a hundredth stays where the marker's noise explains more than all; a dead channel has none
-        least = np.maximum(0.01 * square, 1e-12)
-        variance.append(np.maximum(square - trial.slow_noise**2, least))
+        variance.append(np.maximum(square - trial.slow_noise**2, np.maximum(0.01 * square, 1e-12)))
         load.append(np.mean(trial.slow_truth[chosen, FZ]))
     spread, basis = np.array(variance), np.column_stack([np.ones(len(load)), np.square(load)])
 
@@ -429,10 +428,12 @@ def find_vibration(trials: Sequence[WeightTrial]) -> tuple[float, float, float] 
     freedom = 2 * len(trials)
     chance = stats.chi2.isf(VIBRATION.chance / len(hz), freedom) / stats.chi2.median(freedom)
     peak = int(np.argmax(power / floor))
+    if power[peak] < chance * floor[peak]:
+        return None
     # each recording's peak near the common one, in steps below any uncertainty of a frequency
     near = np.arange(hz[peak] - VIBRATION.near, hz[peak] + VIBRATION.near, 0.002)
     peaks_hz = np.array([near[np.argmax(_power(time, value, near))] for time, value, _ in paths])
-    if power[peak] < chance * floor[peak] or peaks_hz.std(ddof=1) > VIBRATION.largest_spread:
+    if peaks_hz.std(ddof=1) > VIBRATION.largest_spread:
         return None
     middle = float(np.mean(peaks_hz))
     amplitudes = []

@@ -9,6 +9,8 @@ from tests.flexible_treadmill import FlexibleTreadmill, as_recording
 from tests.validation import published_compensation as published
 from tests.validation.published_compensation import METHODS, NONE, SETUP, SIZES
 
+SECONDS = 10.0
+"""Of each recording."""
 RIGID, QUIET = 1e-8, 0.01
 """Flexibility and noise by those of the study; without any noise our fit is ill-conditioned."""
 WRENCH = np.array([3.0, -2.0, 40.0, 5.0, -7.0, 1.0])
@@ -17,12 +19,12 @@ WRENCH = np.array([3.0, -2.0, 40.0, 5.0, -7.0, 1.0])
 @pytest.fixture(scope="module")
 def rigid():
     machine = FlexibleTreadmill(3, RIGID, QUIET)
-    signal = machine.record(1, sway=0.7, pitch=2.2, highest_hz=5.0, seconds=20.0)
+    signal = machine.record(1, sway=0.7, pitch=2.2, highest_hz=5.0, seconds=SECONDS)
     people = [
-        machine.record(2, person="walking", seconds=20.0),
-        machine.record(3, person="boards", seconds=20.0),
+        machine.record(2, person="walking", seconds=SECONDS),
+        machine.record(3, person="boards", seconds=SECONDS),
     ]
-    trial = machine.record(4, sway=0.5, pitch=1.0, person="walking", seconds=20.0)
+    trial = machine.record(4, sway=0.5, pitch=1.0, person="walking", seconds=SECONDS)
     first, *beside = (as_recording(f"{n}.c3d", one) for n, one in enumerate((signal, *people)))
     return published.Session(first, beside, {"sway": as_recording("trial.c3d", trial)})
 
@@ -40,7 +42,7 @@ def test_all_methods_recover_a_rigid_machine_with_hardly_any_noise(rigid, sensor
 
 def test_a_machine_that_bends_leaves_more_than_a_rigid_one(rigid):
     machine = FlexibleTreadmill(3, 1.0, QUIET)
-    trial = machine.record(4, sway=0.5, pitch=1.0, person="walking", seconds=20.0)
+    trial = machine.record(4, sway=0.5, pitch=1.0, person="walking", seconds=SECONDS)
     bending = rigid._replace(trials={"sway": as_recording("trial.c3d", trial)})
     wrench, _ = published.left_over(bending, 4)["sway", published.PUBLISHED]
     assert published.size(wrench[:, :3]) > 0.5

@@ -7,6 +7,7 @@ written here a second time and independently of `compensation`.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -47,11 +48,14 @@ class PlatformMotion:
     sway: Array
     pitch: Array
 
+    @cached_property
+    def splines(self):
+        return [make_interp_spline(self.time, x, k=5) for x in (self.sway, self.pitch)]
+
     def at(self, t):
         """Give sway, pitch and their first two derivatives at any times."""
         inside = np.clip(t, self.time[0], self.time[-1])
-        splines = [make_interp_spline(self.time, x, k=5) for x in (self.sway, self.pitch)]
-        return [[spline(inside, k) for k in range(3)] for spline in splines]
+        return [[spline(inside, k) for k in range(3)] for spline in self.splines]
 
     def pose(self, t):
         (sway, _, _), (pitch, _, _) = self.at(t)

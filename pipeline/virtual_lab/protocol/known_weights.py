@@ -93,19 +93,22 @@ def strike(blows: Blows) -> tuple[Array, Array, Array]:
     step, begins = 1 / STEPS_HZ, blows.speed_mps / -blows.swing_mps2
     held = blows.speed_mps * begins / 2
     time = np.arange(-np.ceil(begins.max() / step), (HAMMER.free + HAMMER.lift) / step) * step
-    height, force = np.empty((2, len(time), len(held)))
+    t = time[:, None]
+    # the hand and gravity move the head
+    moved = np.where(t >= 0, blows.hand_mps2 - GRAVITY_MPS2, blows.swing_mps2 * (t >= -begins))
+    height, force = np.zeros((2, len(time), len(held)))
     z, speed = held.copy(), np.zeros(len(held))
-    for k, t in enumerate(time):
-        # the surface only pushes, by spring and damping; the hand and gravity move the head
-        pressed = np.minimum(z, 0.0)
-        push = np.maximum(-stiffness * pressed + damping * pressed * speed, 0.0)
-        free = blows.hand_mps2 - GRAVITY_MPS2 if t >= 0 else blows.swing_mps2 * (t >= -begins)
-        # smoothly back to the height held, 3u² - 2u³, after which it is at rest
-        lifted = np.clip((t - HAMMER.free) / HAMMER.lift, 0, 1)
-        height[k], force[k] = z + (held - z) * lifted**2 * (3 - 2 * lifted), push
-        speed += step * (free + push / HAMMER.head)
+    for k, free in enumerate(moved):
+        height[k], pressed = z, np.minimum(z, 0.0)
+        # the surface only pushes, by spring and damping
+        if pressed.any():
+            force[k] = np.maximum(-stiffness * pressed + damping * pressed * speed, 0.0)
+        speed += step * (free + force[k] / HAMMER.head)
         z += step * speed
-    return time, height, np.where(time[:, None] < HAMMER.free, force, 0.0)
+    # smoothly back to the height held, 3u² - 2u³, after which it is at rest
+    lifted = np.clip((t - HAMMER.free) / HAMMER.lift, 0, 1)
+    height += (held - height) * lifted**2 * (3 - 2 * lifted)
+    return time, height, np.where(t < HAMMER.free, force, 0.0)
 
 
 def strike_belt(
@@ -345,13 +348,11 @@ class _Bench(NamedTuple):
 
     def hammer(self) -> None:
         """Write blows with a hammer that carries a marker."""
-        shortest_s, longest_s = HAMMER.contact
-        head, load = strike_belt(shortest_s, longest_s, self.errors.delay_s, self.rng)
+        head, load = strike_belt(*HAMMER.contact, self.errors.delay_s, self.rng)
         wrench = load[:, None] * np.eye(6)[2]
         plate, center = ForcePlate(noise=self.errors.noise), _center(self.belt)
         measured = shift_wrench(plate.measure(wrench, ANALOG_HZ, self.rng), center)
-        middle = np.full(len(head), center[1])
-        place = np.column_stack([0 * head, middle, head + HAMMER.marker])
+        place = np.column_stack([0 * head, 0 * head + center[1], head + HAMMER.marker])
         self._save(f"hammer_{self.belt}.c3d", "HAMMER", self._seen(place), measured)
 
     def _seen(self, place: Array) -> Array:

@@ -99,7 +99,7 @@ def test_no_cut_changes_a_number_without_a_refusal_or_a_warning(files, tmp_path,
     path, read = files[name]
     content, whole = path.read_bytes(), read(path)
     cut_path = tmp_path / path.name
-    step = 1 + len(content) // 80
+    step = 1 + len(content) // 40
     ends = [k + 1 for k, byte in enumerate(content) if byte == ord("\n")]
     noticed = 0
     for size in sorted({*range(0, len(content), step), *ends, *(end - 1 for end in ends)}):

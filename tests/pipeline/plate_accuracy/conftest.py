@@ -11,7 +11,7 @@ from pipeline.plate_accuracy.accuracy import check_plates, compare
 from pipeline.virtual_lab.protocol.known_weights import FULL_SCALE_N, simulate_plates
 
 DESIGN = {
-    "speeds": (0.7, 1.0),
+    "speeds": (1.0,),
     "weights": (13.44, 22.56, 45.08),
     "positions": (0.15, 0.35),
     "supports": (True,),

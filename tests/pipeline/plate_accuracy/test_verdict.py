@@ -15,7 +15,7 @@ from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.response import stance_loads
 from pipeline.plate_accuracy.verdict import Judged, judge
 from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, PlateErrors, simulate_plates
-from tests.pipeline.plate_accuracy.conftest import DESIGN, again, chosen, spoiled, with_masses
+from tests.pipeline.plate_accuracy.conftest import DESIGN, again, spoiled, with_masses
 
 BODY_N = 75.0 * GRAVITY_MPS2
 UP = BODY_N * np.sqrt(np.mean(np.square([1.2, 0.75, 1.2])))
@@ -125,10 +125,12 @@ def test_an_interval_that_holds_the_limit_tells_nothing_and_says_what_to_record(
 
 
 def test_a_plate_that_is_wrong_in_too_few_recordings_is_not_fit_and_may_not_be_correctable(
-    good_plate,
+    tmp_path,
 ):
-    few = chosen(good_plate, lambda w: w.mass_kg > 20 and w.position_m == 0.15)
-    (verdict,) = judge(spoiled(few, {(0, 2): 0.05}))
+    few = {"speeds": (0.7, 1.0), "weights": (22.56, 45.08), "positions": (0.15,)}
+    errors = PlateErrors(cross_talk={(0, 2): 0.05})
+    simulate_plates(tmp_path, errors, **(DESIGN | few | {"belts": ("left",)}))
+    (verdict,) = judge(check_plates(read_plates_study(tmp_path)))
     assert verdict.answer == "not fit"
     assert "Fz in Fx" in answers(verdict)["Found"]
 
@@ -185,7 +187,6 @@ def test_belts_at_constant_speed_examine_no_force_along_them(good_plate):
     still = [
         replace(trial, weight=trial.weight.model_copy(update={"profile": "constant"}))
         for trial in good_plate.trials
-        if trial.weight.profile == "square"
     ]
     found = spoiled(again(good_plate, still), {(0, 0): 0.3, (2, 2): 0.03})
     (verdict,) = judge(found)

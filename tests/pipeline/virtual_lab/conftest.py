@@ -18,8 +18,8 @@ SHORT = Protocol(
 @cache
 def _walk(subject, condition, varied_body):
     faults = Faults() if varied_body else Faults.none()
-    waits = (12.0,) * (2 if subject == 0 else 1)
-    setting = Setting(protocol=SHORT.model_copy(update={"waits_s": waits}), faults=faults)
+    length = {} if subject == 0 else {"baseline_s": 17.0, "waits_s": (12.0,)}
+    setting = Setting(protocol=SHORT.model_copy(update=length), faults=faults)
     return run_walk(setting, Machine(), study_subject(setting, subject), subject, condition)
 
 

@@ -21,7 +21,7 @@ from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import sample_times
 from tests.pipeline.trial.ground.grounds import ground_of
 
-RATE = 1000.0
+RATE = 500.0
 FAULTS = Faults(
     machine=MachineFaults(flexibility=4.0),
     belts=BeltFaults(drive="linear", unbalance_kg_per_m=0.2),
@@ -39,7 +39,7 @@ PULSES = Signal(
 )
 
 
-record_signal_trial = partial(calibration_trial.record_signal_trial, faults=FAULTS)
+record_signal_trial = partial(calibration_trial.record_signal_trial, rate_hz=RATE, faults=FAULTS)
 
 
 @pytest.fixture(scope="module")

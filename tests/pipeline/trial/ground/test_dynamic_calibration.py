@@ -36,7 +36,7 @@ def fast(seconds, seed):
 
 
 @cache
-def moving(seed, seconds=20.0):
+def moving(seed, seconds=14.0):
     return lab.on_platform(lab.without_people(seconds), fast(seconds, seed), seed=seed)
 
 

@@ -4,7 +4,7 @@ The treadmill bends and yields in six modes, of which two accelerometers cannot 
 it is of the package. Nobody is on the left plate, so that all that compensation leaves is error.
 """
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -32,10 +32,11 @@ INSIDE = slice(RATE_HZ, -RATE_HZ)
 def recorded():
     """Of a treadmill: the signal, people beside, and trials that are not fitted."""
     machine = FlexibleTreadmill(SEED)
-    signal = machine.record(1, sway=0.7, pitch=2.2, highest_hz=5.0)
-    beside = [machine.record(2 + n, person=person) for n, person in enumerate(BESIDE)]
-    commanded = [machine.record(5, sway=0.5), machine.record(6, sway=0.5, person=WALKING)]
-    shaken = [machine.record(7 + n, person=person) for n, person in enumerate(BESIDE)]
+    record = partial(machine.record, seconds=20.0)
+    signal = record(1, sway=0.7, pitch=2.2, highest_hz=5.0)
+    beside = [record(2 + n, person=person) for n, person in enumerate(BESIDE)]
+    commanded = [record(5, sway=0.5), record(6, sway=0.5, person=WALKING)]
+    shaken = [record(7 + n, person=person) for n, person in enumerate(BESIDE)]
     return signal, beside, commanded, shaken
 
 
