@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from compensation import (
+    Delay,
     PlateCalibration,
+    agreed_delay,
     fit_inertia,
     force_delay,
     hammer_delay,
@@ -172,6 +174,11 @@ def hammer() -> Trials:
     rings = 0.02 * np.convolve(force * (force > 30), kernel)[: len(force)]
     sound = acts(hammer_delay, steel=tuple(steel), soft=tuple(soft), noisy=tuple(blows(0.003, 6)))
     sound |= acts(hammer_delay, rings=(*steel[:3], force + rings), slow=tuple(blows(0.02)))
+    # beside a delay in motion, of more or less doubt
+    by_hammer = hammer_delay(*steel)
+    doubts_s = {"sure": 0.0002, "less_sure": 0.0004, "doubtful": 0.0008, "unsure": 0.003}
+    by_motion = {name: (by_hammer, Delay(0.0075, doubt)) for name, doubt in doubts_s.items()}
+    sound |= acts(agreed_delay, **by_motion)
     return sound, acts(
         hammer_delay,
         two_blows=(*(x[: two // 10] for x in steel[:2]), time[:two], force[:two]),
@@ -218,6 +225,8 @@ def calibrations() -> dict[str, tuple[Array, Array]]:
         "V": (a / 30, w),
         "kN": (a, w / 1000),
         "lb": (a, w / 4.45),
+        "raw counts": (a, 300 * w),
+        "kN m": (a, w / np.repeat([1.0, 1000], 3)),
         "N mm": (a, w * np.repeat([1.0, 1000], 3)),
         "tared": (a - a.mean(axis=0), w),
         "dead": (np.hstack([a[:, REAR], 0.02 + 0 * a[:, FRONT]]), w),
@@ -263,7 +272,7 @@ def split(given: Acts, sound: int) -> Trials:
 def fits() -> Trials:
     trials = acts(fitted, **calibrations())
     a, w, *_ = platform_recordings()
-    for noise in (0.01, 0.7, 1.5, 3.0):
+    for noise in (0.01, 0.1, 0.3, 0.7, 1.5, 3.0):
         trials[f"noise of {noise} m/s² stated"] = lambda n=noise: fitted(a, w, n)
     return split(trials, 5)
 
@@ -291,6 +300,7 @@ def days() -> Trials:
         turned_by_6_degrees=(turned, v),
         gain=(b, v * [1, 1, 1, 1, 1.3, 1]),
         rollers=(b, v + 4 * rattle),
+        loose=(b, v + 8 * rattle),
         rattles=(b, v + 20 * rattle),
         walker=(b, v + 300 * np.maximum(np.sin(6 * at), 0)[:, None] * shift),
         at_rest=(smaller(b, 0.05), smaller(v, 0.05)),
