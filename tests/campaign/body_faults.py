@@ -1,6 +1,6 @@
 """Markers, bodies and channels of plates, sound ones and the same with planted faults."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import combinations
 from pathlib import Path
@@ -46,14 +46,15 @@ def walks(data: Path) -> dict[str, tuple[Body, Markers]]:
     return chosen
 
 
-def faults(body: Body, first: int = 60) -> dict[str, Change]:
-    """What may go wrong with markers, by those of a body."""
-    on = {s: [m for m in body.markers if body.segment_of[m] == s] for s in set(body.marker_segment)}
+def faults(body: Body, labels: Sequence[str], first: int = 60) -> dict[str, Change]:
+    """What may go wrong with those markers of a body that a trial has."""
+    names = [name for name in body.markers if name in labels]
+    on = {s: [m for m in names if body.segment_of[m] == s] for s in set(body.marker_segment)}
     shank, foot = on["right_shank"], on["right_foot"]
     thigh, other = on["right_thigh"], on["left_thigh"]
     pelvis, leg = on["pelvis"], [*on["right_shank"], *on["right_foot"]]
     single, wide = slice(first, first + 1), slice(first, first + 100)
-    arms = [m for m in body.markers if body.segment_of[m].endswith(("arm", "hand"))]
+    arms = [m for m in names if body.segment_of[m].endswith(("arm", "hand"))]
 
     def noisy(names: list[str], size_m: float) -> Change:
         def change(markers: Markers) -> Markers:
@@ -121,7 +122,7 @@ def of_markers(
     for name, (body, markers) in walks(data).items():
         if name in names:
             sound[name] = lambda b=body, m=markers: say(b, m)
-            for fault, change in faults(body).items():
+            for fault, change in faults(body, markers.names).items():
                 faulty[f"{name}: {fault}"] = lambda b=body, m=markers, c=change: say(b, c(m))
     return sound, faulty
 
