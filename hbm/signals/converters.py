@@ -179,9 +179,9 @@ def _evenly_wide(side: Array, steps: float) -> bool:
     """
     deepest = int(0.1 * steps)
     depth = np.array([1, round(np.sqrt(2 * deepest)), deepest]) + 0.5
-    width = [np.count_nonzero(side >= side.max() * (1 - each / steps)) for each in depth]
-    upper, lower = np.diff(np.square(width)) / np.diff(depth)
-    return bool(upper < LIMITS.evenly * deepest**0.25 * lower)
+    width = np.count_nonzero(side >= side.max() * (1 - depth[:, None] / steps), axis=1)
+    upper, lower = np.diff(width**2) / np.diff(depth)
+    return bool(upper <= LIMITS.evenly * deepest**0.25 * lower)
 
 
 def _blurred_limit(side: Array, step_s: float) -> Mask | None:

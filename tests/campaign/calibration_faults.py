@@ -293,6 +293,13 @@ def days() -> Trials:
         return found.leaves_much.tolist(), found.moved.tolist()
 
     sound |= acts(said, same_day=(a, w), later=(b, v))
+    # rollers out of balance, in the calibration and more and more of them later
+    unbalanced = 6 * np.sin(2 * np.pi * 4 * np.arange(len(a)) / 100)[:, None] * np.eye(6)[4]
+    rolling = fit_trials([(a, w), (a, w + unbalanced)], SETUP, belts_mps=(0.0, 1.3))
+    for times in (1, 2, 4, 8, 16):
+        faulty[f"{times} times as unbalanced rollers"] = lambda k=times: check_another_day(
+            rolling, a, w + k * unbalanced, belts_mps=1.3
+        ).leaves_much.tolist()
     faulty |= acts(
         said,
         zero_of_2_newtons=(b, v + 2 * shift),
