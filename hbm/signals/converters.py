@@ -147,10 +147,13 @@ def _exact_limit(side: Array, step_s: float) -> Mask | None:
     wider = float(np.clip(LIMITS.near * top / band, 4.0, 64.0))
     if wider * band > 0.1 * top:  # too coarse to tell a limit from a round peak
         return None
-    at, near = side >= top - band, side >= top - wider * band
-    if np.count_nonzero(at) < max(
-        LIMITS.least_flat, LIMITS.above_round / np.sqrt(wider)
-    ) * np.count_nonzero(near):
+    at = side >= top - band
+    fraction = np.count_nonzero(at) / np.count_nonzero(side >= top - wider * band)
+    if fraction < max(LIMITS.least_flat, LIMITS.above_round / np.sqrt(wider)):
+        return None
+    # of two equal round peaks with a valley as deep as the narrow band, √(2 / (1 + √wider))
+    of_two_peaks = np.sqrt(2 / (1 + np.sqrt(wider)))
+    if fraction < LIMITS.above_two_peaks * of_two_peaks and not _evenly_wide(side, top / step):
         return None
     # files of a higher rate hold each value, or join values by straight lines
     moving = ((side > 0.05 * top) & ~at)[2:]
@@ -167,6 +170,18 @@ def _exact_limit(side: Array, step_s: float) -> Mask | None:
         for start, stop in stretches(side > top / 2):
             at[start:stop] &= (stop - start) * step_s < LIMITS.longest_contact
     return at if at.any() else None
+
+
+def _evenly_wide(side: Array, steps: float) -> bool:
+    """Whether a top of so many steps widens below as a round one that is cut off.
+
+    The square of its width then grows evenly with the depth; below two peaks, ever less.
+    """
+    deepest = int(0.1 * steps)
+    depth = np.array([1, round(np.sqrt(2 * deepest)), deepest]) + 0.5
+    width = np.count_nonzero(side >= side.max() * (1 - depth[:, None] / steps), axis=1)
+    upper, lower = np.diff(width**2) / np.diff(depth)
+    return bool(upper <= LIMITS.evenly * deepest**0.25 * lower)
 
 
 def _blurred_limit(side: Array, step_s: float) -> Mask | None:
@@ -191,7 +206,8 @@ def _blurred_limit(side: Array, step_s: float) -> Mask | None:
             and contact.stop < len(side)
             and np.count_nonzero(at_limit) > LIMITS.not_crossed * np.count_nonzero(near)
             and of_contact.max() < LIMITS.largest_overshoot * level[band]
-            and (band == 0 or _is_white(of_contact[near]))
+            # one value alone is that of a coarse converter
+            and (_is_white(of_contact[near]) if band else np.ptp(of_contact[at_limit]) > 0)
         )
     return next((of_band[:-1] for of_band in flat if of_band.any()), None)
 

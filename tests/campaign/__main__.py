@@ -62,6 +62,7 @@ PROGRAMS: Final = {
     ".calibration_signals": "which signal calibrates best (3 min)",
     ".inverse_kinematics": "our optimum beside SciPy's best of five starts (13 min)",
     ".legs_alone": "residuals without markers on trunk, head and arms (15 s)",
+    ".thresholds_of_calibration": "the same as .thresholds, of calibrations and bodies (10 min)",
     ".plates": "plates with one known fault each, under known weights (30 min)",
     ".planted_faults": "plates with planted faults under walks (15 min)",
     ".healthy": "what healthy walks show of what plates are judged by (2 min)",

@@ -114,6 +114,29 @@ def test_round_peaks_are_not_clipped_however_a_file_holds_them(valley, bits, noi
     assert limits_of(load, rate_hz) == []
 
 
+def stance(valley, ratio=1.0):
+    """One stance of a second: two peaks of a ratio, and a valley between from 0.11 on."""
+    phase = np.clip(TIME[:2000] - 0.5, 0, 1)
+    load = np.sin(np.pi * phase) + valley * np.sin(3 * np.pi * phase)
+    return PEAK * load * (1 + (ratio - 1) * (phase - 0.5))
+
+
+@pytest.mark.parametrize("bits", range(8, 13))
+def test_two_peaks_with_a_valley_of_some_steps_are_not_clipped(bits):
+    for valley in np.arange(0.0, 0.301, 0.01):
+        for ratio in (0.8, 0.99, 1.0):
+            assert limits_of(in_steps(stance(valley, ratio), 2**bits)) == [], (valley, ratio)
+
+
+@pytest.mark.parametrize("share", [0.6, 0.75])
+def test_a_stance_that_a_coarse_converter_clips_is_found(share):
+    for bits in range(8, 13):
+        for valley in (0.0, 0.1, 0.15, 0.3):
+            load = stance(valley)
+            (found,) = limits_of(in_steps(np.minimum(load, share * load.max()), 2**bits))
+            assert found.level == pytest.approx(share * load.max(), rel=0.01)
+
+
 @given(seconds=st.floats(0.5, 3.4), sway=st.floats(0.003, 0.02), bits=st.integers(11, 24))
 def test_who_steps_on_a_plate_and_stands_does_not_clip_it(seconds, sway, bits):
     onset = np.clip((TIME - 0.2) / 0.1, 0, 1) * np.clip((0.3 + seconds - TIME) / 0.1, 0, 1)
