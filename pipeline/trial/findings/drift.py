@@ -263,7 +263,7 @@ class Zero:
         reach = LIMITS.neighbours // 2
         around = np.pad(values, ((reach, reach), (0, 0)), mode="reflect")
         usual = np.median(
-            np.lib.stride_tricks.sliding_window_view(around, LIMITS.neighbours, 0), axis=-1
+            np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1, 0), axis=-1
         )
         apart = np.abs(values - usual)
         step = np.median(np.abs(np.diff(values, axis=0)), axis=0) if len(values) > 1 else 0.0
