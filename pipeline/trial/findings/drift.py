@@ -175,7 +175,7 @@ class Course(NamedTuple):
         """Fit it to readings, (N,), with as many knots as they call for."""
         count = len(time)
         # three readings more than knots tell the error; with few readings, a constant
-        most = min(LIMITS.most_knots, count - 3) if count >= LIMITS.fewest_phases else 1
+        most = max(min(LIMITS.most_knots, count - 3), 1)
         fits = list[tuple[Array, Array, Array, Array]]()
         for number in range(1, most + 1):
             knots = np.linspace(time[0], time[-1], number)

@@ -407,7 +407,7 @@ class EventAgreement(NamedTuple):
     def comparable(self) -> bool:
         """Whether enough events are the same, about equally far from each other."""
         enough = max(LIMITS.fewest_events, min(self.only_in_first, self.only_in_second))
-        return bool(self.matched >= enough and self.sd_ms < LIMITS.largest_spread)
+        return bool(self.matched >= enough and self.sd_ms < LIMITS.agreement)
 
 
 def compare_events(
