@@ -154,7 +154,7 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
     if hypothesis.kind == "moved":  # along the axes that are typed
         size = np.where(_typed_moves(fitted), in_half.size, 0.0)
         in_half = in_half._replace(size=size, covariance=0 * in_half.covariance)
-    sizes, limits = (fitted, in_half), (LIMITS.least_fall, FINDING.largest_growth)
+    sizes = fitted, in_half
     if hypothesis.kind == "all_late":
         if chain.inputs.laboratory.plates is not None:
             return None  # their calibration has the delay
@@ -162,14 +162,14 @@ def _try_fault(chain: Chain, fitted: Fitted) -> tuple[Correction, Chain] | None:
         before_s = chain.settings.plate_delay_s or 0.0
         late_s = [round(before_s + float(fitted_size.size[0]), 3) for fitted_size in sizes]
         chains = [_later(chain, delay_s) for delay_s in late_s]
-        return _tried(chain, chains, first, (), late_s[0], *limits), chains[0]
+        return _tried(chain, chains, first, (), late_s[0]), chains[0]
     in_all, there = (mendings_of(one, evidence.plates) for one in sizes)
     if not in_all:
         return None
     mended = chain.mended(in_all)
     # a fault without a size is corrected alike in every part
     in_others = mended if there == in_all else chain.mended(there)
-    return _tried(chain, [mended, in_others], first, in_all, None, *limits), mended
+    return _tried(chain, [mended, in_others], first, in_all, None), mended
 
 
 def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False) -> Correction:
@@ -178,9 +178,7 @@ def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False
     Those of a fault that is certain help wherever they make no axis larger.
     """
     mended, fitted_to = chain.mended(mendings), np.zeros(len(chain.time), bool)
-    fall = 0.0 if certain else LIMITS.least_fall
-    most = FINDING.largest_growth
-    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall, most)
+    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, certain=certain)
 
 
 def _tried_as_measured(chain: Chain, mended: Chain, mendings: Sequence[str]) -> Correction:
@@ -190,9 +188,7 @@ def _tried_as_measured(chain: Chain, mended: Chain, mendings: Sequence[str]) -> 
     cancels something else in it.
     """
     no_frame = np.zeros(len(chain.time), bool)
-    return _tried(
-        chain, [mended, mended], no_frame, tuple(mendings), None, LIMITS.least_fall, np.inf
-    )
+    return _tried(chain, [mended, mended], no_frame, tuple(mendings), None, any_axis=True)
 
 
 def _later(chain: Chain, delay_s: float) -> Chain:
@@ -219,10 +215,16 @@ def _tried(
     fitted_to: Mask,
     mendings: tuple[str, ...],
     plate_delay_s: float | None,
-    least_fall: float,
-    most: float,
+    *,
+    certain: bool = False,
+    any_axis: bool = False,
 ) -> Correction:
-    """Compare residuals before and after; the second chain has sizes by the other frames alone."""
+    """Compare residuals before and after; the second chain has sizes by the other frames alone.
+
+    What is certain need not lower them, and with ``any_axis`` an axis may grow.
+    """
+    least_fall = 0.0 if certain else LIMITS.least_fall
+    most = np.inf if any_axis else FINDING.largest_growth
     # frames that count once it is corrected: some faults leave frames out
     counts = corrected[0].counts & np.isfinite(chain.residual).all(axis=1)
     for mended in corrected:

@@ -95,9 +95,7 @@ def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
     speeds = butterworth(motion[:, 1:], time, LIMITS.speed_cutoff, "zero_phase").velocity
     # a swing begins with the ball farthest behind and ends with the ankle farthest ahead
     for foot, side in enumerate(SIDES):
-        ahead, behind = (
-            turns(time, distance, EVENTS.least_excursion).tolist() for distance in apart.T[foot::2]
-        )
+        ahead, behind = (turns(time, x, EVENTS.least_excursion).tolist() for x in apart.T[foot::2])
         ankle_speed, ball_speed = speeds.T[foot::2]
         is_known = np.isfinite(ball_speed + pelvis_speed)
         stances = [(a, b) for a, b in _stances(ahead, behind) if is_known[a:b].all()]
