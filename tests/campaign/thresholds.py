@@ -34,6 +34,7 @@ from tests.campaign.threshold_walks import Make, walks
 from tests.tables import command
 
 ROOT = Path(__file__).resolve().parents[2]
+TRIAL = Path("pipeline/trial/thresholds.toml")
 FACTORS = {"half": 0.5, "twice": 2.0}
 STAGES = (*DEPENDS_ON,)[: (*DEPENDS_ON,).index("window") + 1]
 """Of a chain, each after those that it is computed from."""
@@ -150,9 +151,8 @@ def changes(data: Path, file: Path, names: list[str], walk: str) -> list[Changed
     """Process one walk with half and twice each number that it reads."""
     watch(file)
     case, found = walks(data)[walk], list[Changed]()
-    of_file = [
-        each for each in numbers(file, names) if each[0] in case.sections or not case.sections
-    ]
+    every = file != TRIAL or not case.sections
+    of_file = [number for number in numbers(file, names) if every or number[0] in case.sections]
     if not of_file:
         return []
     known = Walk(case.make)
@@ -205,7 +205,7 @@ def numbers(file: Path, names: list[str]) -> Iterator[tuple[str, str, Any]]:
 def main() -> None:
     parser = command("tests.campaign.thresholds", __doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--file", type=Path, default=Path("pipeline/trial/thresholds.toml"))
+    parser.add_argument("--file", type=Path, default=TRIAL)
     parser.add_argument("--details", action="store_true", help="kinds that are said, or no more")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("names", nargs="*", metavar="NUMBER", help="SECTION or SECTION.NAME")
