@@ -178,8 +178,7 @@ def try_mendings(chain: Chain, mendings: Sequence[str], *, certain: bool = False
     Those of a fault that is certain help wherever they make no axis larger.
     """
     mended, fitted_to = chain.mended(mendings), np.zeros(len(chain.time), bool)
-    fall = 0.0 if certain else LIMITS.least_fall
-    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, fall)
+    return _tried(chain, [mended, mended], fitted_to, tuple(mendings), None, certain=certain)
 
 
 def _tried_as_measured(chain: Chain, mended: Chain, mendings: Sequence[str]) -> Correction:
@@ -189,9 +188,7 @@ def _tried_as_measured(chain: Chain, mended: Chain, mendings: Sequence[str]) -> 
     cancels something else in it.
     """
     no_frame = np.zeros(len(chain.time), bool)
-    return _tried(
-        chain, [mended, mended], no_frame, tuple(mendings), None, LIMITS.least_fall, np.inf
-    )
+    return _tried(chain, [mended, mended], no_frame, tuple(mendings), None, any_axis=True)
 
 
 def _later(chain: Chain, delay_s: float) -> Chain:
@@ -218,10 +215,16 @@ def _tried(
     fitted_to: Mask,
     mendings: tuple[str, ...],
     plate_delay_s: float | None,
-    least_fall: float = LIMITS.least_fall,
-    most: float = FINDING.largest_growth,
+    *,
+    certain: bool = False,
+    any_axis: bool = False,
 ) -> Correction:
-    """Compare residuals before and after; the second chain has sizes by the other frames alone."""
+    """Compare residuals before and after; the second chain has sizes by the other frames alone.
+
+    What is certain need not lower them, and with ``any_axis`` an axis may grow.
+    """
+    least_fall = 0.0 if certain else LIMITS.least_fall
+    most = np.inf if any_axis else FINDING.largest_growth
     # frames that count once it is corrected: some faults leave frames out
     counts = corrected[0].counts & np.isfinite(chain.residual).all(axis=1)
     for mended in corrected:

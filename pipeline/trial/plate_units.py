@@ -14,6 +14,7 @@ from pipeline.io.axes import MIN_MEAN_LOAD_N, find_sites, mean_force
 from pipeline.io.mended_plates import mended_plates, of_channels
 from pipeline.io.recording import Fact, Plate, Recording
 from pipeline.io.stated import CONVERT, correction, parse_plate_units
+from pipeline.trial.subject import LIMITS as SUBJECT
 
 LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "plate_units")
 
@@ -209,7 +210,7 @@ def _tenfold(plates: Sequence[Plate], time: Array, mass_kg: float | None) -> int
     loads = [np.interp(time, p.time, np.abs(p.wrench_in_plate[:, 2])) for p in plates]
     load_kg = _load(np.nan_to_num(np.sum(loads, axis=0)))[1] if loads else 0.0
     if mass_kg is None:
-        return int(LIMITS.largest_drift <= load_kg < LIMITS.least_load)
+        return int(LIMITS.largest_drift <= load_kg < SUBJECT.least_mass)
     power = np.log10(mass_kg / load_kg) if load_kg > LIMITS.largest_drift else 0.0
     return round(power) if abs(abs(power) - 1) < LIMITS.near_tenfold else 0
 
@@ -246,7 +247,7 @@ def _load_powers(load_kg: float, mass_kg: float | None) -> Sequence[int]:
         if load_kg > LIMITS.largest_load
         else ()
     )
-    low, high = LIMITS.least_load, LIMITS.largest_load
+    low, high = SUBJECT.least_mass, LIMITS.largest_load
     if mass_kg is not None:
         low, high = mass_kg * 10**-LIMITS.near_power, mass_kg * 10**LIMITS.near_power
     return [power for power in powers if low <= load_kg * 10.0**power <= high]
@@ -264,7 +265,7 @@ def _pressure_and_feet(plate: Plate, feet: Array, time: Array) -> tuple[Array, A
     if not (is_known.any() and is_visible.any()):
         return (np.empty((0, 2)),) * 3
     loaded = is_known & (vertical >= LIMITS.loaded * np.percentile(vertical[is_known], 98))
-    loaded &= vertical > LIMITS.least_load * GRAVITY_MPS2
+    loaded &= vertical > SUBJECT.least_mass * GRAVITY_MPS2
     # markers of the feet in the axes of the plate
     place = (feet - plate.center) @ plate.rotation
     # those near the ground and over the plate

@@ -106,3 +106,59 @@ def later(recording: Recording, delay_s: float, *indices: int) -> Recording:
     for index in indices:
         recording = with_plate(recording, index, lambda p: replace(p, time=p.time + delay_s))
     return recording
+
+
+def lost(count: int) -> Change:
+    """A channel that reads zero for so many samples, from where it is largest."""
+
+    def change(values: Array) -> Array:
+        start = int(np.argmax(np.abs(values)))
+        return np.r_[values[:start], np.zeros(count), values[start + count :]]
+
+    return change
+
+
+def jumping(size: float) -> Change:
+    """A channel that reads more from its middle on."""
+    return lambda values: values + size * (np.arange(len(values)) > len(values) // 2)
+
+
+def drifting(size: float) -> Change:
+    """A channel that reads more and more."""
+    return lambda values: values + np.linspace(0, size, len(values))
+
+
+def noisy(size: float) -> Change:
+    """A channel with white noise of a standard deviation."""
+    return lambda values: values + np.random.default_rng(0).normal(0, size, len(values))
+
+
+def dead(size: float) -> Change:
+    """A channel that shows noise alone."""
+    return lambda values: noisy(size)(0 * values)
+
+
+def offset(size: float) -> Change:
+    """A channel that was not zeroed."""
+    return lambda values: values + size
+
+
+def without_load(recording: Recording, index: int, from_s: float, to_s: float) -> Recording:
+    """A plate that reads nothing for a while, as if a step was beside it."""
+
+    def changed(plate: Plate) -> Plate:
+        inside = (plate.time >= from_s) & (plate.time < to_s)
+        return replace(plate, wrench_in_plate=np.where(inside[:, None], 0, plate.wrench_in_plate))
+
+    return with_plate(recording, index, changed)
+
+
+def until(recording: Recording, share: float) -> Recording:
+    """Plates that end before the markers."""
+    for index, plate in enumerate(recording.plates):
+        kept = slice(0, round(share * len(plate.time)))
+        time, wrench = plate.time[kept], plate.wrench_in_plate[kept]
+        recording = with_plate(
+            recording, index, lambda p, t=time, w=wrench: replace(p, time=t, wrench_in_plate=w)
+        )
+    return recording

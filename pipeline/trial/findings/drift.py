@@ -175,7 +175,7 @@ class Course(NamedTuple):
         """Fit it to readings, (N,), with as many knots as they call for."""
         count = len(time)
         # three readings more than knots tell the error; with few readings, a constant
-        most = min(LIMITS.most_knots, count - 3) if count >= LIMITS.fewest_phases else 1
+        most = max(min(LIMITS.most_knots, count - 3), 1)
         fits = list[tuple[Array, Array, Array, Array]]()
         for number in range(1, most + 1):
             knots = np.linspace(time[0], time[-1], number)
@@ -263,7 +263,7 @@ class Zero:
         reach = LIMITS.neighbours // 2
         around = np.pad(values, ((reach, reach), (0, 0)), mode="reflect")
         usual = np.median(
-            np.lib.stride_tricks.sliding_window_view(around, LIMITS.neighbours, 0), axis=-1
+            np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1, 0), axis=-1
         )
         apart = np.abs(values - usual)
         step = np.median(np.abs(np.diff(values, axis=0)), axis=0) if len(values) > 1 else 0.0

@@ -337,7 +337,7 @@ def hypotheses(view: View) -> Iterator[Hypothesis]:
     if view.mass_sd < LIMITS.wrong_mass_spread:
         yield Hypothesis("mass", ())
     # plates on which somebody was for long enough, or a single foot
-    loaded = (k for k in numbers if view.evidence.loaded_s(k) > LIMITS.shortest_load)
+    loaded = (k for k in numbers if view.evidence.loaded_s(k) > LIMITS.independent_after)
     judged = sorted({*loaded, *(k for k in numbers if len(view.stances[k].feet))})
     for k in judged:
         yield from (Hypothesis("gain", (k,), name) for name in WRENCH_COMPONENTS)

@@ -88,14 +88,14 @@ def foot_motion_events(time: Array, motion: Array) -> tuple[Event, ...]:
     """
     back, events = -time[::-1], list[Event]()
     # low-pass and derivative in one, so that speeds have no noise of differences
-    pelvis_speed = butterworth(motion[:, 0], time, LIMITS.turn_cutoff, "zero_phase").velocity
+    pelvis_speed = butterworth(motion[:, 0], time, EVENTS.cutoff, "zero_phase").velocity
     # ankles ahead of the pelvis and balls behind it, and their speeds
     apart = (motion[:, 1:] - motion[:, :1]) * [1.0, 1.0, -1.0, -1.0]
-    apart = low_pass(apart, time, LIMITS.turn_cutoff, "zero_phase")
+    apart = low_pass(apart, time, EVENTS.cutoff, "zero_phase")
     speeds = butterworth(motion[:, 1:], time, LIMITS.speed_cutoff, "zero_phase").velocity
     # a swing begins with the ball farthest behind and ends with the ankle farthest ahead
     for foot, side in enumerate(SIDES):
-        ahead, behind = (turns(time, distance).tolist() for distance in apart.T[foot::2])
+        ahead, behind = (turns(time, x, EVENTS.least_excursion).tolist() for x in apart.T[foot::2])
         ankle_speed, ball_speed = speeds.T[foot::2]
         is_known = np.isfinite(ball_speed + pelvis_speed)
         stances = [(a, b) for a, b in _stances(ahead, behind) if is_known[a:b].all()]
@@ -378,7 +378,7 @@ def combined_events(
         moved = [event_times(by_motion, label, side) for side in SIDES]
         timed = [event_times(of_plates, label, side) for side in SIDES]
         pairs = [
-            match_times(*times, LIMITS.largest_difference)
+            match_times(*times, EVENTS.largest_difference)
             for times in zip(moved, timed, strict=True)
         ]
         # of each foot, what the motion shows and the plates time

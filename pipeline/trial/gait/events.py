@@ -327,12 +327,12 @@ def event_times(events: Iterable[Event], label: str, side: str) -> Array:
 def _turning_points(time: Array, distance: Array) -> Array:
     """Find when a distance (T,) is largest; in a gap nothing is found."""
     filtered = butterworth(distance, time, LIMITS.cutoff, "zero_phase")
-    frame = turns(time, filtered.value)
+    frame = turns(time, filtered.value, LIMITS.least_excursion)
     # Newton: the zero of the velocity, by the acceleration
     return np.asarray(time[frame] - filtered.velocity[frame] / filtered.acceleration[frame])
 
 
-def turns(time: Array, distance: Array, least_m: float = LIMITS.least_excursion) -> Indices:
+def turns(time: Array, distance: Array, least_m: float) -> Indices:
     """Find the frames in which a filtered distance (T,) is largest; none in a gap."""
     # in each stretch without a gap, since a gap may hide a turn
     apart = max(1, round(LIMITS.shortest_stride / median_of(np.diff(time))))
@@ -407,7 +407,7 @@ class EventAgreement(NamedTuple):
     def comparable(self) -> bool:
         """Whether enough events are the same, about equally far from each other."""
         enough = max(LIMITS.fewest_events, min(self.only_in_first, self.only_in_second))
-        return bool(self.matched >= enough and self.sd_ms < LIMITS.largest_spread)
+        return bool(self.matched >= enough and self.sd_ms < LIMITS.agreement)
 
 
 def compare_events(

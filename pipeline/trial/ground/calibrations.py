@@ -85,7 +85,7 @@ def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
                 recording = read_recording(path, replace(stated, axes=axes, axes_by=""))
             except ValueError:
                 continue
-            if all(abs(plate.rotation[2, 2]) > LIMITS.level_cosine for plate in recording.plates):
+            if all(abs(plate.rotation[2, 2]) > np.sqrt(0.5) for plate in recording.plates):
                 return replace(recording, stated=stated, axes=())  # nobody stated these axes
         raise first
 
