@@ -348,7 +348,8 @@ class _Bench(NamedTuple):
 
     def hammer(self) -> None:
         """Write blows with a hammer that carries a marker."""
-        head, load = strike_belt(*HAMMER.contact, self.errors.delay_s, self.rng)
+        shortest_s, longest_s = HAMMER.contact
+        head, load = strike_belt(shortest_s, longest_s, self.errors.delay_s, self.rng)
         wrench = load[:, None] * np.eye(6)[2]
         plate, center = ForcePlate(noise=self.errors.noise), _center(self.belt)
         measured = shift_wrench(plate.measure(wrench, ANALOG_HZ, self.rng), center)
