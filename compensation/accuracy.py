@@ -55,7 +55,7 @@ class Linearity(NamedTuple):
     degrees_of_freedom: int
 
 
-def linearity(known: ArrayLike, measured: ArrayLike) -> Linearity:
+def linearity(applied: ArrayLike, measured: ArrayLike) -> Linearity:
     """Compare known with measured loads, (N,) [N], by a straight line.
 
     Ordinary least squares of measured on known; three standard deviations (with ``N - 1``) stand
@@ -68,7 +68,7 @@ def linearity(known: ArrayLike, measured: ArrayLike) -> Linearity:
     >>> f"{found.nonlinearity:.2f} N"
     '1.55 N'
     """
-    x, y = read_signal(known, "known loads"), read_signal(measured, "measured loads")
+    x, y = read_signal(applied, "known loads"), read_signal(measured, "measured loads")
     refuse_unequal(known_loads=x, measured_loads=y)
     if len(np.unique(x)) < 3 or len(x) < 4:
         raise ValueError(

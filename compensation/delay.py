@@ -216,16 +216,16 @@ class _LateChannels:
         u, s, vt = np.linalg.svd(channels, full_matrices=False)
         kept = s > s[0] * len(channels) * np.finfo(float).eps
         basis, along = u[:, kept], u[:, kept].T @ self.signal
-        gain, left = vt[kept].T @ (along / s[kept, None]), self.signal - basis @ along
+        gain, remainder = vt[kept].T @ (along / s[kept, None]), self.signal - basis @ along
         # weight of each channel by what it leaves
-        root = 1 / np.sqrt(np.maximum(np.mean(left**2, axis=0), MIN_VARIANCE))
+        root = 1 / np.sqrt(np.maximum(np.mean(remainder**2, axis=0), MIN_VARIANCE))
         rates = self._ahead(delays, 1)
         ends = np.cumsum([rate.shape[1] for rate in rates])
         parts = np.split(gain, ends)[:-1]
         slopes = [rate @ part for rate, part in zip(rates, parts, strict=True)]
         # of the part of the slope that other gains cannot make up for
         slopes = [(slope - basis @ (basis.T @ slope)) * root for slope in slopes]
-        scores = np.column_stack([np.vecdot(slope, left * root) for slope in slopes])
+        scores = np.column_stack([np.vecdot(slope, remainder * root) for slope in slopes])
         inverse = np.linalg.pinv([[np.vdot(one, other) for other in slopes] for one in slopes])
         # errors are correlated in time: independent from block to block alone (sandwich)
         blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, BLOCKS)])

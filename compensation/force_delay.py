@@ -169,24 +169,24 @@ def _step(
     before, late, after = np.moveaxis(plate_at(around), 1, 0)
     used = np.isfinite(before + late + after + expected).all(axis=1)
     independent = _independent(used, step_s)
-    left = (expected - late)[used]
+    errors = (expected - late)[used]
     # derivatives of the difference by delay, amount of soft tissue and ratio of the forces
     columns = np.stack([(after - before)[used] / np.ptp(around), -tissue[used], -expected[used]])
-    left = left - [*map(median_of, left.T)]
+    errors = errors - [*map(median_of, errors.T)]
     # large errors count less (pseudo-Huber): heel strikes, other contacts
-    weight = 1 / np.sqrt(1 + (left / scale) ** 2)
+    weight = 1 / np.sqrt(1 + (errors / scale) ** 2)
     # without the weighted mean over frames
     total = weight.sum(axis=0)
-    left, columns = (x - (weight * x).sum(-2, keepdims=True) / total for x in (left, columns))
-    scale = _size(left) if np.isinf(scale).all() else scale
-    per_frame = weight * independent / len(left) / np.maximum(scale, LIMITS.noise_floor) ** 2
+    errors, columns = (x - (weight * x).sum(-2, keepdims=True) / total for x in (errors, columns))
+    scale = _size(errors) if np.isinf(scale).all() else scale
+    per_frame = weight * independent / len(errors) / np.maximum(scale, LIMITS.noise_floor) ** 2
     flat, weighted = (x.reshape(len(columns), -1) for x in (columns, columns * per_frame))
     # ridge: what is usual of tissue and ratio is known beforehand
     covariance = np.linalg.inv(weighted @ flat.T + np.diag(USUAL**-2.0))
-    size = covariance @ (weighted @ left.ravel())
-    rest = left - (size @ flat).reshape(left.shape)
+    size = covariance @ (weighted @ errors.ravel())
+    rest = errors - (size @ flat).reshape(errors.shape)
     # what shows the delay alone, beside tissue and ratio
-    alone = (covariance[0] / covariance[0, 0] @ flat).reshape(left.shape)
+    alone = (covariance[0] / covariance[0, 0] @ flat).reshape(errors.shape)
     of_axis = (alone**2 * per_frame).sum(axis=0)
     from_axis = (alone * rest * per_frame).sum(axis=0)
     # axes that want different delays widen the interval: χ² of the axes, by two degrees

@@ -281,14 +281,14 @@ def marker_sets() -> Mapping[str, MarkerSet]:
     return sets
 
 
-def _marker_set(name: str, table: Mapping[str, Any], known: Mapping[str, MarkerSet]) -> MarkerSet:
+def _marker_set(name: str, table: Mapping[str, Any], sets: Mapping[str, MarkerSet]) -> MarkerSet:
     faults: list[str] = []
     rows = _markers(table.get("markers", {}), False, faults)
     rows += _markers(table.get("optional", {}), True, faults)
     faults += _repeated(rows)
     if not isinstance(table.get("title", ""), str):
         faults.append(f"title must be a text, got {shown(table['title'])}")
-    markers = (*_inherited(table.get("extends", []), rows, known, faults), *rows)
+    markers = (*_inherited(table.get("extends", []), rows, sets, faults), *rows)
     if faults:
         raise ValueError(f"marker set {name!r}: " + "; ".join(dict.fromkeys(faults)))
     return MarkerSet(name, table.get("title", name), markers)
@@ -343,7 +343,7 @@ def _repeated(markers: list[SetMarker]) -> list[str]:
 
 
 def _inherited(
-    names: Any, own: list[SetMarker], known: Mapping[str, MarkerSet], faults: list[str]
+    names: Any, rows: list[SetMarker], sets: Mapping[str, MarkerSet], faults: list[str]
 ) -> list[SetMarker]:
     """Give the markers of the sets that a set extends, where it does not say otherwise itself."""
     names = [names] if isinstance(names, str) else names
@@ -351,14 +351,14 @@ def _inherited(
         faults.append(f"extends must be the name of a set or a list of them, got {shown(names)}")
         return []
     for name in names:
-        if name not in known:
-            hint = did_you_mean(name, known) or f", known: {', '.join(known)}"
+        if name not in sets:
+            hint = did_you_mean(name, sets) or f", known: {', '.join(sets)}"
             faults.append(f"extends: no marker set {shown(name)}{hint}")
-    labels = {label for marker in own for label in marker.labels}
-    needed = {marker.landmark for marker in own if not marker.optional}
-    optional = {marker.landmark for marker in own if marker.optional}
+    labels = {label for marker in rows for label in marker.labels}
+    needed = {marker.landmark for marker in rows if not marker.optional}
+    optional = {marker.landmark for marker in rows if marker.optional}
     inherited: list[SetMarker] = []
-    for marker in (m for name in names if name in known for m in known[name].markers):
+    for marker in (m for name in names if name in sets for m in sets[name].markers):
         if labels.isdisjoint(marker.labels) and marker not in inherited:
             taken = needed | optional if marker.optional else needed
             landmark = None if marker.landmark in taken else marker.landmark

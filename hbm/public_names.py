@@ -15,17 +15,17 @@ def homes(file: str | Path) -> Mapping[str, tuple[str, str]]:
 
     Its statements are ``from module import name as name`` and ``name = module.other_name``.
     """
-    found: dict[str, tuple[str, str]] = {}
+    home: dict[str, tuple[str, str]] = {}
     for block in ast.parse(Path(file).read_text(encoding="utf-8")).body:
         for statement in block.body if isinstance(block, ast.If) else ():
             if isinstance(statement, ast.ImportFrom):
-                found |= {
+                home |= {
                     alias.name: (str(statement.module), alias.name) for alias in statement.names
                 }
             elif isinstance(statement, ast.Assign):
                 module, _, name = ast.unparse(statement.value).rpartition(".")
-                found[ast.unparse(statement.targets[0])] = module, name
-    return found
+                home[ast.unparse(statement.targets[0])] = module, name
+    return home
 
 
 def on_first_use(

@@ -106,9 +106,9 @@ def join_names(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
-def did_you_mean(word: object, known: Iterable[str]) -> str:
+def did_you_mean(word: object, choices: Iterable[str]) -> str:
     """Give ``", did you mean 'x'?"`` for the nearest known word, or nothing."""
-    close = get_close_matches(str(word), list(known), n=1)
+    close = get_close_matches(str(word), list(choices), n=1)
     return f", did you mean {short(close[0])!r}?" if close else ""
 
 

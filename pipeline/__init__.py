@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from pipeline.config.study import read_study as read_study
     from pipeline.io.c3d.read import read_c3d as read_c3d
     from pipeline.io.read import read_recording as read_recording
+    from pipeline.io.read_options import ReadOptions as ReadOptions
     from pipeline.io.recording import Recording as Recording
-    from pipeline.io.stated import Stated as Stated
     from pipeline.report.write import write_report as write_report
     from pipeline.run.run import run_study as run_study
     from pipeline.run.store import read_trial as read_trial

@@ -92,7 +92,7 @@ def choose(
     trials: Sequence[tuple[str, Samples]],
     static: Mapping[str, InertiaModel],
     checks: Sequence[tuple[str, Samples]] = (),
-    stated: Literal["auto", "static", "dynamic"] = "auto",
+    wanted: Literal["auto", "static", "dynamic"] = "auto",
     beside_weight: float = 1.0,
 ) -> tuple[str, dict[str, InertiaModel]]:
     """Choose the model of a calibration by held-out samples, or take the stated one, and say why.
@@ -106,7 +106,7 @@ def choose(
         Plate -> the static model that was fitted to them, with a setup.
     checks
         The same of recordings that are not fitted.
-    stated
+    wanted
         A model that is to be taken; "auto" for the better one.
     beside_weight
         With which the static models were fitted.
@@ -129,19 +129,19 @@ def choose(
     """
     setup = next(iter(static.values())).setup
     assert setup is not None
-    if stated != "dynamic" and any(is_short(channels) for channels, _ in trials[0][1].values()):
+    if wanted != "dynamic" and any(is_short(channels) for channels, _ in trials[0][1].values()):
         return "static model: the recording is too short to judge a dynamic one", {}
     k, files = 3 * len(setup.sensors), [file for file, _ in (*trials, *checks)]
     of_plate = {
         name: [(n, *one[name]) for n, (_, one) in enumerate(trials) if name in one]
         for name in static
     }
-    left: list[list[Array]] = [[] for _ in files]
+    remains: list[list[Array]] = [[] for _ in files]
 
     def add(recording: int, *pair: Array) -> None:
         """Add what both models leave of a plate: RMS about the mean, of all and below 6 Hz."""
         slow = [low_pass(one, setup.rate_hz, SLOW_HZ, "zero_phase") for one in pair]
-        left[recording].append(np.stack([np.std(band, axis=1) for band in (pair, slow)], axis=1))
+        remains[recording].append(np.stack([np.std(band, axis=1) for band in (pair, slow)], axis=1))
 
     for samples in of_plate.values():
         both = [(channels, wrench) for _, channels, wrench in samples]
@@ -152,7 +152,7 @@ def choose(
         for (recording, *_), *pair in zip(samples, simple, better, strict=True):
             add(recording, *pair)
     dynamic: dict[str, InertiaModel] = {}
-    if stated == "dynamic" or checks or _judged(left, files)[0]:
+    if wanted == "dynamic" or checks or _judged(remains, files)[0]:
         for name, samples in of_plate.items():
             error = static[name].model_error
             dynamic[name] = fit_trials(
@@ -167,20 +167,20 @@ def choose(
         for name, (channels, wrench) in plates.items():
             simple_left = static[name].compensate(channels[:, :k], wrench)
             add(recording, simple_left, dynamic[name].compensate(channels, wrench))
-    clear, reason = _judged(left, files)
-    kind = stated if stated != "auto" else "dynamic" if clear else "static"
-    as_stated = "" if stated == "auto" else ", as given"
+    clear, reason = _judged(remains, files)
+    kind = wanted if wanted != "auto" else "dynamic" if clear else "static"
+    as_stated = "" if wanted == "auto" else ", as given"
     return f"{kind} model{as_stated}: {reason}", dynamic if kind == "dynamic" else {}
 
 
-def _judged(left: Sequence[Sequence[Array]], files: Sequence[str]) -> tuple[bool, str]:
+def _judged(remains: Sequence[Sequence[Array]], files: Sequence[str]) -> tuple[bool, str]:
     """Whether the dynamic model is better, clearly and in motion of several kinds; in words too.
 
     From what static and dynamic model leave of each plate of each recording, (2, 2, 6): of all and
     below 6 Hz.
     """
     fractions, worse = [], list[str]()
-    for file, plates in zip(files, left, strict=True):
+    for file, plates in zip(files, remains, strict=True):
         if not plates:
             continue
         sizes = np.array(plates)

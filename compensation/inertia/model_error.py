@@ -256,7 +256,7 @@ def widening(degrees: float) -> float:
     return float(scipy.stats.t.ppf(0.975, degrees) / scipy.stats.norm.ppf(0.975))
 
 
-def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
+def zero_of_trials(zeros: ArrayLike, given_sd: ArrayLike | None = None) -> Array:
     """Give the standard deviation of a trial's zero about that of a calibration.
 
     Parameters
@@ -264,7 +264,7 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     zeros
         Zero of the plate in every recording of the calibration, (M, 6) [N, N·m]; the calibration's
         is their mean.
-    stated
+    given_sd
         Standard deviation of the zero of one recording, where it is known, one for all or (6,).
 
     Returns
@@ -283,8 +283,8 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     zeros = np.asarray(zeros, float)
     # a trial's zero differs by its own scatter, and by the error of the calibration's mean
     both = np.sqrt(1 + 1 / len(zeros))
-    if len(zeros) == 1 or stated is not None:
-        sd = np.broadcast_to(np.asarray(ZERO_SD if stated is None else stated, float), (6,))
+    if len(zeros) == 1 or given_sd is not None:
+        sd = np.broadcast_to(np.asarray(ZERO_SD if given_sd is None else given_sd, float), (6,))
         if not np.all(np.isfinite(sd) & (sd >= 0)):
             raise ValueError(f"zero_sd must be 0 or positive, got {sd}")
         return np.asarray(both * sd)

@@ -189,8 +189,8 @@ class DayCheck(NamedTuple):
         faults = []
         for k, (name, unit) in enumerate(zip(WRENCH_COMPONENTS, UNITS, strict=True)):
             if self.leaves_much[k]:
-                left, by_new = self.left[k], self.left_by_new_fit[k]
-                faults.append(f"{name} left {left:.1f} {unit}, by a new fit {by_new:.1f}")
+                remaining, by_new = self.left[k], self.left_by_new_fit[k]
+                faults.append(f"{name} left {remaining:.1f} {unit}, by a new fit {by_new:.1f}")
             if self.moved[k]:
                 faults.append(f"zero of {name} {written(self.zero_change[k], '+.1f')} {unit}")
         return tuple(faults)
@@ -221,11 +221,11 @@ def check_another_day(
     error, newly = (
         low_pass(one.compensate(a, w), setup.rate_hz, SLOW_HZ, "zero_phase") for one in (model, new)
     )
-    left, by_new, zero = error.std(axis=0), newly.std(axis=0), error.mean(axis=0)
+    remaining, by_new, zero = error.std(axis=0), newly.std(axis=0), error.mean(axis=0)
     expected = model.uncertainty(a, slow=True, zero=False, belts_mps=belts_mps)
     rollers = LIMITS.rollers * np.sqrt(np.mean(expected**2, axis=0))
     # squares, since independent errors add so
-    beyond = left**2 - by_new**2 > (MAX_GAIN * MAX_LEFT) ** 2
+    beyond = remaining**2 - by_new**2 > (MAX_GAIN * MAX_LEFT) ** 2
     beyond |= by_new > np.maximum(MAX_LEFT, rollers)
     # standard error of the mean from means of blocks: errors in time are correlated
     means = [block.mean(axis=0) for block in np.array_split(error, BLOCKS)]
@@ -233,4 +233,4 @@ def check_another_day(
     if model.model_error is not None:
         usual = np.hypot(usual, model.model_error.zero)
     moved = np.abs(zero) > np.maximum(MAX_ZERO_CHANGE, LIMITS.control_limit * usual)
-    return DayCheck(left, by_new, zero, beyond, moved)
+    return DayCheck(remaining, by_new, zero, beyond, moved)

@@ -61,31 +61,31 @@ FRAMES_AT_ONCE: Final = 4000
 """Bounds the memory for the tries that are solved at once."""
 
 
-def look_for_lower(problem: Problem, found: Solved, which: Indices) -> None:
+def look_for_lower(problem: Problem, optima: Solved, which: Indices) -> None:
     """Replace some optima, (R,), by lower ones where tries from other starts find any.
 
     The tries are the same for every frame, so that the result does not depend on which others are
     solved with it.
     """
-    which = which[np.isfinite(found.q[which]).all(axis=1)]
+    which = which[np.isfinite(optima.q[which]).all(axis=1)]
     step = FRAMES_AT_ONCE // TRIES
     for first in range(0, len(which), step):
         block = which[first : first + step]
         # nearly always, the second round finds nothing lower
         for _ in range(3):
             # again only where the last round found a lower optimum
-            before = found.select(block)
+            before = optima.select(block)
             after = lowest_of_tries(problem, before)
-            found.overwrite(block, after)
+            optima.overwrite(block, after)
             block = block[_lower(problem, before, after)]
             if not len(block):
                 break
 
 
-def some_lower(problem: Problem, found: Solved, which: Indices) -> bool:
+def some_lower(problem: Problem, optima: Solved, which: Indices) -> bool:
     """Whether the first tries lead to a lower optimum in any of some frames, (R,)."""
     step = FRAMES_AT_ONCE // FIRST_TRIES.stop
-    blocks = (found.select(which[k : k + step]) for k in range(0, len(which), step))
+    blocks = (optima.select(which[k : k + step]) for k in range(0, len(which), step))
     return any(_lower(problem, b, lowest_of_tries(problem, b, FIRST_TRIES)).any() for b in blocks)
 
 
@@ -299,64 +299,64 @@ def _far(q: Array, start: Array) -> Mask:
     return np.asarray(np.abs(q - start).max(axis=1, initial=0) > LIMITS.far)
 
 
-def doubtful(problem: Problem, found: Solved) -> Mask:
+def doubtful(problem: Problem, optima: Solved) -> Mask:
     """Whether an optimum lower than that from a rigid fit is likely, (F,).
 
     So it is where markers show a limb weakly, or it does not fit them.
     """
     # a pivot without its prior is what the markers alone show of a coordinate
-    pivots = (found.pivots - problem.prior)[:, ROTATES & ~problem.locked]
+    pivots = (optima.pivots - problem.prior)[:, ROTATES & ~problem.locked]
     weight = problem.attachment.weight.max()
     # not shown at all is no doubt: a prior holds it
     weak = (pivots > LIMITS.least_pivot * weight) & (pivots < LIMITS.clear_pivot * weight)
-    doubtful: Mask = ~found.converged | weak.any(axis=1)
+    doubtful: Mask = ~optima.converged | weak.any(axis=1)
     for segments in LIMBS.values():
-        square = found.error[:, problem.markers_on(segments)] ** 2
+        square = optima.error[:, problem.markers_on(segments)] ** 2
         is_finite = np.isfinite(square)
         largest = LIMITS.clear_distance**2 * is_finite.sum(axis=1)
         doubtful |= np.where(is_finite, square, 0).sum(axis=1) > largest
     return np.asarray(doubtful)
 
 
-def try_start(problem: Problem, found: Solved, which: Indices, start: Array) -> Mask:
+def try_start(problem: Problem, earlier: Solved, which: Indices, start: Array) -> Mask:
     """Solve some frames, (R,), from another start too, and keep the lower optimum.
 
     Gives whether that is a lower one, or neither start leads to an optimum, (R,).
     """
-    solved = problem.newton(found.row[which], start)
-    before, after = (problem.cost(optima) for optima in (found.select(which), solved))
+    solved = problem.newton(earlier.row[which], start)
+    before, after = (problem.cost(optima) for optima in (earlier.select(which), solved))
     better = after < before
-    found.overwrite(which[better], solved.select(better))
+    earlier.overwrite(which[better], solved.select(better))
     # lower by more than rounding, or neither has converged
     lower = after < before * (1 - 1e-6) - MAX_ABSOLUTE_RISE
     return np.asarray(lower | np.isinf(np.minimum(before, after)))
 
 
-def leave_limbs_out(problem: Problem, found: Solved) -> Mask:
+def leave_limbs_out(problem: Problem, optima: Solved) -> Mask:
     """Solve frames that did not converge without the fewest limbs that keep them from it.
 
     Gives the coordinates that are left out, (F, 46).
     """
-    left_out = np.zeros(found.q.shape, bool)
+    left_out = np.zeros(optima.q.shape, bool)
     # one limb, then two, …: the fewest that keep a frame from converging
     choices = (c for count in range(1, len(LIMBS) + 1) for c in combinations(LIMBS, count))
     for names in choices:
-        which = np.flatnonzero(~found.converged)
-        which = which[np.isfinite(found.q[which]).all(axis=1)]
+        which = np.flatnonzero(~optima.converged)
+        which = which[np.isfinite(optima.q[which]).all(axis=1)]
         if not len(which):
             break
         segments = {s for name in names for s in LIMBS[name]}
         without = problem.without(segments)
-        solved = without.newton(found.row[which], found.q[which])
+        solved = without.newton(optima.row[which], optima.q[which])
         which, solved = which[solved.converged], solved.select(solved.converged)
         solved.error[:, problem.markers_on(segments)] = np.nan
-        found.overwrite(which, solved)
+        optima.overwrite(which, solved)
         left_out[which] = [c.segment in segments for c in TREE]
     return left_out
 
 
 def observed_by(
-    problem: Problem, found: Solved, usual_pivots: Array | None, expected: Mask
+    problem: Problem, optima: Solved, usual_pivots: Array | None, expected: Mask
 ) -> Mask:
     """Which coordinates the visible markers determine, (F, 46).
 
@@ -365,18 +365,18 @@ def observed_by(
     missing, not small compared with what is usual in the trial. One with a prior always is, so that
     it does not depend on the pose; a locked one never.
     """
-    from_markers = found.pivots - problem.prior
+    from_markers = optima.pivots - problem.prior
     observed: Mask = np.asarray(from_markers > problem.least_pivots)
     # markers that are left may show a coordinate, but far less well than is usual
     if usual_pivots is not None:
-        gaps = (np.isnan(found.error) & expected).any(axis=1)
+        gaps = (np.isnan(optima.error) & expected).any(axis=1)
         if gaps.any():
             observed[gaps] &= from_markers[gaps] > LIMITS.least_of_usual * usual_pivots
     return observed
 
 
 def _bridge_gaps(
-    problem: Problem, found: Solved, observed: Mask, left_out: Mask, unrelated: bool
+    problem: Problem, optima: Solved, observed: Mask, left_out: Mask, unrelated: bool
 ) -> None:
     """Interpolate coordinates that are not observed, (T, 46), between their neighbours in time.
 
@@ -384,25 +384,25 @@ def _bridge_gaps(
     those of limbs that are left out, (T, 46). Where frames tell nothing of each other, only
     coordinates on which no marker depends are interpolated.
     """
-    present = ~np.isnan(found.q[:, 0])
+    present = ~np.isnan(optima.q[:, 0])
     lost = ~(observed | problem.locked) & present[:, None]
-    related = depended_on(problem, found, left_out)
+    related = depended_on(problem, optima, left_out)
     if unrelated:
         lost &= ~related
     which = np.flatnonzero((lost & related).any(axis=1))
     for i in np.flatnonzero(lost.any(axis=0)):
         gap = np.flatnonzero(lost[:, i])
         # a line between the frames that show it; its ends are constant
-        shown = np.flatnonzero(observed[:, i] & found.converged)
-        found.q[gap, i] = np.interp(gap, shown, found.q[shown, i]) if len(shown) else 0.0
-    q = found.q[which]
-    found.overwrite(which, problem.newton(found.row[which], q, (lost[which], q)))
+        shown = np.flatnonzero(observed[:, i] & optima.converged)
+        optima.q[gap, i] = np.interp(gap, shown, optima.q[shown, i]) if len(shown) else 0.0
+    q = optima.q[which]
+    optima.overwrite(which, problem.newton(optima.row[which], q, (lost[which], q)))
 
 
-def depended_on(problem: Problem, found: Solved, left_out: Mask) -> Mask:
+def depended_on(problem: Problem, optima: Solved, left_out: Mask) -> Mask:
     """Whether markers that are used depend on each coordinate, (F, 46)."""
     # changing a coordinate of less curvature moves no marker
-    related = ~found.converged[:, None] | (found.pivots - problem.prior > 1e-8)
+    related = ~optima.converged[:, None] | (optima.pivots - problem.prior > 1e-8)
     return np.asarray(related & ~left_out)
 
 
@@ -551,23 +551,23 @@ class FrameTracker:
             optimum.overwrite(ROW, lowest_of_tries(problem, optimum, slice(number, number + 1)))
         return optimum, looked
 
-    def _start_is_no_good(self, found: Solved, q: Array) -> bool:
-        if not found.converged[0] or np.abs(found.q[0] - q).max() > LIMITS.far:
+    def _start_is_no_good(self, optimum: Solved, q: Array) -> bool:
+        if not optimum.converged[0] or np.abs(optimum.q[0] - q).max() > LIMITS.far:
             return True
         if (self.tracked | self.problem.locked).all():
             return False
         # a limb that comes back may have moved too far for the last pose to lead to it
-        returned = self._observed(found) & ~self.tracked
-        return bool(returned.any() and doubtful(self.problem, found)[0])
+        returned = self._observed(optimum) & ~self.tracked
+        return bool(returned.any() and doubtful(self.problem, optimum)[0])
 
-    def _observed(self, found: Solved) -> Mask:
+    def _observed(self, optimum: Solved) -> Mask:
         """Which coordinates the markers determine, (46,); as is usual since none was missing."""
-        observed = observed_by(self.problem, found, self.usual_pivots, self.seen)
+        observed = observed_by(self.problem, optimum, self.usual_pivots, self.seen)
         return np.asarray(observed[0])
 
-    def _hold(self, found: Solved, lost: Mask, left_out: Mask) -> None:
+    def _hold(self, optimum: Solved, lost: Mask, left_out: Mask) -> None:
         """Hold coordinates that markers do not show, and solve the others again if need be."""
-        related = depended_on(self.problem, found, left_out)[0]
-        found.q[0, lost] = self.shown[lost]
+        related = depended_on(self.problem, optimum, left_out)[0]
+        optimum.q[0, lost] = self.shown[lost]
         if (lost & related).any():
-            found.overwrite(ROW, self.problem.newton(ROW, found.q, (lost[None], found.q)))
+            optimum.overwrite(ROW, self.problem.newton(ROW, optimum.q, (lost[None], optimum.q)))

@@ -135,8 +135,8 @@ class OneFrameKernel:
         tuple of Array
             Outputs, (n,) each; the next call overwrites them.
         """
-        for own, given in zip(self._inputs, inputs, strict=True):
-            own[:] = given
+        for buffer, given in zip(self._inputs, inputs, strict=True):
+            buffer[:] = given
         self._evaluate(1, self._from, self._to)
         return self._outputs
 

@@ -143,10 +143,10 @@ def newton_step() -> SX:
     pose = Pose(q, geometry)
 
     cost, of_segment = ca.dot(prior, (q - reference) ** 2), {}
-    for s, own in zip(MOVING, ca.vertsplit(sums, N_SUMS), strict=True):
+    for s, terms in zip(MOVING, ca.vertsplit(sums, N_SUMS), strict=True):
         R, o = pose.R[s], pose.o[s]
-        n, p, pp, m = own[0], own[1:4], _symmetric(own[4:10]), own[10:13]
-        mp, mm = ca.reshape(own[13:22], 3, 3), own[22]
+        n, p, pp, m = terms[0], terms[1:4], _symmetric(terms[4:10]), terms[10:13]
+        mp, mm = ca.reshape(terms[13:22], 3, 3), terms[22]
         Rp = R @ p
         h = Rp + n * o
         K = R @ pp @ R.T + Rp @ o.T + o @ h.T
@@ -250,11 +250,11 @@ def newton_euler() -> SX:
         motion[i] = w + dw, v + dv, alpha, a
 
     of_segment = {}
-    for s, own in zip(RIGID_BODIES, ca.vertsplit(inertia, N_INERTIA), strict=True):
+    for s, inertial in zip(RIGID_BODIES, ca.vertsplit(inertia, N_INERTIA), strict=True):
         R, (w, v, alpha, a) = pose.R[s], motion[LAST_Q[s]]
-        c = pose.o[s] + R @ own[1:4]
-        I = R @ _symmetric(own[4:10]) @ R.T  # noqa: E741
-        F = own[0] * (a + ca.cross(alpha, c) + ca.cross(w, v + ca.cross(w, c)))
+        c = pose.o[s] + R @ inertial[1:4]
+        I = R @ _symmetric(inertial[4:10]) @ R.T  # noqa: E741
+        F = inertial[0] * (a + ca.cross(alpha, c) + ca.cross(w, v + ca.cross(w, c)))
         of_segment[s] = [F, ca.cross(c, F) + I @ alpha + ca.cross(w, I @ w)]
 
     beyond = _sum_beyond(of_segment, lambda: [ca.SX(3, 1), ca.SX(3, 1)])

@@ -350,15 +350,15 @@ class RealtimeFilter:
             `longest_gap_s` begins anew.
         """
         finite = np.isfinite(signal)
-        known = slice(None) if finite.all() else finite
+        sampled = slice(None) if finite.all() else finite
         # channels with the same last sample go on together
-        last_s = set(self._known_s[known].tolist())
+        last_s = set(self._known_s[sampled].tolist())
         state = np.full((3, len(signal)), np.nan)
         for known_s in last_s:
-            these = known if len(last_s) == 1 else finite & (self._known_s == known_s)
+            these = sampled if len(last_s) == 1 else finite & (self._known_s == known_s)
             state[:, these] = self._goes_on(time - known_s, these, signal[these])
-        self._state[:, known], self._before[known] = state[:, known], signal[known]
-        self._known_s[known] = time
+        self._state[:, sampled], self._before[sampled] = state[:, sampled], signal[sampled]
+        self._known_s[sampled] = time
         self.value, self.velocity, self.acceleration = state
 
     def _goes_on(self, since_s: float, these: Mask | slice, signal: Array) -> Array:

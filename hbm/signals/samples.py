@@ -95,7 +95,7 @@ def medians_of_known(values: Array) -> Array:
     return np.asarray(np.take_along_axis(np.sort(values), middle, axis=-1).mean(axis=-1))
 
 
-def without_short_gaps(known: Mask, time: Array, longest_s: float) -> Mask:
+def without_short_gaps(sampled: Mask, time: Array, longest_s: float) -> Mask:
     """Find samples that are known, or between two known ones that are at most so far apart, (T,).
 
     Examples
@@ -104,9 +104,9 @@ def without_short_gaps(known: Mask, time: Array, longest_s: float) -> Mask:
     >>> without_short_gaps(known, np.arange(7.0), 2.0).tolist()
     [False, True, True, True, False, False, True]
     """
-    filled = known.copy()
-    for start, stop in stretches(~known):
-        inside = start > 0 and stop < len(known)
+    filled = sampled.copy()
+    for start, stop in stretches(~sampled):
+        inside = start > 0 and stop < len(sampled)
         if inside and time[stop] - time[start - 1] <= longest_s:
             filled[start:stop] = True
     return filled
@@ -175,17 +175,17 @@ def cubic_spline(time: Array, samples: Array) -> Callable[[Array], Array]:
     return evaluate
 
 
-def _columns_by_gaps(known: Mask) -> Iterator[tuple[Mask, Mask | slice]]:
+def _columns_by_gaps(sampled: Mask) -> Iterator[tuple[Mask, Mask | slice]]:
     """Give which rows of (T, K) samples are known, and the columns that share them.
 
     Columns are a slice where all share them, which takes no copy.
     """
-    if known.size and known.all():
-        yield known[:, 0], slice(None)
+    if sampled.size and sampled.all():
+        yield sampled[:, 0], slice(None)
         return
     # columns with gaps in the same rows share their blocks
     same: dict[bytes, list[int]] = {}
-    columns = np.ascontiguousarray(known.T)
+    columns = np.ascontiguousarray(sampled.T)
     for number, of_column in enumerate(columns):
         same.setdefault(of_column.tobytes(), []).append(number)
     for numbers in same.values():

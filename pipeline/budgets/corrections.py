@@ -20,7 +20,11 @@ from pipeline.trial.residuals import AXES
 
 
 def write_corrected(
-    study: Study, found: StudyExplanation, mass_kg: Mapping[str, float], results: Path, out: Path
+    study: Study,
+    explanation: StudyExplanation,
+    mass_kg: Mapping[str, float],
+    results: Path,
+    out: Path,
 ) -> tuple[list[Correction], list[str]]:
     """Write a study whose settings carry the corrections that are certain.
 
@@ -28,7 +32,7 @@ def write_corrected(
     ----------
     study
         The study that was explained.
-    found
+    explanation
         Its explanation.
     mass_kg
         Subject -> body mass that the results are of [kg].
@@ -59,10 +63,10 @@ def write_corrected(
     people = {table["id"]: table for table in tables.values() if "trials" in table}
     for person in people.values():
         trials = person["trials"].items()
-        person["trials"] = {key: recording_tables(stated) for key, stated in trials}
+        person["trials"] = {key: recording_tables(recordings) for key, recordings in trials}
     file, written, left_out = tables["study.toml"], list[Correction](), list[str]()
-    alike = alike_in_plates(shared.cause for shared in found.causes)
-    for shared in found.causes:
+    alike = alike_in_plates(shared.cause for shared in explanation.causes)
+    for shared in explanation.causes:
         cause = shared.cause
         if not cause.is_certain or cause.group not in MENDABLE:
             continue

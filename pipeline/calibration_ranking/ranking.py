@@ -104,8 +104,8 @@ def rank_platform(
             raise ValueError(
                 f"{trial.name}: the plate's {', '.join(dead)} is 0 throughout; is it connected?"
             )
-        left = {n: trial.wrench - m.predict(trial.accelerations) for n, m in models.items()}
-        scores.append(_scores(trial.name, WRENCH_COMPONENTS, trial.wrench, left))
+        remains = {n: trial.wrench - m.predict(trial.accelerations) for n, m in models.items()}
+        scores.append(_scores(trial.name, WRENCH_COMPONENTS, trial.wrench, remains))
     resampled = _resampled(list(models.values()), validation, np.random.default_rng(seed))
     return ranked(pd.concat(scores, ignore_index=True), resampled, models)
 
@@ -124,14 +124,14 @@ def _fitted(trials: Sequence[Trial], fit: Callable[[Trial], Model]) -> dict[str,
 
 
 def _scores(
-    validation: str, components: Sequence[str], measured: Array, left: Mapping[str, Array]
+    validation: str, components: Sequence[str], measured: Array, remains: Mapping[str, Array]
 ) -> pd.DataFrame:
     """Give RMS raw and after compensation of the components, (N, C), by calibration trial."""
     raw = _rms(measured)
     columns = ["trial", "validation", "component", "rms_raw", "rms_after"]
     rows = [
         (name, validation, *row)
-        for name, rest in left.items()
+        for name, rest in remains.items()
         for row in zip(components, raw, _rms(rest), strict=True)
     ]
     return pd.DataFrame(rows, columns=columns)
@@ -284,13 +284,13 @@ def rank_belts(
     scores, resampled = [], []
     for trial in validation:
         # about the mean, which a zero of the plate shifts
-        measured, left = trial.moment - trial.moment.mean(), {}
+        measured, remains = trial.moment - trial.moment.mean(), {}
         for name, model in models.items():
             rest = measured - model.predict(trial.acceleration)
-            left[name] = (rest - rest.mean())[:, None]
-        scores.append(_scores(trial.name, ["My"], measured[:, None], left))
+            remains[name] = (rest - rest.mean())[:, None]
+        scores.append(_scores(trial.name, ["My"], measured[:, None], remains))
         cut, drawn = _drawn_blocks(len(measured), rng)
-        after = drawn @ np.array([[np.sum(rest[b] ** 2) for rest in left.values()] for b in cut])
+        after = drawn @ np.array([[np.sum(rest[b] ** 2) for rest in remains.values()] for b in cut])
         total = drawn @ np.array([np.sum(measured[b] ** 2) for b in cut])
         resampled.append(np.sqrt(after / total[:, None]))
     return ranked(pd.concat(scores, ignore_index=True), np.stack(resampled, axis=2), models)
@@ -411,8 +411,8 @@ def thesis_choice(table: pd.DataFrame) -> str:
 def excess(ranking: Ranking[Model], name: str) -> pd.Series:
     """Give how much more a trial leaves than the winner in each column [N, N·m]."""
     columns = ["validation", "component"]
-    left = ranking.scores.pivot(index=columns, columns="trial", values="rms_after")
-    return left[name] - left[ranking.winner]
+    after = ranking.scores.pivot(index=columns, columns="trial", values="rms_after")
+    return after[name] - after[ranking.winner]
 
 
 def as_good(ranking: Ranking[Model]) -> list[str]:

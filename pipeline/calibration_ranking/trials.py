@@ -13,8 +13,8 @@ from compensation.belts import spline_cutoff
 from hbm.signals.filtering import Method, low_pass
 from hbm.spatial import Array, rotate_wrench
 from pipeline.config.schema import Treadmill
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Recording
-from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import (
     accelerations,
     belt_speed,
@@ -61,7 +61,7 @@ class RankingSettings:
     belt_channel: str = "BeltSpeed"
     # from a smoothing spline through the belt's speed (van de Loosdrecht 2018, D.3.4)
     belt_cutoff_hz: float = 10.0
-    stated: Stated = field(default_factory=Stated)
+    options: ReadOptions = field(default_factory=ReadOptions)
     accelerometer: tuple[str, ...] = ()
 
 
@@ -161,7 +161,7 @@ def read_trials(
         )
     trials = Trials()
     for done, path in enumerate(paths, start=1):
-        recording, name = read_empty(path, settings.stated), path.parent.name
+        recording, name = read_empty(path, settings.options), path.parent.name
         one = (platform_trial if name in FOLDERS[:2] else belt_trial)(recording, settings)
         getattr(trials, name).append(one)
         if progress is not None:

@@ -31,12 +31,12 @@ def _replay(request: LiveRequest, path: Path, console: PlainConsole) -> int:
     from pipeline.config.live import Live
     from pipeline.config.study import read_study
     from pipeline.io.read import read_recording
-    from pipeline.io.stated import Stated
+    from pipeline.io.read_options import ReadOptions
     from pipeline.live.replay import Replay
 
     study = read_study(request.study, recordings=False) if request.study else None
-    stated, live = (study.stated, study.file.live) if study else (Stated(), Live())
-    recording = read_recording(path, stated, request.forces, record=request.record)
+    options, live = (study.options, study.file.live) if study else (ReadOptions(), Live())
+    recording = read_recording(path, options, request.forces, record=request.record)
     played = Replay(recording, speed=request.speed, listen=request.listen or live.listen)
     console.say(
         f"playing {path.name} as {', '.join(played.names)}, once they are received or "

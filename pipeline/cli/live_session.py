@@ -128,7 +128,7 @@ def _qualisys(
     host, colon, port = address.partition(":")
     if colon and not port.isdecimal():
         raise ValueError(f"--qualisys {address}: expected ADDRESS or ADDRESS:PORT")
-    return QualisysSource(host, port=int(port or PORT), stated=prepared.study.stated, say=say)
+    return QualisysSource(host, port=int(port or PORT), options=prepared.study.options, say=say)
 
 
 def _lsl(prepared: Preparation, listen: str, senders: Sequence[str], line: "LightLine") -> Source:
@@ -140,7 +140,7 @@ def _lsl(prepared: Preparation, listen: str, senders: Sequence[str], line: "Ligh
         return LslSource(
             markers,
             analog,
-            stated=prepared.study.stated,
+            options=prepared.study.options,
             listen=listen,
             timeout_s=60.0,
             searching=line.wait_for_streams,

@@ -49,9 +49,9 @@ def takes(kind: type[InputModel]) -> Callable[[Command], Command]:
         @wraps(command)
         def typed(**values: Any) -> int | None:
             typed_in = {name: values.pop(name) for name in options}
-            stated = {n: tuple(v) if isinstance(v, list) else v for n, v in typed_in.items()}
-            stated = {name: value for name, value in stated.items() if value not in (None, ())}
-            return command(check_options(kind, stated), **values)
+            given = {n: tuple(v) if isinstance(v, list) else v for n, v in typed_in.items()}
+            given = {name: value for name, value in given.items() if value not in (None, ())}
+            return command(check_options(kind, given), **values)
 
         typed.__annotations__ = {p.name: p.annotation for p in parameters}
         vars(typed)["__signature__"] = signature(command).replace(parameters=parameters)

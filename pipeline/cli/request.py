@@ -230,8 +230,8 @@ def _laboratory(request: TrialRequest) -> "Laboratory":
     file = request.plate_calibration
     plates = read_plate_correction(file) if file is not None else None
     if request.calibration is not None:
-        stated = stated_accelerometers(request.accelerometer)
-        return read_laboratory(request.calibration, markers, stated, plates)
+        accelerometers = stated_accelerometers(request.accelerometer)
+        return read_laboratory(request.calibration, markers, accelerometers, plates)
     if request.accelerometer:
         raise ValueError("--accelerometer has no effect without --calibration")
     platform = Platform(markers=markers) if markers else None

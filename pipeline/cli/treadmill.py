@@ -83,11 +83,11 @@ def fit(
         raise ValueError(
             "--sway-channel and --pitch-channel need --platform-markers, which time the commands"
         )
-    stated, file = request.stated(), request.plate_calibration
+    options, file = request.options(), request.plate_calibration
     plates = read_plate_correction(file) if file else None
 
     def read(path: Path) -> "Recording":
-        return of_empty.read_empty(path, stated, any_forward=plates is None)
+        return of_empty.read_empty(path, options, any_forward=plates is None)
 
     empty = read(request.recording)
     sensors = accelerometers.stated_accelerometers(request.accelerometer)
@@ -202,7 +202,7 @@ def rank(
 
     console = PlainConsole()
     settings = RankingSettings(
-        plate, cutoff_hz, belt_channel, belt_cutoff_hz, request.stated(), request.accelerometer
+        plate, cutoff_hz, belt_channel, belt_cutoff_hz, request.options(), request.accelerometer
     )
     if simulate:
         if folder.exists() and any(folder.rglob("*.c3d")):
@@ -275,7 +275,7 @@ def check(
             f"{recording}: the calibration was fitted to it; give a recording of another day"
         )
     console = PlainConsole()
-    empty = read_empty(recording, request.stated(), any_forward=plates is None)
+    empty = read_empty(recording, request.options(), any_forward=plates is None)
     result = check_recording(empty, laboratory)
     made = add_check(calibration, recording, result, f"{day:%Y-%m-%d}" if day else None)
     measured = measure_empty(empty, laboratory) if result.plates else None

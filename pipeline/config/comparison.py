@@ -27,8 +27,8 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
     list of str
         One line per fault.
     """
-    stated = file.comparison
-    grouped = stated is not None and stated.group == "group"
+    comparison = file.comparison
+    grouped = comparison is not None and comparison.group == "group"
     faults = [
         f'subject {name}: group: has no effect unless comparison.group = "group" in study.toml'
         for name, person in subjects.items()
@@ -39,30 +39,30 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
         for name in file.conditions
         if name in ("group", *COVARIATES)
     ]
-    if stated is None:
+    if comparison is None:
         return faults
     where, conditions = "study.toml: comparison", [*file.conditions]
     faults += [
         f"{where}.levels: no condition {short(level)!r}{nearest(level, conditions)}"
-        for level in stated.levels or ()
+        for level in comparison.levels or ()
         if level not in conditions
     ]
-    design = _design(file, stated)
-    if stated.reference not in (None, *design.conditions):
-        hint = nearest(stated.reference, design.conditions)
-        faults.append(f"{where}.reference: {short(str(stated.reference))!r} is no level{hint}")
-    return [*faults, *_pair_faults(stated, design), *_group_faults(stated, subjects)]
+    design = _design(file, comparison)
+    if comparison.reference not in (None, *design.conditions):
+        hint = nearest(comparison.reference, design.conditions)
+        faults.append(f"{where}.reference: {short(str(comparison.reference))!r} is no level{hint}")
+    return [*faults, *_pair_faults(comparison, design), *_group_faults(comparison, subjects)]
 
 
-def _pair_faults(stated: Comparison, design: Design) -> list[str]:
+def _pair_faults(comparison: Comparison, design: Design) -> list[str]:
     faults = []
-    for place, pair in enumerate(stated.pairs or ()):
+    for place, pair in enumerate(comparison.pairs or ()):
         where, cells = f"study.toml: comparison.pairs: {short(pair)!r}", pair.split(PAIR)
         if len(cells) != 2 or cells[0] == cells[1]:
             example = PAIR.join(design.pairs[0]) if design.pairs else "A - B"
             faults.append(f"{where} is not two cells, such as {example!r}")
             continue
-        if PAIR.join(reversed(cells)) in (stated.pairs or ())[:place]:
+        if PAIR.join(reversed(cells)) in (comparison.pairs or ())[:place]:
             faults.append(f"{where} is another pair turned round; leave one of them out")
         for cell in cells:
             if cell not in design.cells:
@@ -71,12 +71,12 @@ def _pair_faults(stated: Comparison, design: Design) -> list[str]:
     return faults
 
 
-def _group_faults(stated: Comparison, subjects: Mapping[str, SubjectFile]) -> list[str]:
-    if stated.group is None or not subjects:
+def _group_faults(wanted: Comparison, subjects: Mapping[str, SubjectFile]) -> list[str]:
+    if wanted.group is None or not subjects:
         return []
-    of_subject = {name: _group(person, stated.group) for name, person in subjects.items()}
+    of_subject = {name: _group(person, wanted.group) for name, person in subjects.items()}
     faults = [
-        f"subject {name}: {stated.group}: is missing; comparison.group in study.toml tells groups "
+        f"subject {name}: {wanted.group}: is missing; comparison.group in study.toml tells groups "
         "apart by it"
         for name, group in of_subject.items()
         if group is None
@@ -101,16 +101,16 @@ def groups(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> dict[str, st
     return {} if key is None else {name: _group(p, key) for name, p in subjects.items()}
 
 
-def _design(file: StudyFile, stated: Comparison | None) -> Design:
+def _design(file: StudyFile, comparison: Comparison | None) -> Design:
     """Give the design of the levels and the reference alone; without them, that of conditions."""
     calibrated = file.treadmill.calibrated
     # nobody is compared with a perturbation
     ordered = sorted(file.conditions, key=lambda name: file.conditions[name].perturbed)
     unstated = unstated_design(ordered, compensated=calibrated)
-    if stated is None:
+    if comparison is None:
         return unstated
-    levels = stated.levels or unstated.conditions
-    return design_of(levels, compensated=calibrated, reference=stated.reference)
+    levels = comparison.levels or unstated.conditions
+    return design_of(levels, compensated=calibrated, reference=comparison.reference)
 
 
 def study_design(file: StudyFile) -> Design:
@@ -133,22 +133,22 @@ def study_design(file: StudyFile) -> Design:
     >>> study_design(StudyFile.model_validate({"conditions": conditions})).pairs
     (('tilt', 'still'), ('shake', 'still'))
     """
-    stated = file.comparison
-    design = _design(file, stated)
-    if stated is None:
+    comparison = file.comparison
+    design = _design(file, comparison)
+    if comparison is None:
         return design
     pairs = design.pairs
-    if stated.pairs is not None:
-        cells = [pair.split(PAIR) for pair in stated.pairs]
+    if comparison.pairs is not None:
+        cells = [pair.split(PAIR) for pair in comparison.pairs]
         pairs = tuple((first, second) for first, second in cells)
-    usual = tuple(name for name in design.covariates if name != stated.group)
+    usual = tuple(name for name in design.covariates if name != comparison.group)
     return replace(
         design,
         pairs=pairs,
-        factor=stated.factor,
-        correction=stated.correction,
-        covariates=usual if stated.covariates is None else stated.covariates,
-        margin=stated.margin,
-        group=stated.group,
-        weigh=stated.weigh,
+        factor=comparison.factor,
+        correction=comparison.correction,
+        covariates=usual if comparison.covariates is None else comparison.covariates,
+        margin=comparison.margin,
+        group=comparison.group,
+        weigh=comparison.weigh,
     )

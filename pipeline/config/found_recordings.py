@@ -151,8 +151,8 @@ def _subjects(
             if not one.pose and one.file != static:
                 of_day = by_file[one.file].session if len(days) > 1 else ""
                 texts = {"file": one.file, "forces": one.forces, "session": of_day}
-                stated = {name: text for name, text in texts.items() if text}
-                trials.setdefault(conditions[by_file[one.file].condition], []).append(stated)
+                table = {name: text for name, text in texts.items() if text}
+                trials.setdefault(conditions[by_file[one.file].condition], []).append(table)
         subjects.append(FoundSubject(names[people[key]], static, hip_trial, trials))
     return subjects
 

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from hbm.spelling import printable, wrapped
 from pipeline.config.toml_file import describe_faults
 from pipeline.io.axes import parse_axes
-from pipeline.io.stated import parse_mending, parse_plate_units
+from pipeline.io.read_options import parse_mending, parse_plate_units
 from pipeline.io.units import acceleration_in_mps2, length_in_m
 
 RESERVED: Final = {
@@ -39,12 +39,12 @@ class InputModel(BaseModel):
         use_attribute_docstrings=True,
     )
 
-    def __init__(self, /, **stated: Any) -> None:
+    def __init__(self, /, **values: Any) -> None:
         """Check what is stated; what is wrong is one line."""
         try:
-            super().__init__(**stated)
+            super().__init__(**values)
         except ValidationError as error:
-            faults = "; ".join(describe_faults(error, type(self), stated))
+            faults = "; ".join(describe_faults(error, type(self), values))
             raise ValueError(f"{type(self).__name__}: {faults}") from None
 
     # else pydantic would call it for models within models and files too
@@ -59,9 +59,9 @@ class InputModel(BaseModel):
 def bounds_of(kind: type[InputModel], name: str) -> str:
     """Give the numbers that a setting may have, such as "0.1 to 50"; empty without both bounds."""
     field = _schema(kind)["properties"][name]
-    stated = field["anyOf"][0] if "anyOf" in field else field
-    least = stated.get("minimum", stated.get("exclusiveMinimum"))
-    return f"{least:g} to {stated['maximum']:g}" if "maximum" in stated else ""
+    schema = field["anyOf"][0] if "anyOf" in field else field
+    least = schema.get("minimum", schema.get("exclusiveMinimum"))
+    return f"{least:g} to {schema['maximum']:g}" if "maximum" in schema else ""
 
 
 @cache

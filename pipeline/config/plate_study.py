@@ -18,7 +18,7 @@ from pipeline.config.input_model import (
     Text,
 )
 from pipeline.config.toml_file import Around, FileName, StudyFaults, check_table, read_table
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 
 FILE = "plates.toml"
 BeltSide = Literal["left", "right"]
@@ -169,9 +169,9 @@ class PlatesFile(InputModel):
         return "center_height_m" in self.model_fields_set
 
     @property
-    def stated(self) -> Stated:
+    def options(self) -> ReadOptions:
         """How its recordings are to be read."""
-        return Stated(axes=self.axes, units=self.units, plate_units=self.plate_units)
+        return ReadOptions(axes=self.axes, units=self.units, plate_units=self.plate_units)
 
 
 @dataclass(frozen=True, slots=True)

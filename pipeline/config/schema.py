@@ -35,7 +35,7 @@ from pipeline.config.input_model import (
 )
 from pipeline.config.live import Live
 from pipeline.config.toml_file import ConditionName, FileName, RecordingName, SegmentsName
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 
 Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
 COVARIATES: Final[tuple[Covariate, ...]] = get_args(Covariate)
@@ -121,7 +121,7 @@ class RecordingRules(InputModel):
 
     Examples
     --------
-    >>> RecordingRules(units="mm", plate_units="N,Nmm").stated().plate_units
+    >>> RecordingRules(units="mm", plate_units="N,Nmm").read_options().plate_units
     'N,Nmm'
     """
 
@@ -143,10 +143,10 @@ class RecordingRules(InputModel):
     rename: dict[Text, Text] = Field(default_factory=dict, examples=[{"LASI": "LASIS"}])
     """Label in the files, without prefix, and the label wanted."""
 
-    def stated(self, marker_set: MarkerSet | None = None) -> Stated:
+    def options(self, marker_set: MarkerSet | None = None) -> ReadOptions:
         """Give what is stated to those who read files, with the set that the markers are of."""
         rules = {name: getattr(self, name) for name in RecordingRules.model_fields}
-        return Stated(**rules, marker_set=marker_set)
+        return ReadOptions(**rules, marker_set=marker_set)
 
 
 class Platform(InputModel):
@@ -330,10 +330,10 @@ NOUNS: Final[dict[Unit, str]] = {"cycle": "gait cycle", "step": "step", "stance"
 WindowName = Literal["cycle", "step", "stance", "motion", "recording"]
 
 
-def _window(stated: object) -> object:
-    if isinstance(stated, Interval) or stated in get_args(WindowName):
-        return stated
-    bounds = stated if isinstance(stated, list | tuple) and len(stated) == 2 else ()
+def _window(value: object) -> object:
+    if isinstance(value, Interval) or value in get_args(WindowName):
+        return value
+    bounds = value if isinstance(value, list | tuple) and len(value) == 2 else ()
     percent = re.compile(r"\s*(-?\d+(?:\.\d+)?)\s*%\s*", re.ASCII)
     percents = [percent.fullmatch(bound) for bound in bounds if isinstance(bound, str)]
     numbers = [float(match[1]) for match in percents if match]
@@ -341,16 +341,16 @@ def _window(stated: object) -> object:
     if len(numbers) != 2 or len(percents) == 1:
         raise ValueError(
             'must be "cycle", "step", "stance", "motion", "recording", [start_s, stop_s] or '
-            f'["10 %", "40 %"], got {shown(stated)}'
+            f'["10 %", "40 %"], got {shown(value)}'
         )
     unit: Literal["s", "%"] = "%" if percents else "s"
     start, stop = numbers
     if start < 0:
-        raise ValueError(f"must not begin before zero, got {shown(stated)}")
+        raise ValueError(f"must not begin before zero, got {shown(value)}")
     if not start < stop <= MAX_STOP:
-        raise ValueError(f"must be [start, stop] with start < stop, got {shown(stated)}")
+        raise ValueError(f"must be [start, stop] with start < stop, got {shown(value)}")
     if unit == "%" and stop > 100:
-        raise ValueError(f"ends beyond 100 % of the gait cycle, got {shown(stated)}")
+        raise ValueError(f"ends beyond 100 % of the gait cycle, got {shown(value)}")
     return Interval(float(start), float(stop), unit)
 
 
@@ -470,8 +470,8 @@ class Comparison(InputModel):
     @model_validator(mode="after")
     def _once(self) -> "Comparison":
         for key in ("levels", "pairs", "covariates"):
-            stated = getattr(self, key) or ()
-            if repeated := sorted({name for name in stated if stated.count(name) > 1}):
+            names = getattr(self, key) or ()
+            if repeated := sorted({name for name in names if names.count(name) > 1}):
                 raise ValueError(f"{key}: {', '.join(repeated)} is given more than once")
         if self.factor in ("IC", "group", *COVARIATES):
             raise ValueError(f"factor: {self.factor} is the name of another factor; choose another")
@@ -585,15 +585,15 @@ class Trial(InputModel):
         return tuple(filter(None, (self.file, self.forces, self.record)))
 
 
-def recording_tables(stated: object) -> tuple[Any, ...]:
+def recording_tables(value: object) -> tuple[Any, ...]:
     """Give the tables of a condition's recordings, stated as one table, as files or as tables."""
-    if isinstance(stated, list | tuple) and stated:
-        return tuple(stated)
-    if not isinstance(stated, dict):
-        raise ValueError(f"must be a table with a file, or a list of such, got {shown(stated)}")
-    if "files" not in stated:
-        return (stated,)
-    files, others = stated["files"], {k: v for k, v in stated.items() if k != "files"}
+    if isinstance(value, list | tuple) and value:
+        return tuple(value)
+    if not isinstance(value, dict):
+        raise ValueError(f"must be a table with a file, or a list of such, got {shown(value)}")
+    if "files" not in value:
+        return (value,)
+    files, others = value["files"], {k: v for k, v in value.items() if k != "files"}
     if not isinstance(files, list) or not files:
         raise ValueError(f"files: must be a list of recordings, got {shown(files)}")
     of_one = [key for key in others if key not in ("session", "window")]

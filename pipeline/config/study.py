@@ -29,8 +29,8 @@ from pipeline.config.schema import (
 )
 from pipeline.config.toml_file import SIMULATED, Around, StudyFaults, check_table, read_table
 from pipeline.io.input_file import is_file, read_text
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.shown import Overview, Shown
-from pipeline.io.stated import Stated
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -75,10 +75,10 @@ class Study(Shown):
         return Overview(title, [*self.file.conditions], rows)
 
     @property
-    def stated(self) -> Stated:
+    def options(self) -> ReadOptions:
         """How its recordings are to be read, with the marker set that they are of."""
         shipped = marker_sets().get(self.file.settings.marker_set or "")
-        return self.file.stated(self.marker_set or shipped)
+        return self.file.options(self.marker_set or shipped)
 
     def path(self, name: str) -> Path:
         """Give the path of a file of the study."""
@@ -112,11 +112,11 @@ class Study(Shown):
     @property
     def files(self) -> tuple[str, ...]:
         """Names of all files that it uses besides its own TOML files; of excluded trials none."""
-        stated = [self.file.plates.calibration, *self.file.treadmill.files]
-        stated += [name for person in self.subjects.values() for name in person.files]
+        names = [self.file.plates.calibration, *self.file.treadmill.files]
+        names += [name for person in self.subjects.values() for name in person.files]
         used = [trial for trial in self.trials.values() if trial.exclude is None]
-        stated += [name for trial in used for name in trial.files]
-        return tuple(dict.fromkeys(filter(None, stated)))
+        names += [name for trial in used for name in trial.files]
+        return tuple(dict.fromkeys(filter(None, names)))
 
     def to_process(
         self, subjects: Iterable[str] = (), conditions: Iterable[str] = ()
@@ -136,9 +136,9 @@ class Study(Shown):
             raise StudyFaults([f"{self.folder}: nothing to process: {none}"], self.folder)
         return names
 
-    def stated_of(self, trial: Trial) -> Stated:
+    def stated_of(self, trial: Trial) -> ReadOptions:
         """How the recording of a trial is to be read: as all, and what is stated of it alone."""
-        common = self.stated
+        common = self.options
         return replace(
             common,
             mend_plates=(*common.mend_plates, *trial.mend_plates),
@@ -167,12 +167,12 @@ Key = TypeVar("Key", str, TrialName)
 Stating = TypeVar("Stating")
 
 
-def _known(kind: str, name: Key, stated: Mapping[Key, Stating]) -> Stating:
-    if name not in stated:
-        texts = [str(value) for value in stated]
+def _known(kind: str, name: Key, by_name: Mapping[Key, Stating]) -> Stating:
+    if name not in by_name:
+        texts = [str(value) for value in by_name]
         hint = did_you_mean(str(name), texts)
         raise ValueError(f"no {kind} {str(name)!r}{hint}; there are {', '.join(texts)}")
-    return stated[name]
+    return by_name[name]
 
 
 def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
@@ -217,8 +217,8 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     file = conditions = None
     table = _table(folder / "study.toml", faults)
     if table is not None:
-        stated = table.get("conditions")
-        conditions = [*stated] if isinstance(stated, dict) else None
+        named = table.get("conditions")
+        conditions = [*named] if isinstance(named, dict) else None
         file = check_table("study.toml", table, StudyFile, faults, Around(folder))
     ways = {} if file is None else {MAIN: file, **_variants(folder, file, faults)}
     hips = {way.settings.hip for way in ways.values()}
@@ -268,14 +268,14 @@ def _variants(folder: Path, file: StudyFile, faults: list[str]) -> dict[str, Stu
     kinds: dict[str, type[InputModel]]
     kinds = {"settings": Settings, "plates": Plates, "treadmill": Treadmill}
     variants = {}
-    for name, stated in file.variants.items():
+    for name, changes in file.variants.items():
         where, before = f"study.toml: variants.{name}", len(faults)
-        tables = {key: stated[key] for key in kinds if isinstance(stated.get(key), dict)}
-        others = {key: value for key, value in stated.items() if key not in tables}
+        tables = {key: changes[key] for key in kinds if isinstance(changes.get(key), dict)}
+        others = {key: value for key, value in changes.items() if key not in tables}
         tables["settings"] = tables.get("settings", {}) | others
         if name.casefold() in (MAIN, "measured", "compensated"):
             faults.append(f"{where}: {name!r} is what a variant differs from; choose another name")
-        if not stated:
+        if not changes:
             faults.append(f"{where}: has no setting that differs")
         models = {}
         for key, values in tables.items():

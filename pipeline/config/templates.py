@@ -28,7 +28,7 @@ TEMPLATE: Final = packaged_toml("pipeline.config", "template.toml")
 
 def write_template(
     folder: Path,
-    found: Sequence[FoundSubject] = (),
+    subjects: Sequence[FoundSubject] = (),
     treadmill: Mapping[str, Any] | None = None,
     *,
     every: bool = False,
@@ -46,12 +46,14 @@ def write_template(
     OSError
         If the folder cannot be written to; no file is there then.
     """
-    conditions = {condition: dict[str, Any]() for subject in found for condition in subject.trials}
-    stated = {"name": printable(folder.resolve().name), "treadmill": treadmill or {}}
+    conditions = {
+        condition: dict[str, Any]() for subject in subjects for condition in subject.trials
+    }
+    laboratory = {"name": printable(folder.resolve().name), "treadmill": treadmill or {}}
     study, subject = TEMPLATE["study"], TEMPLATE["subject"]
-    values = study["given"] | ({**stated, "conditions": conditions} if found else {})
+    values = study["given"] | ({**laboratory, "conditions": conditions} if subjects else {})
     texts = {folder / "study.toml": template(StudyFile, study["heading"], values, every=every)}
-    for person in [_given(subject) for subject in found] or [subject["given"]]:
+    for person in [_given(subject) for subject in subjects] or [subject["given"]]:
         file = folder / f"{person['id']}.toml"
         texts[file] = template(SubjectFile, subject["heading"], person, every=every)
     for path in texts:
@@ -76,10 +78,10 @@ def _given(subject: FoundSubject) -> dict[str, Any]:
 
 
 def template(
-    kind: type[BaseModel], headings: Mapping[str, str], stated: Mapping[str, Any], *, every: bool
+    kind: type[BaseModel], headings: Mapping[str, str], values: Mapping[str, Any], *, every: bool
 ) -> str:
     """Give a TOML file of a model: what is given or, with `every`, all keys, others behind a #."""
-    lines = _lines(kind, "", stated, every)
+    lines = _lines(kind, "", values, every)
     return "\n".join([headings["every" if every else "used"], *lines]) + "\n"
 
 
@@ -92,23 +94,23 @@ def _lines(
     # what a person should state of each subject, though it may be missing
     asked = ("sex", "mass_kg", "height_m")
     for name, field in kind.model_fields.items():
-        stated = None if values is None else values.get(name)
-        if field.exclude or not (every or stated or name in asked):
+        given = None if values is None else values.get(name)
+        if field.exclude or not (every or given or name in asked):
             continue
         place = f"{table}.{name}" if table else name
         if inner := models_in(field.annotation):
-            tables += _tables(inner[0], place, field, stated, every)
+            tables += _tables(inner[0], place, field, given, every)
         elif isinstance(example := _example(field), dict):
             if all(isinstance(inner, dict) for inner in example.values()):
                 ((inner_name, example),) = example.items()
                 place = f"{place}.{inner_name}"
-            sign, example = ("", stated) if stated else ("# ", example)
+            sign, example = ("", given) if given else ("# ", example)
             comment = _comment(f"{sign}[{place}]", field.description)
             tables += ["", *comment, *(f"{sign}{k} = {in_toml(v)}" for k, v in example.items())]
         else:
-            value = _example(field) if stated is None else stated
+            value = _example(field) if given is None else given
             # another setting decides whether a hip trial has an effect
-            sign = "# " if stated is None or name == "hip_trial" else ""
+            sign = "# " if given is None or name == "hip_trial" else ""
             if value is not None:
                 keys += _comment(f"{sign}{name} = {in_toml(value)}", field.description)
     return keys + tables
@@ -121,9 +123,9 @@ def _tables(
     kind_of_table = str(field.annotation)
     if kind_of_table.startswith("dict"):
         lines = list[str]()
-        for name, stated in values.items():
-            header = f"[[{place}.{name}]]" if isinstance(stated, list) else f"[{place}.{name}]"
-            for one in stated if isinstance(stated, list) else [stated]:
+        for name, table in values.items():
+            header = f"[[{place}.{name}]]" if isinstance(table, list) else f"[{place}.{name}]"
+            for one in table if isinstance(table, list) else [table]:
                 keys = [f"{key} = {in_toml(value)}" for key, value in (one or {}).items()]
                 if every and not lines:  # the keys that are not stated are shown once
                     keys = _lines(kind, f"{place}.{name}", one, every)

@@ -117,17 +117,17 @@ def _among(check: Callable[[str, Around, Mapping[str, Any]], None]) -> AfterVali
     return AfterValidator(validate)
 
 
-def _recorded(name: str, around: Around, stated: Mapping[str, Any]) -> None:
-    if around.recordings and not stated.get("exclude"):
+def _recorded(name: str, around: Around, keys: Mapping[str, Any]) -> None:
+    if around.recordings and not keys.get("exclude"):
         require_file(around.folder, name)
 
 
-def _readable(name: str, around: Around, stated: Mapping[str, Any]) -> None:
+def _readable(name: str, around: Around, keys: Mapping[str, Any]) -> None:
     if is_file(around.folder / name):
         read_segments(around.folder / name)
 
 
-def _known(name: str, around: Around, stated: Mapping[str, Any]) -> None:
+def _known(name: str, around: Around, keys: Mapping[str, Any]) -> None:
     conditions = around.conditions
     if conditions is not None and name not in conditions:
         raise ValueError(f"no such condition in study.toml{nearest(name, conditions)}")

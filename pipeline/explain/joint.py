@@ -110,9 +110,9 @@ def _usual(trials: Mapping[str, TrialEvidence]) -> dict[str, _Usual]:
         squares = [np.mean(s["found"].to_numpy() ** 2) for s in subjects]
         # subjects are independent: precisions add up
         weights = np.sqrt(squares) ** -2.0
-        found = float(weights.sum() ** -0.5)
+        deviation_of_mean = float(weights.sum() ** -0.5)
         centre = np.average(means, weights=weights)
-        result[str(name)] = _Usual(float(centre), HELD * found, found)
+        result[str(name)] = _Usual(float(centre), HELD * deviation_of_mean, deviation_of_mean)
     return result
 
 

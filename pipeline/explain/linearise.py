@@ -148,14 +148,14 @@ class Linearised:
         Those whose size was found elsewhere keep it, and the others are as unsure as that makes
         them.
         """
-        trial, (mean, prior, found) = self.evidence(series), self.expected
+        trial, (mean, prior, uncertainty) = self.evidence(series), self.expected
         posterior = with_others(trial, find_faults([trial]))
         # from usual sizes to units
         covariance = posterior.covariance * np.outer(prior, prior)
         if_there = posterior.if_there * prior
         # the others follow a size that was found elsewhere by their regression on it
-        for k in np.flatnonzero(found):
-            follow = found[k] * covariance[:, k] / covariance[k, k]
+        for k in np.flatnonzero(uncertainty):
+            follow = uncertainty[k] * covariance[:, k] / covariance[k, k]
             covariance = covariance + np.outer(follow, follow)
             if_there[1] = np.hypot(if_there[1], follow)
         if_there[0] += mean
@@ -289,7 +289,7 @@ def left_by_filter(chain: Chain) -> Array:
 
 
 def linearised(
-    part: ExplainedPart, left: Array, noise: Array | float = 0.0
+    part: ExplainedPart, filtered_out: Array, noise: Array | float = 0.0
 ) -> tuple[Array, Linearised, Posterior]:
     """Estimate the sizes of causes, again around the sizes found until that changes nothing.
 
@@ -297,7 +297,7 @@ def linearised(
     ----------
     part
         The part of a trial, and what may be wrong with it.
-    left
+    filtered_out
         What the filter leaves, (T, 6), which needs no cause.
     noise
         Of samples, in each axis, (6,).
@@ -315,7 +315,7 @@ def linearised(
     frames, rounds = np.concatenate(part.series.frames), list[Array]()
     without, size, before = chain, np.zeros(len(causes)), rms(chain.residual[frames])
     for _ in range(3):
-        measured = without.residual - left  # first: chains with effects keep its steps
+        measured = without.residual - filtered_out  # first: chains with effects keep its steps
         effects = np.nan_to_num([cause.effect(without) for cause in causes])
         rounds.append(effects)
         # sizes are of the trial as measured: what was taken away is put back, to first order
@@ -325,10 +325,10 @@ def linearised(
         expected = model.residual - np.tensordot(size, effects, 1)
         without = corrected(chain, causes, size)
         # linear enough: all causes together do what the sum of their effects does, but for 5 %
-        missed = rms((without.residual - left - expected)[frames])
+        missed = rms((without.residual - filtered_out - expected)[frames])
         if (missed < 0.05 * before).all():
             break
-    return rounds[0], replace(model, residual=chain.residual - left), posterior
+    return rounds[0], replace(model, residual=chain.residual - filtered_out), posterior
 
 
 def rms(residual: Array) -> Array:

@@ -41,8 +41,8 @@ from pipeline.io.c3d.read import GROUP, compensation_group, read_compensation
 from pipeline.io.c3d.second_reader import SecondReading, compare_readers, reader
 from pipeline.io.input_file import describe_error, file_digest, naming
 from pipeline.io.read import file_format
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Compensation, Recording
-from pipeline.io.stated import Stated
 from pipeline.io.write import whole_file
 from pipeline.trial.ground.laboratory import (
     Laboratory,
@@ -183,7 +183,7 @@ def write_compensated(
     in_file = recording.markers.position @ parse_axes(",".join(recording.axes))
     verification = rewrite_plates(
         *(recording.source, target, changes, done, corners),
-        stated=recording.stated,
+        options=recording.options,
         position=in_file,
     )
     return Written(target, verification, notes)
@@ -253,10 +253,10 @@ def recordings_of(study: Study) -> dict[str, Trial]:
 
 
 def _file_plates(
-    header: Header, stated: Stated | None = None, position: Array | None = None
+    header: Header, options: ReadOptions | None = None, position: Array | None = None
 ) -> list[PlateLayout]:
     """Give a file's plates, each with channels of its own; parameters as of `plate_layouts`."""
-    plates, _ = plate_layouts(header, stated or Stated(), position)
+    plates, _ = plate_layouts(header, options or ReadOptions(), position)
     if not plates:
         raise ValueError("the file has no force plates")
     owners = Counter(channel for plate in plates for channel in plate.channels)
@@ -335,7 +335,7 @@ def rewrite_plates(
     compensation: Compensation,
     corners: Sequence[Array] = (),
     *,
-    stated: Stated | None = None,
+    options: ReadOptions | None = None,
     position: Array | None = None,
 ) -> SecondReading:
     """Write a C3D file again with changed plate wrenches.
@@ -354,7 +354,7 @@ def rewrite_plates(
     corners
         Per plate, new corners of its surface, in the plate's axes about the centre of its surface
         as they are in ``original``, (4, 3) [m]; none to keep them.
-    stated, position
+    options, position
         What was stated about ``original`` when it was read (the copy keeps its own labels and
         units), and its markers, as `plate_layouts` takes both.
 
@@ -380,7 +380,7 @@ def rewrite_plates(
         header = read_header(original)
         if (before := read_compensation(header.parameters)) is not None:
             raise ValueError(f"its plates are compensated already, by {before.software}")
-        plates = _file_plates(header, stated, position)
+        plates = _file_plates(header, options, position)
         parameter_start = (header.parameter_block - 1) * BLOCK_BYTES
         with whole_file(target) as temporary:
             with original.open("rb") as source, temporary.open("wb") as copy:

@@ -15,8 +15,8 @@ from hbm.numbers import read_numbers
 from hbm.signals.samples import medians_of_known
 from hbm.spatial import Array, Mask, cross
 from hbm.spelling import listed, short
+from pipeline.io.read_options import correction
 from pipeline.io.recording import Fact
-from pipeline.io.stated import correction
 
 PELVIS_AND_SHOULDERS: Final = ("ASIS", "PSIS", "SHO")
 TOES: Final = ("TOE", "MT2", "MT5", "MTS")

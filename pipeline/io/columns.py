@@ -17,8 +17,8 @@ from hbm.spatial import Array, frozen, rotate_wrench, transform_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import above_feet, find_sites, mean_force, parse_axes, settle_axes, split_axes
 from pipeline.io.labels import join_trajectories, rename_markers, require_unique, without_prefixes
+from pipeline.io.read_options import CONVERT, ReadOptions, parse_mending
 from pipeline.io.recording import Fact, Plate, Recording, impossible_samples, saying
-from pipeline.io.stated import CONVERT, Stated, parse_mending
 from pipeline.io.units import LENGTHS, length_in_m
 
 LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "positions")
@@ -60,7 +60,7 @@ def file_markers(
     labels: Sequence[str],
     unit: str,
     positions: Callable[[list[int]], Array],
-    stated: Stated,
+    options: ReadOptions,
     held: bool = False,
 ) -> FileMarkers:
     """Give the markers wanted of a file.
@@ -68,15 +68,15 @@ def file_markers(
     ``positions`` gives those of some labels by their indices, (M,) -> (T, M, 3), in the file's
     unit; ``held`` says that unseen ones stay where they were. A ValueError as `settle_markers`.
     """
-    bare, notes = without_prefixes(labels, stated)
-    return settle_markers(bare, unit, positions([*bare]), stated, notes, held)
+    bare, notes = without_prefixes(labels, options)
+    return settle_markers(bare, unit, positions([*bare]), options, notes, held)
 
 
 def settle_markers(
     labels: Mapping[int, str],
     unit: str,
     position: Array,
-    stated: Stated,
+    options: ReadOptions,
     notes: Iterable[Note | Fact],
     held: bool = False,
 ) -> FileMarkers:
@@ -99,7 +99,7 @@ def settle_markers(
     ValueError
         Labels or unit are unknown or contradictory, or the unit contradicts the markers' extent.
     """
-    metre = stated.metre(unit) if labels else 1.0
+    metre = options.metre(unit) if labels else 1.0
     remarks = [*notes, *without_impossible_positions([*labels.values()], position, metre)]
     if held:  # one by one: a file may be as large as the memory allows
         same = [(path[1:] == path[:-1]).all(axis=-1) for path in position.swapaxes(0, 1)]
@@ -108,14 +108,14 @@ def settle_markers(
             remarks.append(Fact("missing", "markers", f"{count} samples held at their last place"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     position *= metre
-    columns, joined = join_trajectories(labels, position, stated)
+    columns, joined = join_trajectories(labels, position, options)
     remarks += joined
     with saying(remarks):
-        markers, renamed, absent = rename_markers(columns, stated)
+        markers, renamed, absent = rename_markers(columns, options)
         # copied only where columns are left out: a file may be as large as the memory allows
         if len(markers) < len(labels):
             position = position[:, [*markers.values()]]
-        _require_extent(position, tuple(markers), stated, unit)
+        _require_extent(position, tuple(markers), options, unit)
     return FileMarkers(tuple(markers), position, unit, [*remarks, *renamed], absent)
 
 
@@ -152,13 +152,15 @@ def without_impossible_positions(
         yield from impossible_samples(names, far.sum(axis=0))
 
 
-def _require_extent(position: Array, names: tuple[str, ...], stated: Stated, unit: str) -> None:
+def _require_extent(
+    position: Array, names: tuple[str, ...], options: ReadOptions, unit: str
+) -> None:
     """Refuse positions, (T, M, 3) [m], whose extent is that of no recording or of no person."""
-    used, several = stated.units or unit, np.isfinite(position).all(axis=-1).sum(axis=1) > 1
+    used, several = options.units or unit, np.isfinite(position).all(axis=-1).sum(axis=1) > 1
     if not several.any():
         return
     highest, lowest = (extreme.reduce(position, axis=1)[several] for extreme in (np.fmax, np.fmin))
-    above = above_feet(position, find_sites(names, stated.marker_set))
+    above = above_feet(position, find_sites(names, options.marker_set))
     for what, vectors, (least, largest) in (
         # diagonal of the box around all markers of a frame; height of one who stands
         ("the markers spread over", highest - lowest, LIMITS.spans),
@@ -209,10 +211,10 @@ class PlateColumns:
     units: tuple[str, ...] = field(kw_only=True, default=SI_UNITS)
     place: Plate | None = field(kw_only=True, default=None)
 
-    def in_si(self, stated: Stated) -> "PlateColumns":
+    def in_si(self, options: ReadOptions) -> "PlateColumns":
         """Give the same in SI units."""
         in_si: dict[str, Any] = {
-            quantity: getattr(self, quantity) * stated.plate_unit(quantity, unit)
+            quantity: getattr(self, quantity) * options.plate_unit(quantity, unit)
             for quantity, unit in zip(CONVERT, self.units, strict=True)
             if getattr(self, quantity) is not None
         }
@@ -282,7 +284,7 @@ Located = tuple[Array, str]
 
 def recording_of(
     source: Path,
-    stated: Stated,
+    options: ReadOptions,
     markers: FileMarkers,
     time: Array,
     plates: Iterable[PlateColumns | Fact] = (),
@@ -302,7 +304,7 @@ def recording_of(
 
     Parameters
     ----------
-    source, stated
+    source, options
         The file, and what a person states about it.
     markers, time
         Its markers, and their times, (T,) [s].
@@ -328,28 +330,28 @@ def recording_of(
     plates = list(plates)
     remarks = [*markers.notes, *notes, *(p for p in plates if isinstance(p, Fact))]
     described = [plate for plate in plates if isinstance(plate, PlateColumns)]
-    mended = {parse_mending(text)[0] for text in stated.mend_plates}  # once axes are known
+    mended = {parse_mending(text)[0] for text in options.mend_plates}  # once axes are known
     with saying(remarks):
-        columns = [plate.in_si(stated) for plate in described]
+        columns = [plate.in_si(options) for plate in described]
         remarks += [fact for plate in columns for fact in plate.without_codes()]
         # a plate that a person mends does not show the axes until it is mended
         forces = [mean_force(p.force) * (p.number not in mended) for p in columns if on_subject]
         forces += [p.rotation @ mean_force(p.wrench_in_plate[:, :3]) for p in witnesses]
         settled, axes_notes = settle_axes(
-            stated.axes or axes or None,
+            options.axes or axes or None,
             markers.position,
             markers.names,
-            marker_set=stated.marker_set,
+            marker_set=options.marker_set,
             plate_normals=[plate.rotation[:, 2] for plate in witnesses],
             plate_forces=forces,
             screen_up=screen_up,
-            by=f"as {program} defines them" if stated.axes is None else stated.axes_by,
+            by=f"as {program} defines them" if options.axes is None else options.axes_by,
             file=source.name,
         )
         to_lab = parse_axes(settled)
         remarks = [*axes_notes, *remarks]
         written = [*units, *(unit for plate in described for unit in plate.units)]
-        remarks += stated.unit_notes([markers.unit], written)
+        remarks += options.unit_notes([markers.unit], written)
         # gravity acts along up, whoever stores its reaction or the load on the plates
         total = to_lab @ sum((mean_force(plate.force) for plate in columns), np.zeros(3))
         loaded_n = max(MOMENTS.least_vertical_force, 2 * abs(total[2]))
@@ -363,7 +365,7 @@ def recording_of(
         moments, locate = [], wrench_of_torque if torques else wrench_about_origin
         for plate in columns:
             wrench, where = locate(plate, to_lab[2])
-            read_as = map(stated.used_unit, CONVERT, plate.units)
+            read_as = map(options.used_unit, CONVERT, plate.units)
             of_plate = ",".join([*read_as][: 3 if where == FREE else 2])
             made.append(_placed(plate, rotate_wrench(wrench, to_lab), to_lab, of_plate))
             moments.append(f"{plate.name} {where}")
@@ -376,7 +378,7 @@ def recording_of(
             source=source,
             markers=Markers(time, markers.names, np.moveaxis(position, -1, 0)),
             plates=tuple(sorted(made, key=lambda plate: plate.number)),
-            stated=stated,
+            options=options,
             axes=split_axes(settled),
             labels_absent=markers.absent,
             facts=tuple(fact for fact in remarks if isinstance(fact, Fact)),

@@ -13,8 +13,8 @@ from hbm.spelling import short
 from pipeline.io.columns import DFLOW_PLATE, dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import naming
 from pipeline.io.labels import require_unique, told_apart
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Analog, Fact, Recording
-from pipeline.io.stated import Stated
 from pipeline.io.text_table import MAX_RATE_HZ, MIN_RATE_HZ, labels_in, read_table
 
 SEGMENTS: Final = {
@@ -108,14 +108,14 @@ def on_clock(
     return Analog(time, tuple(names), analog.units + record.units, values)
 
 
-def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Recording:
+def read_dflow(path: Path, options: ReadOptions, record: Path | None = None) -> Recording:
     """Read a file of D-Flow's mocap module, and one of its record module beside it.
 
     Parameters
     ----------
     path
         The mocap file (.txt).
-    stated
+    options
         What is stated about it, as for `pipeline.io.c3d.read.read_c3d`. Axes are by default
         D-Flow's, "right,up,back", units m, N and N·m.
     record
@@ -156,7 +156,7 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
         stems,
         "m",
         lambda kept: vectors(columns, (f"{stems[k]}.Pos" for k in kept)),
-        stated,
+        options,
         held=True,
     )
     plates = list(dflow_plates(columns, time))
@@ -172,7 +172,7 @@ def read_dflow(path: Path, stated: Stated, record: Path | None = None) -> Record
     columns.clear()  # as large as all that is read from it
     return recording_of(
         path,
-        stated,
+        options,
         markers,
         time,
         plates,

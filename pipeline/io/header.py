@@ -26,7 +26,7 @@ from pipeline.io.c3d.parameters import (
 from pipeline.io.input_file import open_file
 from pipeline.io.labels import labels_with, without_prefixes
 from pipeline.io.read import file_format
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.text_table import decoded
 from pipeline.io.xdf import MAGIC, read_streams
 
@@ -119,9 +119,9 @@ def _row(row: str) -> str:
     """Describe a row of a text file: labels, of which some are known, or words and numbers."""
     cells = re.split(r"[\t,;]", row)
     named = [cell for cell in cells if WORD.search(cell)]
-    known = [cell for cell in named if "letters›" not in _words(cell.rpartition(":")[2])]
+    meaningful = [cell for cell in named if "letters›" not in _words(cell.rpartition(":")[2])]
     # columns of markers are labels whatever their names; other rows are anybody's text
-    labels = len(named) > 3 and 3 * len(known) >= len(named)
+    labels = len(named) > 3 and 3 * len(meaningful) >= len(named)
     return " | ".join(_labels(cells) if labels else map(_words, cells))
 
 
@@ -129,7 +129,7 @@ def _labels(labels: Sequence[str]) -> list[str]:
     """Give labels with numbers in place of the prefixes, which name subjects."""
     owners = [label.rpartition(":")[0] for label in labels]
     try:
-        bare = without_prefixes(labels, Stated())[0]
+        bare = without_prefixes(labels, ReadOptions())[0]
     except ValueError:  # several subjects carry the same labels
         bare = {k: label.rpartition(":")[2] for k, label in enumerate(labels)}
     numbers = {owner: k for k, owner in enumerate(dict.fromkeys(filter(None, owners)), start=1)}

@@ -15,8 +15,8 @@ from hbm.notes import Note
 from hbm.numbers import read_numbers
 from hbm.spatial import Array, Mask
 from hbm.spelling import listed, short
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Fact
-from pipeline.io.stated import Stated
 
 SEPARATORS: Final = " _-.:"
 """Between a subject's prefix and a label."""
@@ -26,7 +26,7 @@ AGAIN: Final = "\N{WORD JOINER}"
 
 
 def without_prefixes(
-    labels: Sequence[str], stated: Stated
+    labels: Sequence[str], options: ReadOptions
 ) -> tuple[dict[int, str], list[Note | Fact]]:
     """Remove the prefixes of subjects, as in "S01:LASIS" or "S01_LASIS".
 
@@ -34,7 +34,7 @@ def without_prefixes(
     ----------
     labels
         As the file has them.
-    stated
+    options
         With the prefix of the subject wanted, where several subjects carry the same labels, or its
         number among the prefixes in the order of the file, from 1.
 
@@ -62,18 +62,18 @@ def without_prefixes(
     owners = [label.rpartition(":")[0] for label in labels]
     bare = {k: label.rpartition(":")[2].rstrip(AGAIN) for k, label in enumerate(labels)}
     notes: list[Note | Fact] = []
-    for stem in _stems([*bare.values()], stated, owners):
+    for stem in _stems([*bare.values()], options, owners):
         of_stem = [k for k, label in bare.items() if label.startswith(stem)]
         for k in of_stem:
             owners[k], bare[k] = stem, bare[k][len(stem) :].lstrip(SEPARATORS)
-        if stated.label_prefix is None:
+        if options.label_prefix is None:
             reason = f"{len(of_stem)} of {len(labels)} begin alike; that beginning is removed"
             notes.append(Fact("corrected", "labels", reason))
     prefixes = list(dict.fromkeys(filter(None, owners)))
-    if stated.label_prefix is not None:
+    if options.label_prefix is not None:
         chosen = {str(k): owner for k, owner in enumerate(prefixes, start=1)}
         chosen |= {owner.rstrip(SEPARATORS): owner for owner in prefixes}
-        prefix = chosen.get(stated.label_prefix.rstrip(SEPARATORS))
+        prefix = chosen.get(options.label_prefix.rstrip(SEPARATORS))
         if prefix is None:
             raise ValueError(
                 f"no label begins with the given prefix; it has {len(prefixes)}, numbered from 1: "
@@ -102,9 +102,9 @@ def without_prefixes(
     return bare, notes
 
 
-def _known(stated: Stated) -> frozenset[str]:
+def _known(options: ReadOptions) -> frozenset[str]:
     """Give the labels that mean something, in lower case: those of marker sets and to rename."""
-    return labels_with(stated.marker_set).union(map(str.casefold, stated.rename))
+    return labels_with(options.marker_set).union(map(str.casefold, options.rename))
 
 
 @cache
@@ -115,9 +115,9 @@ def labels_with(marker_set: MarkerSet | None) -> frozenset[str]:
     return frozenset(map(str.casefold, labels))
 
 
-def _are_of_a_set(labels: Sequence[str], stated: Stated) -> bool:
-    names = _renamed(labels, stated)
-    if table := stated.marker_set:
+def _are_of_a_set(labels: Sequence[str], options: ReadOptions) -> bool:
+    names = _renamed(labels, options)
+    if table := options.marker_set:
         return 2 * len(table.present(names).markers) >= len(table.markers)
     try:
         return bool(recognise_marker_set(names))
@@ -125,12 +125,12 @@ def _are_of_a_set(labels: Sequence[str], stated: Stated) -> bool:
         return False
 
 
-def _stems(labels: Sequence[str], stated: Stated, owners: Sequence[str]) -> list[str]:
+def _stems(labels: Sequence[str], options: ReadOptions, owners: Sequence[str]) -> list[str]:
     """Give the beginnings without which labels are of a marker set; or the one that is stated."""
-    prefix = stated.label_prefix
-    if prefix is None and _are_of_a_set(labels, stated):
+    prefix = options.label_prefix
+    if prefix is None and _are_of_a_set(labels, options):
         return []
-    meaningful, fewest = _known(stated), LIMITS.fewest_of_a_subject
+    meaningful, fewest = _known(options), LIMITS.fewest_of_a_subject
     # what stands before the longest end of each label that means something
     before = (
         next((label[:k] for k in range(1, len(label)) if label[k:].casefold() in meaningful), "")
@@ -138,14 +138,14 @@ def _stems(labels: Sequence[str], stated: Stated, owners: Sequence[str]) -> list
     )
     often = [stem for stem, n in Counter(before).items() if stem and n >= fewest]
     of_stem = {s: [label[len(s) :] for label in labels if label.startswith(s)] for s in often}
-    stems = [stem for stem, rest in of_stem.items() if _are_of_a_set(rest, stated)]
+    stems = [stem for stem, rest in of_stem.items() if _are_of_a_set(rest, options)]
     if stems or prefix is None or prefix.rstrip(SEPARATORS) in owners:
         return stems
     return [prefix] if any(label.startswith(prefix) for label in labels) else []
 
 
 def join_trajectories(
-    labels: Mapping[int, str], position: Array, stated: Stated
+    labels: Mapping[int, str], position: Array, options: ReadOptions
 ) -> tuple[dict[str, int], list[Fact]]:
     """Make one trajectory of those that have one label, in place.
 
@@ -156,7 +156,7 @@ def join_trajectories(
         upper and lower case or spaces are one.
     position
         (T, M, 3) [m]; gaps are NaN.
-    stated
+    options
         With the labels that mean something.
 
     Returns
@@ -171,7 +171,7 @@ def join_trajectories(
     """
     # labels of trajectories that nobody labelled, such as "*12", "U 3" or "Unlabelled_7"
     unlabelled = re.compile(r"\*.*|(u|un\w*)[ _*.-]*\d*", re.IGNORECASE)
-    meaningful, places, facts = _known(stated), [place + 1 for place in labels], list[Fact]()
+    meaningful, places, facts = _known(options), [place + 1 for place in labels], list[Fact]()
     names = dict(enumerate(labels.values()))
     alike: dict[str, list[int]] = defaultdict(list)
     for column, name in names.items():
@@ -247,7 +247,7 @@ def free_name(name: str, taken: Container[str]) -> str:
 
 
 def rename_markers(
-    markers: Mapping[str, int], stated: Stated
+    markers: Mapping[str, int], options: ReadOptions
 ) -> tuple[dict[str, int], list[Fact], tuple[str, ...]]:
     """Give markers, label -> index, the labels wanted; labels that are not renamed stay.
 
@@ -256,11 +256,11 @@ def rename_markers(
     are not there. A ValueError where two labels become the same, or none is
     of the stated marker set.
     """
-    names = _renamed(markers, stated)
+    names = _renamed(markers, options)
     require_unique(names, "renaming gives several markers the same label")
-    absent = (short(name) for name in stated.rename if name not in markers and name[-1:] != "*")
+    absent = (short(name) for name in options.rename if name not in markers and name[-1:] != "*")
     facts: list[Fact] = []
-    table = stated.marker_set
+    table = options.marker_set
     if table is not None and names and not table.present(names).markers:
         raise ValueError(
             f"none of the {len(table.segment)} labels of marker set {short(table.name)} "
@@ -275,15 +275,15 @@ def rename_markers(
     return dict(zip(names, markers.values(), strict=True)), facts, tuple(absent)
 
 
-def _renamed(names: Collection[str], stated: Stated) -> list[str]:
+def _renamed(names: Collection[str], options: ReadOptions) -> list[str]:
     """Give labels as they are wanted, by labels and by beginnings such as L* = R*."""
     spelt, renamed = {name.casefold(): name for name in names}, dict[str, str]()
-    for old, new in stated.rename.items():
+    for old, new in options.rename.items():
         begins, other = old[:-1].casefold(), new.removesuffix("*").casefold()
         for folded, name in spelt.items() if old.endswith("*") else ():
             if folded.startswith(begins) and (there := spelt.get(other + folded[len(begins) :])):
                 renamed[name] = there
-    renamed |= stated.rename
+    renamed |= options.rename
     return [renamed.get(name, name) for name in names]
 
 

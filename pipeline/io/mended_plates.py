@@ -10,8 +10,8 @@ from hbm.notes import Note
 from hbm.numbers import read_numbers
 from hbm.signals.converters import Wraps, find_wraps
 from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
+from pipeline.io.read_options import parse_mending
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.stated import parse_mending
 
 LIMITS: Final = read_numbers("pipeline.io", "thresholds.toml", "plates")
 
@@ -48,11 +48,11 @@ def with_mended_plates(recording: Recording) -> Recording:
     ValueError
         A plate is not in the recording, which has others.
     """
-    stated = recording.stated.mend_plates
-    if not stated or not recording.plates:
+    mendings = recording.options.mend_plates
+    if not mendings or not recording.plates:
         return recording
     plates, done = recording.plates, list[str]()
-    for text in stated:
+    for text in mendings:
         number, deed, what = parse_mending(text)
         wraps = {p.number: find_overflows(p)[1] for p in plates if deed == "unwrap"}
         idle = wraps and WRENCH_COMPONENTS.index(what) not in wraps.get(number, {})
@@ -62,10 +62,10 @@ def with_mended_plates(recording: Recording) -> Recording:
     return replace(recording, plates=plates, notes=(*recording.notes, note))
 
 
-def mended_plates(measured: Sequence[Plate], stated: Sequence[str]) -> tuple[Plate, ...]:
+def mended_plates(measured: Sequence[Plate], mendings: Sequence[str]) -> tuple[Plate, ...]:
     """Mend plates in their own axes; errors are those of `with_mended_plates`."""
     plates = {plate.number: plate for plate in measured}
-    for text in stated:
+    for text in mendings:
         number, deed, what = parse_mending(text)
         for named in (number, int(what) if deed == "exchange" else number):
             if named not in plates:

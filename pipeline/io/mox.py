@@ -15,8 +15,8 @@ from hbm.spelling import printable, short
 from pipeline.io.columns import dflow_plates, file_markers, recording_of, vectors
 from pipeline.io.input_file import open_file
 from pipeline.io.labels import require_unique, told_apart
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Analog, Recording
-from pipeline.io.stated import Stated
 from pipeline.io.text_table import TextTable, decoded, read_number, read_rate
 
 ROOT: Final = "moxie_viewer_datafile"
@@ -32,14 +32,14 @@ Channel = tuple[float, Array]
 """Rate [Hz] and samples."""
 
 
-def read_mox(path: Path, stated: Stated) -> Recording:
+def read_mox(path: Path, options: ReadOptions) -> Recording:
     """Read a .mox file.
 
     Parameters
     ----------
     path
         The file.
-    stated
+    options
         What is stated about it, as for `pipeline.io.c3d.read.read_c3d`. Units are by default m, N
         and N·m.
 
@@ -75,7 +75,7 @@ def read_mox(path: Path, stated: Stated) -> Recording:
     table = TextTable(path, [], [])
     table.check_counts(header, {"nr_of_samples": len(time)})
     position = vectors(columns, (f"{stem} " for stem in stems))
-    markers = file_markers(stems, "m", lambda kept: position[:, kept], stated)
+    markers = file_markers(stems, "m", lambda kept: position[:, kept], options)
     of_plates = {
         f"FP{int(m['number'] or 1)}.{m['what'].capitalize()}{m['axis'].upper()}": channels[k]
         for k, m in on_plates.items()
@@ -94,7 +94,7 @@ def read_mox(path: Path, stated: Stated) -> Recording:
         table.remarks.append(Note.of("parts_left_out", parts=left_out))
     if plates:
         table.remarks.append(Note.of("force_sign_unconfirmed"))
-    return recording_of(path, stated, markers, time, plates, notes=table.remarks, analog=analog)
+    return recording_of(path, options, markers, time, plates, notes=table.remarks, analog=analog)
 
 
 def _channels(content: bytes) -> tuple[dict[str, Channel], dict[str, str]]:

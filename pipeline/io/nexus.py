@@ -12,8 +12,8 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, printable, short
 from pipeline.io.columns import PlateColumns, file_markers, plate_of, recording_of
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Analog, Fact, Recording
-from pipeline.io.stated import Stated
 from pipeline.io.text_table import TextTable, read_rate, read_table
 
 HEADER_LINES: Final = 5
@@ -98,14 +98,14 @@ def _time(title: str, block: Block, trajectories: Block) -> Array:
     return time
 
 
-def read_nexus(path: Path, stated: Stated) -> Recording:
+def read_nexus(path: Path, options: ReadOptions) -> Recording:
     """Read an ASCII export of Vicon Nexus (.csv or .txt).
 
     Parameters
     ----------
     path
         The file, with a Trajectories block and, for plates, a Devices block.
-    stated
+    options
         What is stated about it, as for `pipeline.io.c3d.read.read_c3d`.
 
     Returns
@@ -145,12 +145,12 @@ def read_nexus(path: Path, stated: Stated) -> Recording:
         [group.name for group in groups],
         units[0],
         lambda kept: np.stack([groups[k].values[:, :3] for k in kept], axis=1),
-        stated,
+        options,
     )
     plates, analog = _devices(blocks["devices"], block) if "devices" in blocks else ([], None)
     return recording_of(
         path,
-        stated,
+        options,
         markers,
         _time("Trajectories", block, block),
         plates,

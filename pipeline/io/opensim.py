@@ -15,8 +15,8 @@ from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import SI_UNITS, PlateColumns, file_markers, plate_of, recording_of
 from pipeline.io.input_file import naming
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Fact, Recording
-from pipeline.io.stated import Stated
 from pipeline.io.text_table import TextTable, labels_in, read_number, read_rate, read_table
 
 FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
@@ -113,14 +113,14 @@ def is_cortex(line: str) -> bool:
     return line.split()[:2] == ["[Force", "Data]"]
 
 
-def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
+def read_trc(path: Path, options: ReadOptions, forces: Path | None = None) -> Recording:
     """Read markers from a TRC file and, if given, ground reaction forces from a MOT file.
 
     Parameters
     ----------
     path
         Marker trajectories.
-    stated
+    options
         What is stated about the files.
     forces
         Forces, points of application and torques in OpenSim's naming, on the same clock and in the
@@ -169,7 +169,7 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
     table.check_counts(header, {"NumMarkers": len(names), "NumFrames": len(table.rows)})
     rate_hz = read_number(header["DataRate"], "DataRate in the header")
     first, time, position = table.markers(("Frame", "Time"), names, rate_hz)
-    markers = file_markers(names, header["Units"], lambda kept: position[:, kept], stated)
+    markers = file_markers(names, header["Units"], lambda kept: position[:, kept], options)
     plates, of_sto = list[PlateColumns | Fact](), True
     if forces is not None:
         with naming(forces):
@@ -196,7 +196,7 @@ def read_trc(path: Path, stated: Stated, forces: Path | None = None) -> Recordin
             table.remarks += loads.text.remarks
     return recording_of(
         path,
-        stated,
+        options,
         markers,
         time - time[0],
         plates,

@@ -17,8 +17,8 @@ from pipeline.io.c3d.force_plates import plate_axes, unit_of_corners
 from pipeline.io.c3d.read import kind_and_side
 from pipeline.io.columns import PlateColumns, file_markers, recording_of, vectors
 from pipeline.io.input_file import last_written, naming
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Event, Fact, Plate, Recording
-from pipeline.io.stated import Stated
 from pipeline.io.text_table import GAPS, NUMBER, TextTable, read_number, read_rate, read_table
 
 PLATE_FILE: Final = re.compile(r"(?P<trial>.*)_f(?:_(?P<number>\d+))?", re.IGNORECASE)
@@ -80,14 +80,14 @@ def _force_files(folder: Path, version: tuple[int, int]) -> dict[tuple[str, str]
     return files
 
 
-def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Recording:
+def read_qualisys(path: Path, options: ReadOptions, forces: Path | None = None) -> Recording:
     """Read an export of trajectories in 3D, and the force plates of the same export.
 
     Parameters
     ----------
     path
         The file, such as walk.tsv.
-    stated
+    options
         What is stated about it, as for `pipeline.io.c3d.read.read_c3d`. Units are mm, N and N·m.
     forces
         One of its files of forces, walk_f_1.tsv and so on or walk_f.tsv, where they are in another
@@ -123,7 +123,7 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
     clock = [[], [single], ["Frame", "Time"]][table.width % 3]
     table.check_counts(header, {"NO_OF_MARKERS": len(names), "NO_OF_FRAMES": len(table.rows)})
     first, time, position = table.markers(clock, names, _rate_hz(header, "Time" in clock))
-    markers = file_markers(names, "mm", lambda kept: position[:, kept], stated)
+    markers = file_markers(names, "mm", lambda kept: position[:, kept], options)
     plates, start_s = list[PlateColumns | Fact](), time[0] if "Time" in clock else None
     files = plate_files(forces or path) or ([] if forces is None else [forces])
     for file in files:
@@ -135,7 +135,7 @@ def read_qualisys(path: Path, stated: Stated, forces: Path | None = None) -> Rec
         )
     return recording_of(
         path,
-        stated,
+        options,
         markers,
         time - time[0],
         plates,

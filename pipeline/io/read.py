@@ -16,8 +16,8 @@ from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import is_nexus, read_nexus
 from pipeline.io.opensim import is_cortex, read_trc
 from pipeline.io.qualisys import read_qualisys
+from pipeline.io.read_options import ReadOptions, as_stated
 from pipeline.io.recording import Recording
-from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import EMPTY, decoded
 from pipeline.io.write import PART
 from pipeline.io.xdf import MAGIC, read_xdf
@@ -38,7 +38,7 @@ FORCES_BESIDE: Final = ("TRC", "Qualisys")
 
 def read_recording(
     path: str | Path,
-    stated: Stated | str | None = None,
+    options: ReadOptions | str | None = None,
     forces: str | Path | None = None,
     *,
     record: str | Path | None = None,
@@ -51,7 +51,7 @@ def read_recording(
     path
         C3D, TRC, D-Flow mocap, Motek .mox, Vicon Nexus ASCII, Qualisys TSV or XDF file, under
         whatever name.
-    stated
+    options
         What is stated about it: axes, units, labels. A text states the axes alone, such as
         ``"left,back,up"``; by default they are inferred, or as the format defines them.
     forces
@@ -84,7 +84,7 @@ def read_recording(
     >>> pipeline.read_recording("walk.c3d").markers.position.shape
     (800, 46, 3)
     """
-    path, stated = Path(path), as_stated(stated)
+    path, options = Path(path), as_stated(options)
     kind = file_format(path)
     with naming(path):
         if forces is not None and kind not in FORCES_BESIDE:
@@ -93,14 +93,14 @@ def read_recording(
             raise ValueError(f"a record file goes with a D-Flow file, this is {kind}")
         files = [Path(file) for file in (forces, record) if file is not None]
         try:
-            return with_mended_plates(READERS[kind](path, stated.of_file(path.name), *files))
+            return with_mended_plates(READERS[kind](path, options.of_file(path.name), *files))
         except AxesUnknownError:
             if static is None or file_format(static) != kind:
                 raise
         with naming(static):
-            axes = READERS[kind](static, stated.of_file(static.name)).axes
+            axes = READERS[kind](static, options.of_file(static.name)).axes
         by = f"as in the static recording {static.name}; this recording does not show them itself"
-        there = replace(stated.of_file(path.name), axes=",".join(axes), axes_by=by)
+        there = replace(options.of_file(path.name), axes=",".join(axes), axes_by=by)
         return with_mended_plates(READERS[kind](path, there, *files))
 
 

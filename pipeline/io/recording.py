@@ -14,8 +14,8 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
 from hbm.spelling import listed
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.shown import Overview, Shown
-from pipeline.io.stated import Stated
 
 Doubt = Literal["in_doubt", "impossible_samples", "rename_without_label"]
 FactKind = Literal["joined", "left_out", "missing", "corrected", Doubt]
@@ -331,7 +331,7 @@ class Recording(Shown):
     metadata: Metadata = field(default_factory=Metadata)
     model_outputs: Mapping[str, Array] = field(default_factory=dict)
     compensation: Compensation | None = None
-    stated: Stated = field(default_factory=Stated)
+    options: ReadOptions = field(default_factory=ReadOptions)
     axes: tuple[str, ...] = ()
     labels_absent: tuple[str, ...] = ()
     forces_beside: Path | None = None

@@ -20,8 +20,8 @@ from hbm.numbers import read_numbers
 from hbm.spatial import Array, Indices, Mask
 from hbm.spelling import listed, printable, short
 from pipeline.io.labels import AGAIN, rename_markers, require_unique, without_prefixes
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Fact, FactKind, Plate
-from pipeline.io.stated import Stated
 from pipeline.io.units import force_in_n, moment_in_nm
 
 POSITION: Final = re.compile(r"Position([XYZ])", re.IGNORECASE)
@@ -177,19 +177,19 @@ def marker_channels(channels: Sequence[Channel]) -> tuple[list[str], Indices, st
 
 
 def marker_layout(
-    channels: Sequence[Channel], stated: Stated
+    channels: Sequence[Channel], options: ReadOptions
 ) -> tuple[tuple[str, ...], Callable[[Array], Array]]:
     """Give the markers wanted of a stream whose samples are still to come.
 
     Also give what turns samples of all channels, (N, K), to positions, (N, M, 3) [m]. A marker at
     exactly the origin was not seen, as most programs write it; it becomes NaN. A ValueError as
-    `marker_channels`, `Stated.metre` and those of `pipeline.io.labels`.
+    `marker_channels`, `ReadOptions.metre` and those of `pipeline.io.labels`.
     """
     labels, columns, unit = marker_channels(channels)
-    bare, _ = without_prefixes([label.rstrip(AGAIN) for label in labels], stated)
+    bare, _ = without_prefixes([label.rstrip(AGAIN) for label in labels], options)
     require_unique(bare.values(), "several markers have the same label")
-    markers, *_ = rename_markers({label: k for k, label in bare.items()}, stated)
-    coordinates, metre = columns[[*markers.values()]], stated.metre(unit)
+    markers, *_ = rename_markers({label: k for k, label in bare.items()}, options)
+    coordinates, metre = columns[[*markers.values()]], options.metre(unit)
 
     def positions(values: Array) -> Array:
         position = np.take(values, coordinates, axis=1) * metre

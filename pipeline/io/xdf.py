@@ -23,8 +23,8 @@ from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.columns import DFLOW_PLATE, PlateColumns, dflow_plates, file_markers, recording_of
 from pipeline.io.input_file import open_file
+from pipeline.io.read_options import ReadOptions, without_impossible
 from pipeline.io.recording import Analog, Fact, Plate, Recording, impossible_samples
-from pipeline.io.stated import Stated, without_impossible
 from pipeline.io.streams import (
     Channel,
     Clock,
@@ -207,14 +207,14 @@ Signals = tuple[str, list[Channel], Array, Array]
 """Of one stream: its name, channels, times, (N,) [s], and samples, (N, K)."""
 
 
-def read_xdf(path: Path, stated: Stated) -> Recording:
+def read_xdf(path: Path, options: ReadOptions) -> Recording:
     """Read an XDF file: one stream of markers, and any of plates and other signals.
 
     Parameters
     ----------
     path
         The file (.xdf).
-    stated
+    options
         What is stated about it, as for `pipeline.io.c3d.read.read_c3d`. Axes are by default those
         of the markers' stream (``desc/axes``), or inferred.
 
@@ -244,7 +244,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         streams, texts, whole = read_streams(file.read())
     streams, facts = _join_restarted([s for s in streams if len(s.stamps) > 1])
     with_markers = [s for s in streams if has_markers(s.content_type, s.described)]
-    stream = _of_markers(streams, with_markers, stated.marker_stream)
+    stream = _of_markers(streams, with_markers, options.marker_stream)
     regular = [s for s in streams if s.rate_hz > 0 or s is stream or s in with_markers]
     clocks: dict[str, Clock] = {
         s.name: _of(s, find_clock, s.stamps, s.rate_hz, s.values, f"stream {short(s.name)}")
@@ -254,7 +254,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
     labels, columns, unit = _of(stream, marker_channels, stream.described)
     values = clock.on_frames(stream.values)
     markers = file_markers(
-        labels, unit, lambda kept: values[:, columns[kept]].astype(float), stated
+        labels, unit, lambda kept: values[:, columns[kept]].astype(float), options
     )
     signals, notes = list[Signals](), list[Note]()
     placed, named = list[Plate](), list[PlateColumns | Fact]()
@@ -287,7 +287,7 @@ def read_xdf(path: Path, stated: Stated) -> Recording:
         notes.append(Note.of("cut_short", file=path.name, sign="the recorder did not end it"))
     return recording_of(
         path,
-        stated,
+        options,
         markers,
         clock.time - clock.start_s,
         named,

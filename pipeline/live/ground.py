@@ -212,8 +212,10 @@ class CommandedPlatform:
             raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
         self.pivot_m, self.delay_s = platform.pivot_m, platform.delay_s
         sway, pitch = platform.sway_channel, platform.pitch_channel
-        stated = (0, sway, units.length_in_m), (1, pitch, units.angle_in_rad)
-        sent = [(k, analog.find([name], [in_si])) for k, name, in_si in stated if name is not None]
+        commands = (0, sway, units.length_in_m), (1, pitch, units.angle_in_rad)
+        sent = [
+            (k, analog.find([name], [in_si])) for k, name, in_si in commands if name is not None
+        ]
         self.commands = [(k, c, Convolution.between(c.rate_hz, frames_hz)) for k, c in sent]
         self.ahead_s = self.delay_s + max(how.reach_s for _, _, how in self.commands)
 
@@ -307,9 +309,9 @@ class LiveGround:
             ahead_s.append(max(delays_s) + self.belts.ahead_s)
 
         self.platform: MarkedPlatform | CommandedPlatform | None = None
-        if (stated := treadmill.platform) is not None:
-            commanded = None if stated.markers else CommandedPlatform(stated, analog, frames_hz)
-            self.platform = commanded or MarkedPlatform(stated, markers.labels)
+        if (platform := treadmill.platform) is not None:
+            commanded = None if platform.markers else CommandedPlatform(platform, analog, frames_hz)
+            self.platform = commanded or MarkedPlatform(platform, markers.labels)
             ahead_s.append(self.platform.ahead_s)
         self.ahead_s = max(ahead_s)
         compensated = self.sensors is not None or self.belts is not None

@@ -12,13 +12,13 @@ import numpy as np
 
 from hbm.spelling import listed, printable, short
 from pipeline.config.live import LOOPBACK
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.streams import Channel, find_clock, parse_channels, parse_xml, text_of
 from pipeline.live.output import load_lsl
 from pipeline.live.stream import (
     Convert,
+    DescribedPlate,
     Samples,
-    StatedPlate,
     StreamDescription,
     describe_markers,
     describe_plates,
@@ -75,11 +75,11 @@ class LslDescription(NamedTuple):
     channels: tuple[Channel, ...]
     axes: str | None
     stream: StreamDescription
-    plates: tuple[StatedPlate, ...]
+    plates: tuple[DescribedPlate, ...]
     convert: Convert
 
 
-def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescription:
+def read_description(info: Any, options: ReadOptions, *, is_markers: bool) -> LslDescription:
     """Read the description of a stream, ``pylsl.StreamInfo``, as it is sent and as a person has it.
 
     A ValueError says that it lacks something or contradicts itself.
@@ -92,12 +92,12 @@ def read_description(info: Any, stated: Stated, *, is_markers: bool) -> LslDescr
         channels = parse_channels(root, info.channel_count())
         what = name, channels, float(info.nominal_srate())
         if not is_markers:
-            stream, convert = describe_signals(*what, stated.axes or "")
-            plates = describe_plates(root, channels, stated.axes or "")
-            return LslDescription(channels, stated.axes, stream, plates, convert)
+            stream, convert = describe_signals(*what, options.axes or "")
+            plates = describe_plates(root, channels, options.axes or "")
+            return LslDescription(channels, options.axes, stream, plates, convert)
         written = text_of(root, "desc/axes")
-        stream, convert = describe_markers(*what, stated, written)
-        return LslDescription(channels, stated.axes or written or None, stream, (), convert)
+        stream, convert = describe_markers(*what, options, written)
+        return LslDescription(channels, options.axes or written or None, stream, (), convert)
     except ValueError as error:
         raise ValueError(f"stream {short(name)!r}: {error}") from error
 
@@ -127,10 +127,10 @@ class Inlet:
     """
 
     def __init__(
-        self, lsl: Any, info: Any, stated: Stated, is_markers: bool, answer_s: float = 10.0
+        self, lsl: Any, info: Any, options: ReadOptions, is_markers: bool, answer_s: float = 10.0
     ) -> None:
         self._lsl, self._answer_s = lsl, answer_s
-        self.stated, self.is_markers = stated, is_markers
+        self.options, self.is_markers = options, is_markers
         self.name: str = info.name()
         self.uid: str = info.uid()
         self.identity, self.offset = _identity(info), ClockOffset()
@@ -143,7 +143,7 @@ class Inlet:
             described = self._inlet.info(answer_s)
         except self._refusals as error:
             raise ConnectionError(f"stream {self.name!r} does not send its description") from error
-        self.described = read_description(described, stated, is_markers=is_markers)
+        self.described = read_description(described, options, is_markers=is_markers)
         self.description = replace(self.described.stream, sender=printable(info.hostname()))
         self.measure()
 
@@ -225,7 +225,7 @@ class Inlet:
         self.close()
         try:
             # two seconds to answer, after which it is tried anew
-            back = Inlet(self._lsl, info, self.stated, self.is_markers, 2.0)
+            back = Inlet(self._lsl, info, self.options, self.is_markers, 2.0)
             require_like(self.described, back.described)
             back.description = replace(back.description, rate_hz=self.description.rate_hz)
             back.open()
@@ -296,21 +296,21 @@ class LslSource:
         markers: str,
         analog: Sequence[str] = (),
         *,
-        stated: Stated | None = None,
+        options: ReadOptions | None = None,
         listen: str = LOOPBACK,
         timeout_s: float = 5.0,
         searching: Searching = lambda absent, there: None,
         senders: Sequence[str] = (),
     ) -> None:
-        names, lsl, stated = (markers, *analog), load_lsl(listen), stated or Stated()
+        names, lsl, options = (markers, *analog), load_lsl(listen), options or ReadOptions()
         if len(set(names)) < len(names):
             raise ValueError(f"streams are named more than once: {listed(map(repr, names))}")
         self._resolver, self._sought_s = lsl.ContinuousResolver(forget_after=FORGET_S), 0.0
         self._chosen: dict[str, Any] = {}
         of_markers, *others = self._find(names, timeout_s, searching, senders)
-        first = Inlet(lsl, of_markers, stated, is_markers=True)
+        first = Inlet(lsl, of_markers, options, is_markers=True)
         # places of plates are in the markers' axes
-        of_all = replace(stated, axes=first.described.axes)
+        of_all = replace(options, axes=first.described.axes)
         self._inlets = [first, *(Inlet(lsl, info, of_all, is_markers=False) for info in others)]
         for inlet in self._inlets:
             inlet.open()
@@ -327,7 +327,7 @@ class LslSource:
         return tuple(inlet.description for inlet in self._inlets)
 
     @property
-    def plates(self) -> tuple[StatedPlate, ...]:
+    def plates(self) -> tuple[DescribedPlate, ...]:
         """Plates as the streams describe them."""
         return tuple(plate for inlet in self._inlets for plate in inlet.described.plates)
 

@@ -23,7 +23,7 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.live.chain import stated_streams
 from pipeline.live.ground import PLATE_UNITS, AnalogStreams, SampleBuffer
 from pipeline.live.replay import ANALOG, MARKERS, PLATES
-from pipeline.live.stream import Arrivals, Samples, StatedPlate, StreamDescription
+from pipeline.live.stream import Arrivals, DescribedPlate, Samples, StreamDescription
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.calibrations import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
@@ -45,7 +45,7 @@ class PlacedPlates(NamedTuple):
 
 
 def place_plates(
-    stated: Sequence[StatedPlate], static: Recording | None, live: Live
+    described: Sequence[DescribedPlate], static: Recording | None, live: Live
 ) -> PlacedPlates:
     """Find out where the plates lie, and which channels are theirs.
 
@@ -55,7 +55,7 @@ def place_plates(
     place, or that several streams state one plate's.
     """
     received = dict[str, Plate]()
-    for one in stated:
+    for one in described:
         if one.place is None or live.plates.get(one.number, one.channels) != one.channels:
             continue
         if one.number in received:
@@ -64,14 +64,14 @@ def place_plates(
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
     places = recorded | received
     if not places:
-        why = (f"plate {short(one.number)}: {one.problem}" for one in stated if one.problem)
+        why = (f"plate {short(one.number)}: {one.problem}" for one in described if one.problem)
         streams = "; ".join(why) or "the streams have none (desc/plates/plate)"
         file = "no static file is given" if static is None else f"{static.source.name} has none"
         raise ValueError(
             f"the places of the plates are not known: {streams}; {file}; give a recording that "
             "has them: --static FILE, or static in the subject's file"
         )
-    channels = {one.number: one.channels for one in stated if one.channels}
+    channels = {one.number: one.channels for one in described if one.channels}
     plates = tuple(sorted(places.values(), key=lambda plate: plate.number))
     notes = _elsewhere(received, recorded, static.source.name) if static else ()
     return PlacedPlates(plates, live.model_copy(update={"plates": channels | live.plates}), notes)
@@ -211,10 +211,10 @@ class Preparation:
     @property
     def streams(self) -> tuple[str, tuple[str, ...]]:
         """Names of the stream of markers and of the others, as stated or as replays call them."""
-        treadmill, stated = self.laboratory.treadmill, self.study.file.live
+        treadmill, live = self.laboratory.treadmill, self.study.file.live
         commanded = treadmill.platform is not None and treadmill.platform.channels
         needed = bool(treadmill.accelerometers or treadmill.belt or commanded)
-        return stated.markers or MARKERS, stated.analog or (PLATES, *[ANALOG] * needed)
+        return live.markers or MARKERS, live.analog or (PLATES, *[ANALOG] * needed)
 
     def body(self, pose: Recording | None = None) -> tuple[Body, tuple[Note, ...]]:
         """Build the subject's body from a calibration pose, by default the static file.
@@ -280,8 +280,8 @@ def prepare(
     person = read.subject(subject or next(iter(read.subjects)))
     laboratory = read_study_laboratory(read)
     if calibration is not None:
-        fitted = read_calibration(calibration, read.file.treadmill, read.stated, laboratory.plates)
+        fitted = read_calibration(calibration, read.file.treadmill, read.options, laboratory.plates)
         laboratory = replace(laboratory, calibration=fitted)
     path = static or _pose_file(read, person)
-    recording = read_recording(path, read.stated) if path else None
+    recording = read_recording(path, read.options) if path else None
     return Preparation(read, person, laboratory, recording)

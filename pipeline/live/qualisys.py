@@ -22,16 +22,16 @@ from hbm.spelling import short
 from pipeline.io.axes import parse_axes
 from pipeline.io.labels import require_unique
 from pipeline.io.qualisys import plate_at
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Plate
-from pipeline.io.stated import Stated
 from pipeline.io.streams import AXES, Channel, parse_xml, text_of
 from pipeline.io.units import length_in_m
 from pipeline.live.light import Finding, Kind
 from pipeline.live.stream import (
     LAB_AXES,
     Convert,
+    DescribedPlate,
     Samples,
-    StatedPlate,
     StreamDescription,
     describe_markers,
     describe_signals,
@@ -149,7 +149,9 @@ class Packets:
     `pipeline.live.stream.describe_markers`.
     """
 
-    def __init__(self, written: bytes, stated: Stated, say: Say = lambda finding: None) -> None:
+    def __init__(
+        self, written: bytes, options: ReadOptions, say: Say = lambda finding: None
+    ) -> None:
         try:
             root = parse_xml(written.decode("utf-8", "replace"))
         except ValueError as error:
@@ -160,8 +162,8 @@ class Packets:
         self._sent, self._say = len(names), say
         channels = marker_channels(names, "mm")
         rate_hz = _number(root, "General/Frequency", "the cameras")
-        self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, stated)
-        self._signals, self.plates = _signals(root, parse_axes(stated.axes or LAB_AXES))
+        self.markers, self._convert = describe_markers(MARKERS, channels, rate_hz, options)
+        self._signals, self.plates = _signals(root, parse_axes(options.axes or LAB_AXES))
         self.streams = (self.markers, *(signals.description for signals in self._signals.values()))
         require_unique([stream.name for stream in self.streams], f"{PROGRAM}: streams of one name")
         sending = {POSITIONS, *(component for component, _ in self._signals)}
@@ -249,12 +251,12 @@ class Packets:
 
 def _signals(
     root: Element, to_lab: Array
-) -> tuple[dict[tuple[int, int], Signals], tuple[StatedPlate, ...]]:
+) -> tuple[dict[tuple[int, int], Signals], tuple[DescribedPlate, ...]]:
     """Give what plates and devices send, by component and number, and plates as described.
 
     Where several have one name, they have their numbers in it.
     """
-    by_number, plates = dict[tuple[int, int], Signals](), list[StatedPlate]()
+    by_number, plates = dict[tuple[int, int], Signals](), list[DescribedPlate]()
     force, length = (text_of(root, f"Force/Unit_{of}") for of in ("Force", "Length"))
     for component, path, tag in ((FORCE, "Force/Plate", ""), (ANALOG, "Analog/Device", "Device_")):
         elements = root.findall(path)
@@ -276,9 +278,11 @@ def _signals(
             if component == FORCE:
                 of_plate = str(number), signals.description.labels
                 try:
-                    plates.append(StatedPlate(*of_plate, place_of(element, number, length, to_lab)))
+                    plates.append(
+                        DescribedPlate(*of_plate, place_of(element, number, length, to_lab))
+                    )
                 except ValueError as error:
-                    plates.append(StatedPlate(*of_plate, problem=str(error)))
+                    plates.append(DescribedPlate(*of_plate, problem=str(error)))
     return by_number, tuple(plates)
 
 
@@ -357,12 +361,12 @@ class QualisysSource:
         self,
         host: str,
         *,
-        stated: Stated,
+        options: ReadOptions,
         port: int = PORT,
         timeout_s: float = 5.0,
         say: Say = lambda finding: None,
     ) -> None:
-        self._address, self._where, self._stated = (host, port), f"{host}:{port}", stated
+        self._address, self._where, self._stated = (host, port), f"{host}:{port}", options
         self._say, self._said_s = say, dict[Kind, float]()
         self._socket: socket.socket | None = None
         self._early, self._again_s = list[Packet](), 0.0

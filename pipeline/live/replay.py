@@ -11,7 +11,7 @@ from hbm.spatial import Array
 from pipeline.config.live import LOOPBACK, Live
 from pipeline.io.recording import Plate, Recording
 from pipeline.live.output import Outlet, describe_stream, load_lsl
-from pipeline.live.stream import Samples, StatedPlate, StreamDescription
+from pipeline.live.stream import DescribedPlate, Samples, StreamDescription
 
 MARKERS: Final = "Markers"
 PLATES: Final = "Plates"
@@ -95,7 +95,7 @@ class RecordedSource:
         self._streams = recorded_streams(recording)
         self.streams = tuple(stream.description for stream in self._streams)
         self.plates = tuple(
-            StatedPlate(str(plate.number), Live().channels_of(plate.number), plate.place)
+            DescribedPlate(str(plate.number), Live().channels_of(plate.number), plate.place)
             for plate in recording.plates
         )
         self._sent = [0] * len(self._streams)

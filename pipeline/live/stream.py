@@ -12,8 +12,8 @@ from hbm.spatial import Array, Mask
 from hbm.spelling import short
 from pipeline.io.axes import parse_axes
 from pipeline.io.columns import DFLOW_PLATE
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Plate
-from pipeline.io.stated import Stated
 from pipeline.io.streams import (
     AXES,
     Channel,
@@ -87,7 +87,7 @@ class Samples:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StatedPlate:
+class DescribedPlate:
     """A plate as a sender describes it.
 
     Attributes
@@ -117,7 +117,7 @@ class Source(Protocol):
         """What is received, known from the start."""
 
     @property
-    def plates(self) -> tuple[StatedPlate, ...]:
+    def plates(self) -> tuple[DescribedPlate, ...]:
         """Plates as the streams' descriptions state them; empty where they state none."""
 
     def receive(self, timeout_s: float) -> list[Samples]:
@@ -320,7 +320,7 @@ def marker_channels(names: Sequence[str], unit: str) -> tuple[Channel, ...]:
 
 
 def describe_markers(
-    name: str, channels: Sequence[Channel], rate_hz: float, stated: Stated, axes: str = ""
+    name: str, channels: Sequence[Channel], rate_hz: float, options: ReadOptions, axes: str = ""
 ) -> tuple[StreamDescription, Convert]:
     """Describe a stream of markers, and give what brings its samples to lab axes and m.
 
@@ -329,8 +329,8 @@ def describe_markers(
     `pipeline.io.streams.marker_layout`.
     """
     _require_rate(name, rate_hz)
-    names, positions = marker_layout(channels, stated)
-    axes = stated.axes or axes
+    names, positions = marker_layout(channels, options)
+    axes = options.axes or axes
     if not axes:
         raise ValueError(
             "the axes of its markers are unknown; give them, for example --axes "
@@ -384,7 +384,7 @@ def describe_signals(
 
 def describe_plates(
     info: Element, channels: Sequence[Channel], axes: str
-) -> tuple[StatedPlate, ...]:
+) -> tuple[DescribedPlate, ...]:
     """Describe the plates of a stream, from its description, whose root is ``info``.
 
     They are those that channels name, as `pipeline.io.streams.find_plates` finds them, and those
@@ -394,7 +394,7 @@ def describe_plates(
     """
     placed, left_out = find_plates(info, channels)
     all_labels, to_lab = [channel.label for channel in channels], parse_axes(axes)
-    plates = list[StatedPlate]()
+    plates = list[DescribedPlate]()
     for plate in placed:
         number = str(plate.place.number)
         labels = tuple(all_labels[column] for column in plate.columns)
@@ -404,26 +404,26 @@ def describe_plates(
                     f"plate {number}: the label {short(label)!r} of a channel is "
                     f"{'that of another one too' if label else 'empty'}; rename it"
                 )
-        plates.append(StatedPlate(number, labels, plate.place.turned(to_lab)))
+        plates.append(DescribedPlate(number, labels, plate.place.turned(to_lab)))
     described = {plate.number for plate in plates}
     plates += [plate for plate in _dflow_plates(all_labels) if plate.number not in described]
-    return (*plates, *(StatedPlate(number, problem=why) for number, why in left_out.items()))
+    return (*plates, *(DescribedPlate(number, problem=why) for number, why in left_out.items()))
 
 
-def _dflow_plates(labels: Sequence[str]) -> Iterator[StatedPlate]:
+def _dflow_plates(labels: Sequence[str]) -> Iterator[DescribedPlate]:
     """Find plates all of whose channels are named as D-Flow names them."""
     for number in dict.fromkeys(m[1] for m in map(DFLOW_PLATE.fullmatch, labels) if m):
         six = tuple(f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in AXES)
         if all(labels.count(label) == 1 for label in six):
             place = Plate.at_origin(int(number), np.empty(0), np.empty((0, 6)))
-            yield StatedPlate(str(int(number)), six, place)
+            yield DescribedPlate(str(int(number)), six, place)
 
 
 def require_same(
     sender: str,
     described: Mapping[str, tuple[object, object]],
-    before: Sequence[StatedPlate],
-    after: Sequence[StatedPlate],
+    before: Sequence[DescribedPlate],
+    after: Sequence[DescribedPlate],
 ) -> None:
     """Refuse a sender that came back and describes something or its plates otherwise than before.
 
@@ -440,7 +440,7 @@ def require_same(
         raise ValueError(f"{sender} came back with another {different[0]}; begin a new session")
 
 
-def _same_plate(before: StatedPlate, after: StatedPlate) -> bool:
+def _same_plate(before: DescribedPlate, after: DescribedPlate) -> bool:
     named = (before.number, before.channels) == (after.number, after.channels)
     places = (before.place, after.place)
     old, new = (np.vstack([p.corners, p.rotation, p.center]) if p else np.empty(0) for p in places)

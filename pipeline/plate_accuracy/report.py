@@ -43,12 +43,12 @@ COLUMNS: Final = {
 """The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
 
 
-def write_report(found: PlateAccuracy, out: Path) -> Part:
+def write_report(accuracy: PlateAccuracy, out: Path) -> Part:
     """Write tables, figures, and ``plate_calibration.json`` where one is needed.
 
     Parameters
     ----------
-    found
+    accuracy
         The results.
     out
         Folder to write to.
@@ -58,9 +58,9 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     Part
         For the laboratory's page: whether each plate is fit for inverse dynamics, and why.
     """
-    errors, verdicts, file = trial_errors(found.trials), judge(found), found.study.file
+    errors, verdicts, file = trial_errors(accuracy.trials), judge(accuracy), accuracy.study.file
     tests, pairs, remarks = condition_effects(errors)
-    faults = pd.DataFrame(found.faults).drop(columns="degrees_of_freedom", errors="ignore")
+    faults = pd.DataFrame(accuracy.faults).drop(columns="degrees_of_freedom", errors="ignore")
     thesis = table_1(errors)
     write_csv(thesis, out / "table_1.csv")
     write_csv(errors, out / "errors.csv")
@@ -79,12 +79,14 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
         "Measured against known load; shaded: loads of a walking person of "
         f"{file.body_mass_kg:g} kg above the largest recorded one, extrapolated."
     )
-    figure = linearity_figure(found.trials, verdicts, file.body_mass_kg)
+    figure = linearity_figure(accuracy.trials, verdicts, file.body_mass_kg)
     drawn = [Drawn(text, save_figure(figure, out / "figures" / "linearity"))]
     for verdict in verdicts:
-        response = found.responses.get(verdict.belt)
+        response = accuracy.responses.get(verdict.belt)
         if response is not None:
-            trials = [trial for trial in found.trials_in_use if trial.weight.belt == verdict.belt]
+            trials = [
+                trial for trial in accuracy.trials_in_use if trial.weight.belt == verdict.belt
+            ]
             figure = map_figure(response, trials, verdict.calibration, file)
             text = (
                 f"{verdict.belt.title()} plate: error of the vertical force and of the centre of "
@@ -97,7 +99,7 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     if plates:
         provenance = {
             "study": file.name,
-            "sha256": file_digest(found.study.folder / FILE),
+            "sha256": file_digest(accuracy.study.folder / FILE),
             "made": datetime.now(UTC).isoformat(timespec="seconds"),
             "program": f"hbm-residuals {version('hbm-residuals')}",
         }
@@ -110,8 +112,8 @@ def write_report(found: PlateAccuracy, out: Path) -> Part:
     )
     tables = [errors_table(verdicts, note), errors_table(verdicts, totals=False)]
     # a weight on a belt has no vertical acceleration: what its truth has is noise of the marker
-    noise_n = np.mean([np.std(trial.truth[trial.used, 2]) for trial in found.trials])
-    slow_noise_n = np.mean([trial.slow_noise[0] for trial in found.trials])
+    noise_n = np.mean([np.std(trial.truth[trial.used, 2]) for trial in accuracy.trials])
+    slow_noise_n = np.mean([trial.slow_noise[0] for trial in accuracy.trials])
     note = (
         "Root mean square errors. Axes of the thesis: x to the right, y up, z back. Orthogonal "
         "errors (TLLS) with supports, unless set otherwise, if there are such recordings. Filter: "

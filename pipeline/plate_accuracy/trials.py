@@ -48,7 +48,7 @@ def read_with_marker(
     ValueError
         Marker or plate are missing or have a gap, or it is unknown where the plate is.
     """
-    recording = read_recording(study.folder / name, study.file.stated)
+    recording = read_recording(study.folder / name, study.file.options)
     if label not in recording.markers.names:
         present = listed(recording.markers.names)
         raise ValueError(f"{name}: no marker {label!r}; markers there: {present}")

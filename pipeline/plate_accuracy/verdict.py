@@ -244,12 +244,12 @@ class PlateVerdict:
         return (*self.to_record, *more)
 
 
-def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
+def judge(accuracy: PlateAccuracy) -> tuple[PlateVerdict, ...]:
     """Judge whether plates are fit for inverse dynamics, by the study's limits.
 
     Parameters
     ----------
-    found
+    accuracy
         The results.
 
     Returns
@@ -259,8 +259,8 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
         their rise with the load are extrapolated from the weights, with their uncertainty; what
         neither describes at larger loads is not known.
     """
-    belts = dict.fromkeys(trial.weight.belt for trial in found.trials)
-    return tuple(_judge_plate(found, belt) for belt in belts)
+    belts = dict.fromkeys(trial.weight.belt for trial in accuracy.trials)
+    return tuple(_judge_plate(accuracy, belt) for belt in belts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,21 +315,21 @@ class _Plate:
         return replace(self, response=response, faults=faults)
 
 
-def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
+def _judge_plate(accuracy: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
     plate = _Plate(
-        found,
+        accuracy,
         belt,
-        [trial for trial in found.trials if trial.weight.belt == belt],
-        [trial for trial in found.trials_in_use if trial.weight.belt == belt],
-        found.responses.get(belt),
-        [fault for fault in found.faults if fault.belt == belt],
+        [trial for trial in accuracy.trials if trial.weight.belt == belt],
+        [trial for trial in accuracy.trials_in_use if trial.weight.belt == belt],
+        accuracy.responses.get(belt),
+        [fault for fault in accuracy.faults if fault.belt == belt],
     )
     # gains that all plates share may be an error of the masses: what holds either way is judged
     shared = _shared_gain(plate)
     heavier = plate.if_masses_were_heavier(shared)
-    stated, otherwise = _judged(plate), _judged(heavier)
-    judged, corrected, calibration = _either(stated, otherwise), list[Judged](), None
-    if all(one.status == other.status for one, other in zip(stated, otherwise, strict=True)):
+    as_weighed, otherwise = _judged(plate), _judged(heavier)
+    judged, corrected, calibration = _either(as_weighed, otherwise), list[Judged](), None
+    if all(one.status == other.status for one, other in zip(as_weighed, otherwise, strict=True)):
         shared = 0.0
         if any(o.correctable and o.status in ("beyond", "unclear") for o in judged):
             corrected, calibration = _correction(plate, heavier)
@@ -454,11 +454,11 @@ def _totals(plate: _Plate, calibration: PlateCalibration | None = None) -> list[
     return judged
 
 
-def _either(stated: Sequence[Judged], otherwise: Sequence[Judged]) -> list[Judged]:
+def _either(as_weighed: Sequence[Judged], otherwise: Sequence[Judged]) -> list[Judged]:
     """Widen the intervals of errors to those that they would have otherwise."""
     return [
         replace(one, low=min(one.low, other.low), high=max(one.high, other.high))
-        for one, other in zip(stated, otherwise, strict=True)
+        for one, other in zip(as_weighed, otherwise, strict=True)
     ]
 
 

@@ -125,10 +125,10 @@ def each(texts: Iterable[object]) -> str:
     return join_names(sorted(set(map(str, texts))))
 
 
-def words(keys: Iterable[str], known: Mapping[str, str]) -> list[str]:
+def words(keys: Iterable[str], texts: Mapping[str, str]) -> list[str]:
     """Say in words those of some keys that are known."""
     present = set(keys)
-    return [text for key, text in known.items() if key in present]
+    return [text for key, text in texts.items() if key in present]
 
 
 def in_unit(values: Iterable[float | None], factor: float, form: str = "%g") -> list[str]:

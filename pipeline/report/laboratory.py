@@ -141,9 +141,9 @@ def write_laboratory(folder: Path, *parts: Part, verdicts: Sequence[Part] = ()) 
     return write_page(page, "Laboratory", scope, sections)
 
 
-def recordings_table(folder: Path, stated: StudyFile) -> Table:
+def recordings_table(folder: Path, file: StudyFile) -> Table:
     """Say which recordings of a laboratory are in its folder, in the order of making them."""
-    treadmill, plates = stated.treadmill, stated.plates.calibration
+    treadmill, plates = file.treadmill, file.plates.calibration
 
     def finding(key: str, *names: str | None) -> list[Check]:
         files = [name for name in names if name]
@@ -152,19 +152,19 @@ def recordings_table(folder: Path, stated: StudyFile) -> Table:
             return [("pass", "done", "; ".join(files))]
         return [("fail", "missing", "; ".join(absent) or f"to state as {key}")]
 
-    beside = finding("treadmill.beside", *treadmill.beside)
+    beside_people = finding("treadmill.beside", *treadmill.beside)
     checks = finding("treadmill.check", treadmill.check)
     fitted = folder / (treadmill.calibration or "")
     if fitted.is_file():
         if fitted.suffix.lower() == ".json":  # it says what it was fitted to
             of_fit = from_json(read_text(fitted)).provenance.get(BESIDE, "")
-            beside = [("pass", "done", of_fit)] if of_fit else finding("--beside of the fit")
+            beside_people = [("pass", "done", of_fit)] if of_fit else finding("--beside of the fit")
         of_checks = "; ".join(read_checks(fitted)["recording"])
         checks = checks if treadmill.check or not of_checks else [("pass", "done", of_checks)]
     empty = finding("treadmill.calibration", treadmill.calibration)
     rows = [
         (f"Empty treadmill, signal {ADVISED_PLATFORM_SIGNAL}", empty),
-        ("People beside an empty plate: walking, running, on the boards", beside),
+        ("People beside an empty plate: walking, running, on the boards", beside_people),
         ("Known weights on the running belts, hbm plates", finding("plates.calibration", plates)),
         ("Empty treadmill on another day, same signal", checks),
     ]
@@ -380,13 +380,13 @@ def check_part(
     calibration: Calibration,
     file: Path,
     check: str,
-    found: CalibrationCheck,
+    checked: CalibrationCheck,
     empty: EmptyTreadmill | None,
 ) -> Part:
     """Give the part of a check, named by its recording and day, with all checks of the file."""
-    answer = ("pass", "still valid") if found.valid else ("fail", "not valid any more")
-    reasons = [] if found.valid else [note.text for note in found.notes]
-    worst = [f"{plate}: {fault}" for plate, one in found.plates.items() for fault in one.faults]
+    answer = ("pass", "still valid") if checked.valid else ("fail", "not valid any more")
+    reasons = [] if checked.valid else [note.text for note in checked.notes]
+    worst = [f"{plate}: {fault}" for plate, one in checked.plates.items() for fault in one.faults]
     verdict = Table(
         f"Check of {file.name} by {check}",
         ("Question", "Answer"),
@@ -398,15 +398,15 @@ def check_part(
     )
     tables, drawn = [history_table(read_checks(file))], list[Drawn]()
     if empty is not None:
-        tables.insert(0, check_table(found, empty))
+        tables.insert(0, check_table(checked, empty))
         drawn = _of_recording(calibration, empty)
-    return Part("check", [verdict], tables, drawn, file_digest(file), warnings_of(found.notes))
+    return Part("check", [verdict], tables, drawn, file_digest(file), warnings_of(checked.notes))
 
 
-def check_table(found: CalibrationCheck, empty: EmptyTreadmill) -> Table:
+def check_table(checked: CalibrationCheck, empty: EmptyTreadmill) -> Table:
     """Give what the calibration and a new fit leave on another day, and how the zeros changed."""
     rows: list[Sequence[str | Sequence[Check]]] = []
-    for plate, one in found.plates.items():
+    for plate, one in checked.plates.items():
         rows += zip(
             *([plate] * len(UNITS), WRENCH_COMPONENTS),
             *(with_units(of[plate].std(axis=0)) for of in (empty.before, empty.after)),
@@ -430,7 +430,7 @@ def check_table(found: CalibrationCheck, empty: EmptyTreadmill) -> Table:
 
 
 def add_check(
-    calibration: Path, recording: Path, found: CalibrationCheck, day: str | None = None
+    calibration: Path, recording: Path, checked: CalibrationCheck, day: str | None = None
 ) -> str:
     """Add a row to ``laboratory_checks.csv`` beside a calibration.
 
@@ -438,7 +438,7 @@ def add_check(
     ----------
     calibration, recording
         Their files. The row of an earlier check by this recording is replaced.
-    found
+    checked
         The check.
     day
         Of the recording, YYYY-MM-DD; None for the day on which the file was last written.
@@ -453,12 +453,12 @@ def add_check(
     row: dict[str, object] = {
         "day": day,
         "recording": recording.name,
-        "valid": found.valid,
+        "valid": checked.valid,
         "calibration": calibration.name,
         "calibration_sha256": file_digest(calibration),
         "recording_sha256": file_digest(recording),
     }
-    for plate, one in found.plates.items():
+    for plate, one in checked.plates.items():
         for k, name in enumerate(WRENCH_COMPONENTS):
             row[f"{plate} {name} left"] = one.left[k]
             row[f"{plate} {name} by new fit"] = one.left_by_new_fit[k]

@@ -151,9 +151,12 @@ def repeated_values(residuals: pd.DataFrame, joints: pd.DataFrame) -> pd.DataFra
     return pd.concat(present, ignore_index=True)
 
 
-def reliability_tables(found: pd.DataFrame, design: Design) -> list[Table]:
+def reliability_tables(reliability: pd.DataFrame, design: Design) -> list[Table]:
     """Show how well the residuals repeat, a table per condition; joints are in the file."""
-    best = found[(found["compensated"] == found["compensated"].any()) & found["name"].isin(AXES)]
+    best = reliability[
+        (reliability["compensated"] == reliability["compensated"].any())
+        & reliability["name"].isin(AXES)
+    ]
     columns: dict[str, Callable[[Any], str]] = {
         "": lambda row: f"{row.what} ({row.unit})",
         "mean": lambda row: number(row.mean, ".2f"),
@@ -187,7 +190,7 @@ def described(window: str) -> str:
     return WINDOWS.get(window, f"{window} {after}")
 
 
-def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
+def plan_table(verdicts: Sequence[Verdict], design: Design) -> pd.DataFrame:
     """Tabulate the subjects that each comparison needs.
 
     Returns
@@ -198,14 +201,14 @@ def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
         many recordings, empty beyond 1000 subjects or where the difference observed exceeds the
         margin; where recordings are repeated, needed_with_1 to needed_with_10 per condition.
     """
-    table = pd.DataFrame(found, columns=[field.name for field in fields(Verdict)])
+    table = pd.DataFrame(verdicts, columns=[field.name for field in fields(Verdict)])
     table = table.rename(columns={"baseline": "reference"})
     columns = ["axis", "unit", "condition", "reference", "difference", "sd", "margin", "n"]
     counts = ["needed", "needed_as_observed"]
-    if any(verdict.needed_with for verdict in found):
+    if any(verdict.needed_with for verdict in verdicts):
         for k, recordings in enumerate(PLANNED_RECORDINGS):
             counts.append(f"needed_with_{recordings}")
-            table[counts[-1]] = [v.needed_with[k] if v.needed_with else None for v in found]
+            table[counts[-1]] = [v.needed_with[k] if v.needed_with else None for v in verdicts]
     table = table.assign(margin=design.margin * table["reference"])
     return table[[*columns, *counts]].astype(dict.fromkeys(counts, "Int64"))
 

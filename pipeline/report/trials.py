@@ -168,10 +168,10 @@ def _compensation(trial: TrialResult) -> Iterator[Check]:
 
 def _marker_error(markers: Sequence[Any]) -> Check:
     """Rate the distance of markers from the model by OpenSim's guideline."""
-    overall, known = markers[-1], [row for row in markers[:-1] if not isnan(row.rms_mm)]
-    if not known:
+    overall, segments = markers[-1], [row for row in markers[:-1] if not isnan(row.rms_mm)]
+    if not segments:
         return "fail", "unknown", ""
-    worst = max(known, key=lambda row: row.rms_mm)
+    worst = max(segments, key=lambda row: row.rms_mm)
     rating = "pass" if overall.peak_mm <= QUALITY.marker_peak else "check"
     if overall.rms_mm >= QUALITY.marker_error:
         rating = "fail"

@@ -79,10 +79,10 @@ def choices(of_variants: Mapping[str, Results], design: Design) -> tuple[str, li
     return lead, tables
 
 
-def _table(found: Mapping[str, Sequence[Verdict]], condition: str, design: Design) -> Table:
+def _table(verdicts: Mapping[str, Sequence[Verdict]], condition: str, design: Design) -> Table:
     """Show the difference of each residual from its reference under each variant."""
     rows = []
-    for variant, of_variant in found.items():
+    for variant, of_variant in verdicts.items():
         cells = []
         for verdict in (v for v in of_variant if v.condition == condition):
             difference = number(verdict.difference, "+z.1f")
@@ -90,7 +90,9 @@ def _table(found: Mapping[str, Sequence[Verdict]], condition: str, design: Desig
             answer = label(verdict.answer, condition, design)
             cells.append(f"{difference}\n[{between}]\n{answer}")
         rows.append((variant, *cells))
-    axes = [f"{v.axis} ({v.unit})" for v in next(iter(found.values())) if v.condition == condition]
+    axes = [
+        f"{v.axis} ({v.unit})" for v in next(iter(verdicts.values())) if v.condition == condition
+    ]
     judged, reference = design.judged(condition), design.reference_cell
     caption = f"{judged} − {reference}: mean difference [95 % CI], answer under each variant"
     return Table(caption, ("Variant", *axes), rows, "numbers")

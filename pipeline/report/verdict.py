@@ -56,39 +56,39 @@ def question(design: Design) -> str:
 
 
 def verdict_values(
-    found: Sequence[Verdict],
+    verdicts: Sequence[Verdict],
     residuals: pd.DataFrame,
     tests: pd.DataFrame,
     states: Sequence[TrialState],
     design: Design,
     *,
-    stated: bool,
+    planned: bool,
 ) -> dict[str, Any]:
     """Give what ``verdict.html`` shows: paragraph, basis, heads of the columns, rows of cells.
 
-    `residuals` says why there is no verdict; `stated` whether the study states the design.
+    `residuals` says why there is no verdict; `planned` whether the study states the design.
     """
     possible = judged_conditions(design)
     order = [c for c in (*design.others, design.reference) if c in possible]
-    shown = [c for c in order if any(v.condition == c and v.n for v in found)]
-    most = max((v.n for v in found), default=0)
+    shown = [c for c in order if any(v.condition == c and v.n for v in verdicts)]
+    most = max((v.n for v in verdicts), default=0)
     margin = 100 * design.margin
-    bounds = [abs(x) for v in found for x in (v.low_percent, v.high_percent)]
+    bounds = [abs(x) for v in verdicts for x in (v.low_percent, v.high_percent)]
     reach = max([2 * margin, *filter(isfinite, bounds)])
     # a half-axis of 100 % of the reference at most: larger differences end at the border
     reach = min(reach, max(100.0, margin))
     rows = []
     for axis, direction in zip(AXES, DIRECTIONS, strict=True):
-        of_axis = {v.condition: v for v in found if v.axis == axis}
+        of_axis = {v.condition: v for v in verdicts if v.axis == axis}
         if of_axis and shown:
             cells = [_cell(of_axis[condition], reach, most, design) for condition in shown]
             rows.append((axis, direction, cells))
     no_verdict = most < MIN_SUBJECTS
-    open_ones = [_why_none(residuals, design)] if no_verdict else open_questions(found, design)
+    open_ones = [_why_none(residuals, design)] if no_verdict else open_questions(verdicts, design)
     return {
-        "paragraph": "" if no_verdict else _paragraph(found, tests, states, design),
+        "paragraph": "" if no_verdict else _paragraph(verdicts, tests, states, design),
         "headline": [*_beside_reference(residuals, alone=no_verdict), *open_ones],
-        "basis": " ".join(filter(None, ("" if stated else _basis(design), _primary(found)))),
+        "basis": " ".join(filter(None, ("" if planned else _basis(design), _primary(verdicts)))),
         "heads": [
             c if c in design.others else f"{c}: {label('within margin', c, design)}?" for c in shown
         ],
@@ -98,10 +98,10 @@ def verdict_values(
 
 
 def _paragraph(
-    found: Sequence[Verdict], tests: pd.DataFrame, states: Sequence[TrialState], design: Design
+    verdicts: Sequence[Verdict], tests: pd.DataFrame, states: Sequence[TrialState], design: Design
 ) -> str:
     """Write the primary analysis as a paper has it: estimates, F tests, subjects, exclusions."""
-    sentences = [*headlines(found, design)]
+    sentences = [*headlines(verdicts, design)]
     effect = ":".join(design.factors)
     of_variance = tests["test"].isin((RM_ANOVA, MIXED_ANOVA, MIXED_MODEL))
     of_effect = tests[of_variance & (tests["effect"] == effect)]
@@ -112,7 +112,7 @@ def _paragraph(
         sentences.append(f"Effect of {what}: {written_test(weakest)}.")
     absent = [f"{state.name} ({state.state})" for state in states if not state.in_tables]
     excluded = f"; without {join_names(absent)}" if absent else ", none excluded"
-    subjects = numbers(pd.Series([v.n for v in found if v.n]), "subject")
+    subjects = numbers(pd.Series([v.n for v in verdicts if v.n]), "subject")
     return " ".join([*sentences, f"{subjects}, {len(states)} trials{excluded}."])
 
 

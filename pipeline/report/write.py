@@ -218,8 +218,8 @@ def write_report(
         announce(f"drawing: {name}", len(drawn), len(tasks))
     paragraphs = methods(results, tests, design, study, curves=bool(curves))
     of_study = {} if study is None else groups(study.file, study.subjects)
-    stated = study is not None and study.file.comparison is not None
-    verdict = verdict_values(judged, results.residuals, tests, states, design, stated=stated)
+    planned = study is not None and study.file.comparison is not None
+    verdict = verdict_values(judged, results.residuals, tests, states, design, planned=planned)
     of_residuals = residual_tables(
         results.residuals, table, design, {s: g for s, g in of_study.items() if g is not None}
     )
@@ -297,8 +297,8 @@ def _design(residuals: pd.DataFrame, study: Study | None) -> Design:
 
 def _between(design: Design, study: Study | None) -> list[str]:
     """Give the design's group, and the covariates that a study states."""
-    stated = None if study is None else study.file.comparison
-    covariates = () if stated is None else stated.covariates or ()
+    comparison = None if study is None else study.file.comparison
+    covariates = () if comparison is None else comparison.covariates or ()
     return [*filter(None, (design.group, *covariates))]
 
 

@@ -305,10 +305,10 @@ class _TrialCheck:
 
         self.remark(*(fact.note for fact in reversed_plates(self.recording).values()))
         self.attempt(lambda: require_units(self.recording, self.person.person.mass_kg))
-        stated = self.trial.contacts if plates else ()
-        for contact in stated:
+        contacts = self.trial.contacts if plates else ()
+        for contact in contacts:
             self.attempt(partial(require, contact))
-        self.attempt(lambda: require_contacts(stated, [*plates], self.markers.time))
+        self.attempt(lambda: require_contacts(contacts, [*plates], self.markers.time))
         starts = (samples[1:] > samples[:-1] for samples in loaded.values())
         # what a moving plate reads without load may exceed the threshold until it is compensated
         return self.laboratory.calibration is not None or any(map(np.any, starts))

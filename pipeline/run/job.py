@@ -209,7 +209,7 @@ def trial_key(study: Study, name: TrialName) -> str:
     names = [trial.file, trial.forces, trial.record, *treadmill.files]
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
     not_of_trials = {"name", "conditions", "comparison", "variants", "figures"}
-    stated = {
+    inputs = {
         "study": study.file.model_dump(exclude=not_of_trials),
         "trial": (name.recording, trial.session, trial.mend_plates, trial.rename),
         "condition": study.rule(name).model_dump(),
@@ -222,7 +222,7 @@ def trial_key(study: Study, name: TrialName) -> str:
     contents = [file_digest(study.path(name)) if name else None for name in names]
     unnamed = [plate_files(study.path(name)) for name in names if name]
     contents += [file_digest(file) for files in unnamed for file in files]
-    parts = {"files": contents, "stated": stated, "program": program}
+    parts = {"files": contents, "stated": inputs, "program": program}
     return " ".join(f"{name}:{_digest(part)}" for name, part in parts.items())
 
 
@@ -280,12 +280,12 @@ def record_failure(target: Path, name: TrialName, reason: str | None) -> None:
         write_text(json.dumps({str(name): reason}, ensure_ascii=False), path)
 
 
-def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
+def collect_failures(out: Path, trials: Iterable[str]) -> dict[str, str]:
     """Write ``failures.json`` from what is stored next to the results: trial -> reason.
 
     Trials are "subject condition recording"; failures of others than the study's are removed.
     """
-    names, failures = set(known), dict[str, str]()
+    names, failures = set(trials), dict[str, str]()
     for path, stored in recorded_failures(out / "trials"):
         if names.isdisjoint(stored):
             path.unlink(missing_ok=True)

@@ -241,15 +241,17 @@ def work_on(
     """
     from joblib import delayed  # of one trial it is not needed
 
-    left = {job.target: job for job in sorted(todo, key=lambda job: job.size, reverse=True)}
+    waiting = {job.target: job for job in sorted(todo, key=lambda job: job.size, reverse=True)}
     try:
-        tasks = [delayed(work)(job) for job in left.values()]
-        written = {j.target.parent for job in left.values() for j in (job, *job.variants.values())}
+        tasks = [delayed(work)(job) for job in waiting.values()]
+        written = {
+            j.target.parent for job in waiting.values() for j in (job, *job.variants.values())
+        }
         workers = workers and max(1, min(workers, len(tasks)))
         for outcome in in_processes(tasks, workers, written):
-            yield replace(outcome, job=left.pop(outcome.job.target))  # not its copy
+            yield replace(outcome, job=waiting.pop(outcome.job.target))  # not its copy
     except BrokenProcessPool:
-        for job in left.values():
+        for job in waiting.values():
             try:
                 # with one worker, it would be done in this process
                 (outcome,) = in_processes([delayed(work)(job)], 2)

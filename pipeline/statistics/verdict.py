@@ -320,12 +320,12 @@ def subjects_needed(sd: float, room: float, alpha: float) -> int | None:
     return int(n[is_enough.argmax()]) if is_enough.any() else None
 
 
-def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
+def headlines(verdicts: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
     """State the verdicts of a study for a paper: a sentence per condition, each with estimates.
 
     Parameters
     ----------
-    found
+    verdicts
         Verdicts of all conditions.
     design
         The design that they are of.
@@ -335,7 +335,7 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     tuple of str
         What is compared; the compared conditions, then the reference; whether subjects are few.
     """
-    compared = [v for v in found if v.n >= MIN_SUBJECTS]
+    compared = [v for v in verdicts if v.n >= MIN_SUBJECTS]
     if not compared:
         return ()
     of_what = " with inertia compensation" * design.compensated
@@ -356,9 +356,9 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     return tuple(sentences)
 
 
-def open_questions(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
+def open_questions(verdicts: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
     """Say what a study leaves open: too few subjects, and errors that could turn a verdict."""
-    compared = [v for v in found if v.n >= MIN_SUBJECTS]
+    compared = [v for v in verdicts if v.n >= MIN_SUBJECTS]
     sentences = []
     if count := sum(v.answer == "inconclusive" for v in compared):
         sentences.append(

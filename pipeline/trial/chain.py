@@ -25,8 +25,8 @@ from hbm.signals.filtering import Filtered, butterworth, low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Indices, Mask, shift_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.mended_plates import mended_plates
+from pipeline.io.read_options import parse_mending
 from pipeline.io.recording import Event, Plate, Recording
-from pipeline.io.stated import parse_mending
 from pipeline.trial.checks import MarkerChecks, check_markers
 from pipeline.trial.findings.drift import Zero, following, with_followed_zeros, zeros_of
 from pipeline.trial.findings.evidence import Evidence, weight_of_steps
@@ -405,8 +405,8 @@ class Chain:
         motion = foot_motion(self.loads.places, self.ground.pose)
         swings: Swings = foot_swings(trial.markers, body.marker_set)
         carried = float(np.mean(free_of(self.quality, NO_SUPPORT)))
-        stated = self.settings.events
-        method, doubts = choose_method(trial.events, swings, stated, of_plates, carried)
+        wanted = self.settings.events
+        method, doubts = choose_method(trial.events, swings, wanted, of_plates, carried)
         sources = trial.events, of_plates, motion, pose.markers, body.marker_set
         detected = detect_events(*sources, method)
         origin: EventOrigin = "motion" if {*detected.events}.isdisjoint(of_plates) else "calibrated"
@@ -567,10 +567,10 @@ def needed_wrench(body: Body, motion: Filtered) -> Array:
 def _mended(recording: Recording, mendings: Sequence[str]) -> Recording:
     """Mend the plates of a recording; zeros that drift are followed as if that was stated of it."""
     drifts = [text for text in mendings if parse_mending(text)[1] == "drift"]
-    stated = recording.stated
+    options = recording.options
     if drifts:
-        stated = replace(stated, mend_plates=(*stated.mend_plates, *drifts))
-    return replace(recording, plates=mended_plates(recording.plates, mendings), stated=stated)
+        options = replace(options, mend_plates=(*options.mend_plates, *drifts))
+    return replace(recording, plates=mended_plates(recording.plates, mendings), options=options)
 
 
 @cache
@@ -585,10 +585,10 @@ def _all_of(stage: str, given: frozenset[str]) -> set[str]:
 def _differing(one: Inputs, other: Inputs) -> Iterator[str]:
     """Name the inputs that differ, and those fields of recordings and laboratory that do."""
     # these are compared by what they state; others are the same if they were read once
-    stated = "condition", "contacts", "marker_set", "segments", "subject"
+    by_value = "condition", "contacts", "marker_set", "segments", "subject"
     for name in (field.name for field in fields(one)):
         before, now = getattr(one, name), getattr(other, name)
-        if before is now or (name in stated and before == now):
+        if before is now or (name in by_value and before == now):
             continue
         yield name
         parts = {leaf for names in DEPENDS_ON.values() for leaf in names.split()}

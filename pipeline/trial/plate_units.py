@@ -12,8 +12,8 @@ from hbm.signals.samples import median_of
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.io.axes import MIN_MEAN_LOAD_N, find_sites, mean_force
 from pipeline.io.mended_plates import mended_plates, of_channels
+from pipeline.io.read_options import CONVERT, correction, parse_plate_units
 from pipeline.io.recording import Fact, Plate, Recording
-from pipeline.io.stated import CONVERT, correction, parse_plate_units
 from pipeline.trial.subject import LIMITS as SUBJECT
 
 LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "plate_units")
@@ -103,7 +103,7 @@ def reversed_plates(recording: Recording) -> dict[int, Fact]:
 def _feet(recording: Recording) -> Array:
     """Give the markers of the feet, (T, M, 3) [m]."""
     markers = recording.markers
-    return markers.position[:, find_sites(markers.names, recording.stated.marker_set).low]
+    return markers.position[:, find_sites(markers.names, recording.options.marker_set).low]
 
 
 def require_possible(residual: Array, body: Body) -> None:

@@ -245,13 +245,13 @@ def trial_chain(
         raise ValueError(f"{name} is excluded: {trial.exclude}")
     before = None if like is None else like.inputs
     hip_trial, segments = read_body_files(study, person)
-    if before is not None and before.recording.stated == study.stated_of(trial):
+    if before is not None and before.recording.options == study.stated_of(trial):
         recording, static = before.recording, before.static
     else:
         static = read_study_file(study, person.static) if person.static else None
         read = read_study_file(study, trial.file, trial, person.static)
         recording = with_unused_renames(read, static, hip_trial)
-    stated: dict[str, Any] = {
+    given: dict[str, Any] = {
         "recording": recording,
         "static": static,
         "hip_trial": hip_trial,
@@ -261,8 +261,8 @@ def trial_chain(
     }
     settings = study.file.settings
     if like is not None:
-        return like.changed(settings=settings, **stated)
+        return like.changed(settings=settings, **given)
     inputs = Inputs(
-        subject=person.person, segments=segments or {}, contacts=trial.contacts, **stated
+        subject=person.person, segments=segments or {}, contacts=trial.contacts, **given
     )
     return Chain(inputs, settings, jobs=jobs)

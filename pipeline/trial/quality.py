@@ -123,12 +123,12 @@ def settling_s(filters: Iterable[tuple[Method, float]]) -> tuple[float, float]:
     return float(longest_s[0]), float(longest_s[1])
 
 
-def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> Mask:
+def settled_frames(sampled: Mask, time: Array, settling: tuple[float, float]) -> Mask:
     """Find the frames in which filters have settled.
 
     Parameters
     ----------
-    known
+    sampled
         Whether there are samples to filter, or a gap is bridged, (T,). A filter begins anew after
         every other gap.
     time
@@ -150,7 +150,7 @@ def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> M
     settled = np.zeros(len(time), bool)
     # times are rounded to less than a microsecond
     after_s, before_s = (time_s - 1e-6 for time_s in settling)
-    for start, stop in stretches(known):
+    for start, stop in stretches(sampled):
         stretch = time[start:stop]
         settled[start:stop] = (stretch >= stretch[0] + after_s) & (
             stretch <= stretch[-1] - before_s

@@ -105,7 +105,7 @@ def dynamics_under_feet(
         settings.contact_threshold_n,
         standing=both_stand(places, motion.time),
         numbers=[plate.number for plate in ground.plates],
-        stated=contacts,
+        by_hand=contacts,
         method=settings.filter,
     )
     # each plate goes to one foot, then each foot passes the filter of the motion

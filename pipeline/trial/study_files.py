@@ -88,22 +88,22 @@ def read_study_laboratory(study: Study) -> Laboratory:
     ValueError, OSError
         If a calibration cannot be read or fitted, or was fitted to otherwise corrected plates.
     """
-    treadmill, stated = study.file.treadmill, study.stated
+    treadmill, options = study.file.treadmill, study.options
     plates_file = study.file.plates.calibration
     files = [study.path(name) for name in (*treadmill.files, plates_file) if name]
     contents = tuple((file.name, file_digest(file)) for file in files)
-    key = treadmill.model_dump_json(), plates_file, stated, contents
+    key = treadmill.model_dump_json(), plates_file, options, contents
     if key in _laboratories:
         return _laboratories[key]
     plates = read_plate_correction(study.path(plates_file)) if plates_file else None
     laboratory = Laboratory(treadmill, plates=plates)
 
     def read(name: str) -> Recording:
-        return read_empty(study.path(name), stated, any_forward=plates is None)
+        return read_empty(study.path(name), options, any_forward=plates is None)
 
     if treadmill.calibration:
         path, beside = study.path(treadmill.calibration), map(study.path, treadmill.beside)
-        calibration = read_calibration(path, treadmill, stated, plates, tuple(beside))
+        calibration = read_calibration(path, treadmill, options, plates, tuple(beside))
         laboratory = replace(laboratory, calibration=calibration)
     # belts shake the platform: what accelerometers explain is subtracted first
     if (belt := treadmill.belt) is not None:

@@ -379,9 +379,9 @@ def subject_body(
     stature = pose.metadata.height_m
     if stature is not None and not MIN_STATURE_M <= stature <= MAX_STATURE_M:
         stature = None  # a file that says so has another unit
-    stated = {k: w for k in ("knee_width_m", "ankle_width_m") if (w := getattr(subject, k))}
+    widths = {k: w for k in ("knee_width_m", "ankle_width_m") if (w := getattr(subject, k))}
     recorded = pose.metadata.limbs
-    limbs = {side: replace(recorded.get(side, LimbMeasures()), **stated) for side in SIDES}
+    limbs = {side: replace(recorded.get(side, LimbMeasures()), **widths) for side in SIDES}
     named = marker_sets().get(settings.marker_set or "")
 
     def built(hip: HipRule | dict[str, Array]) -> Body:

@@ -162,8 +162,8 @@ def what_counts(
     part, of_part = perturbed_part(rule, cycles, onsets, time, pose)
     span = counted_span(wanted, cycles, time, settling, counts, min_valid_share)
     of_sides = [*chain(*(left_out[side] for side in cycles))]
-    found = sum(len(usable[side]) for side in cycles) + len(of_sides)
-    counted = Counted(cycles, onsets, part, span, unit, found)
+    of_all = sum(len(usable[side]) for side in cycles) + len(of_sides)
+    counted = Counted(cycles, onsets, part, span, unit, of_all)
     excluded: tuple[Note, ...] = ()
     if count := len(of_sides):
         values = {"unit": _nouns(unit, count), "reasons": counted_reasons(of_sides)}

@@ -16,8 +16,8 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.spatial import rotate_wrench, shift_wrench
 from pipeline.config.schema import Condition, Settings, Subject
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Event, Recording
-from pipeline.io.stated import Stated
 from pipeline.trial.chain import Chain
 from pipeline.trial.ground.calibrations import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
@@ -128,7 +128,9 @@ def walks(data: Path) -> dict[str, Case]:
 
 def of_settings(walk: Recording, overground: Base) -> dict[str, Make]:
     """Zeros that are followed, functional hips, and free torques of forces at pressures."""
-    drifts = replace(raw(walk, 0, 2, drifting(30.0)), stated=Stated(mend_plates=("1: drift",)))
+    drifts = replace(
+        raw(walk, 0, 2, drifting(30.0)), options=ReadOptions(mend_plates=("1: drift",))
+    )
     makes: dict[str, Make] = {}
     for method in ("realtime", "zero_phase"):
         settings = Settings(filter=method)

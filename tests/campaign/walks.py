@@ -12,8 +12,8 @@ from hbm.model import Body
 from hbm.spatial import Array
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.read import read_recording
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Recording
-from pipeline.io.stated import Stated
 from pipeline.trial.chain import Chain
 from pipeline.trial.inputs import Inputs
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
@@ -67,8 +67,8 @@ def real(data: Path) -> Iterator[Base]:
     for child, trials in {"HC030": ("A05", "A22"), "HC031": ("A06", "A23")}.items():
         pose = folder / f"{child}A01.c3d"
         for trial in trials:
-            walk = read_recording(folder / f"{child}{trial}.c3d", Stated(), static=pose)
-            known = {"subject": Subject(), "static": read_recording(pose, Stated())}
+            walk = read_recording(folder / f"{child}{trial}.c3d", ReadOptions(), static=pose)
+            known = {"subject": Subject(), "static": read_recording(pose, ReadOptions())}
             yield Base(child + trial, walk, known)
     walk, known = recorded.two_plates(data)
     yield Base("two plates", walk, known | {"subject": Subject(mass_kg=63.7)})
@@ -79,7 +79,7 @@ def real(data: Path) -> Iterator[Base]:
 
 def legs_only(data: Path) -> Base:
     """A healthy walk of a laboratory that used no markers of trunk, head and arms."""
-    walk = read_recording(data / "legs_only" / "Qualisys.c3d", Stated())
+    walk = read_recording(data / "legs_only" / "Qualisys.c3d", ReadOptions())
     return Base("legs only", walk, {"subject": Subject()})
 
 

@@ -9,7 +9,7 @@ from rerun.chunk import RrdReader
 
 from pipeline.cli.app import main
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.virtual_lab.machine import c3d_file
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 
@@ -92,7 +92,7 @@ def found_in(text):
 
 
 def test_of_two_subjects_one_is_read_and_nobody_is_named(study):
-    recording = read_c3d(study / "walk.c3d", Stated(label_prefix="1"))
+    recording = read_c3d(study / "walk.c3d", ReadOptions(label_prefix="1"))
     assert "LASIS" in recording.markers.names
     assert found_in(repr(recording.metadata)) == []
     assert found_in(" ".join(map(str, recording.notes))) == []

@@ -8,7 +8,7 @@ import pipeline
 from hbm.markers import read_marker_set
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.read import read_recording
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.trial.process import process_recording
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -56,8 +56,8 @@ def child(number):
         walk, pose = (folder / f"{number}{kind}.c3d" for kind in ("A05", "A01"))
         if not walk.exists():
             walk = folder / f"{number}A06.c3d"
-        known = {"subject": Subject(), "static": read_recording(pose, Stated())}
-        return read_recording(walk, Stated(), static=pose), known
+        known = {"subject": Subject(), "static": read_recording(pose, ReadOptions())}
+        return read_recording(walk, ReadOptions(), static=pose), known
 
     read.__name__ = number
     return read

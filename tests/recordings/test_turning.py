@@ -5,7 +5,7 @@ import pytest
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.io.read import read_recording
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.trial.process import process_trial
 
 
@@ -17,15 +17,15 @@ def folder(shared_data):
 def test_a_turn_takes_the_axes_of_its_static_recording(folder):
     path, pose = folder / "HC030A22.c3d", folder / "HC030A01.c3d"
     with pytest.raises(ValueError, match="axes cannot be inferred"):
-        read_recording(path, Stated())
-    recording = read_recording(path, Stated(), static=pose)
+        read_recording(path, ReadOptions())
+    recording = read_recording(path, ReadOptions(), static=pose)
     (note,) = [note for note in recording.notes if note.code == "axes"]
     assert note.values["axes"] == ("left", "back", "up")
     assert pose.name in note.values["evidence"]
 
 
 def test_a_walk_that_shows_its_axes_does_not_take_those_of_the_static_recording(folder):
-    walk = read_recording(folder / "HC030A05.c3d", Stated(), static=folder / "HC030A01.c3d")
+    walk = read_recording(folder / "HC030A05.c3d", ReadOptions(), static=folder / "HC030A01.c3d")
     (note,) = [note for note in walk.notes if note.code == "axes"]
     assert "static" not in note.values["evidence"]
 

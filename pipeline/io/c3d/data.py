@@ -23,8 +23,8 @@ from pipeline.io.c3d.parameters import (
     parse_parameters,
 )
 from pipeline.io.input_file import open_file
+from pipeline.io.read_options import without_impossible
 from pipeline.io.recording import Fact
-from pipeline.io.stated import without_impossible
 
 MAX_COUNT: Final = 65535
 """Of a 16-bit number: frame counts stop there or start over."""
@@ -71,9 +71,9 @@ class FrameSize:
         return (4 * self.points + self.analog) * self.word_bytes
 
 
-def correction(place: str, stated: object, used: object) -> Fact:
+def correction(place: str, written: object, used: object) -> Fact:
     """Say what the file states somewhere, and what is used instead."""
-    return Fact("corrected", place, f"{stated} there, {used} used")
+    return Fact("corrected", place, f"{written} there, {used} used")
 
 
 def settle_counts(

@@ -11,8 +11,8 @@ from hbm.spatial import Array, cross, shift_wrench
 from hbm.spelling import short
 from pipeline.io.c3d.data import Header
 from pipeline.io.c3d.parameters import Parameters
+from pipeline.io.read_options import CONVERT, Quantity, ReadOptions
 from pipeline.io.recording import Fact
-from pipeline.io.stated import CONVERT, Quantity, Stated
 from pipeline.io.units import LENGTHS
 
 QUANTITIES: Final[dict[int, tuple[Quantity, ...]]] = {
@@ -106,7 +106,7 @@ class PlateLayout:
 
 
 def plate_layouts(
-    header: Header, stated: Stated, position: Array | None = None
+    header: Header, options: ReadOptions, position: Array | None = None
 ) -> tuple[list[PlateLayout], list[Fact]]:
     """Read how a file describes its force plates.
 
@@ -114,7 +114,7 @@ def plate_layouts(
     ----------
     header
         What the file says of itself.
-    stated
+    options
         Units that a person states.
     position
         Of markers in the file's axes, (T, M, 3) [m]; they show corners in another unit.
@@ -139,7 +139,7 @@ def plate_layouts(
     facts: list[Fact] = []
     for k in range(used):
         try:
-            plate, of_corners = _plate_layout(k, header, stated, position)
+            plate, of_corners = _plate_layout(k, header, options, position)
             plates.append(plate)
             facts += of_corners
         except Undescribed as error:
@@ -148,7 +148,7 @@ def plate_layouts(
             raise ValueError(f"force plate {k + 1}: {error}") from error
     for k in range(used, parameters.numbers("FORCE_PLATFORM", "TYPE").size):
         with suppress(ValueError):
-            plate, _ = _plate_layout(k, header, stated, position)
+            plate, _ = _plate_layout(k, header, options, position)
             if not {*plate.channels} & {c for other in plates for c in other.channels}:
                 reason = f"FORCE_PLATFORM:USED says {used}, though the file describes it"
                 facts.append(Fact("left_out", f"plate {k + 1}", reason, plate=True))
@@ -156,14 +156,14 @@ def plate_layouts(
 
 
 def _plate_layout(
-    k: int, header: Header, stated: Stated, position: Array | None
+    k: int, header: Header, options: ReadOptions, position: Array | None
 ) -> tuple[PlateLayout, list[Fact]]:
     parameters, labelled = header.parameters, header.channels
     kind = int(_of_plate(parameters, "TYPE", k, ()))
     if kind not in QUANTITIES:
         raise Undescribed(f"plates of TYPE {kind} are not supported; export it with TYPE 2 plates")
     quantities, length = QUANTITIES[kind], parameters.text("POINT", "UNITS")
-    metre = stated.metre(length)
+    metre = options.metre(length)
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T
     rotation = plate_axes(corners)
     unit, facts = unit_of_corners(k + 1, corners, metre, position)
@@ -182,11 +182,11 @@ def _plate_layout(
     if kind == 4 and {written.strip().lower() for written in units} <= volts:
         # the matrix makes of them forces in the plates' unit
         force = parameters.text("FORCE_PLATFORM", "UNITS") or "N"
-        units = (force,) * 3 + (f"{force}{stated.units or length}",) * 3
+        units = (force,) * 3 + (f"{force}{options.units or length}",) * 3
     to_si = np.empty(len(units))
     for n, (quantity, name, written) in enumerate(zip(quantities, names, units, strict=True)):
         try:
-            to_si[n] = stated.plate_unit(quantity, written)
+            to_si[n] = options.plate_unit(quantity, written)
         except ValueError as error:
             raise ValueError(f"channel {short(name)}: {error}") from error
     origin = np.zeros(3) if kind == 1 else _of_plate(parameters, "ORIGIN", k, (3,))
@@ -211,7 +211,7 @@ def _plate_layout(
     elif kind == 4:
         to_si = to_si[:, np.newaxis] * _of_plate(parameters, "CAL_MATRIX", k, (6, 6))
     of = dict(zip(quantities, units, strict=True))
-    read_as = ",".join(stated.used_unit(name, of[name]) for name in CONVERT if name in of)
+    read_as = ",".join(options.used_unit(name, of[name]) for name in CONVERT if name in of)
     return PlateLayout(k + 1, kind, channels, to_si, origin, corners, rotation, read_as), facts
 
 

@@ -24,6 +24,7 @@ from pipeline.io.columns import FileMarkers, recording_of, settle_markers
 from pipeline.io.input_file import naming
 from pipeline.io.labels import numbered, without_prefixes
 from pipeline.io.mended_plates import mended_plates
+from pipeline.io.read_options import ReadOptions, as_stated
 from pipeline.io.recording import (
     Analog,
     Compensation,
@@ -36,7 +37,6 @@ from pipeline.io.recording import (
     impossible_samples,
     saying,
 )
-from pipeline.io.stated import Stated, as_stated
 
 KINDS: Final = {
     **dict.fromkeys(
@@ -66,7 +66,7 @@ and mm, and bounds beyond which it is not stated (zero) or in another unit [kg o
 
 
 def sort_labels(
-    header: Header, stated: Stated
+    header: Header, options: ReadOptions
 ) -> tuple[dict[int, str], dict[str, int], list[Note | Fact]]:
     """Separate markers from outputs of other programs, and remove subject prefixes.
 
@@ -74,7 +74,7 @@ def sort_labels(
     ----------
     header
         Of the file.
-    stated
+    options
         What a person states about labels.
 
     Returns
@@ -95,7 +95,7 @@ def sort_labels(
     labels = parameters.texts("POINT", "LABELS")[:n_points]
     labels += [""] * (n_points - len(labels))
     labels = [label or f"unlabelled_{k + 1}" for k, label in enumerate(labels)]
-    bare, notes = without_prefixes(labels, stated)
+    bare, notes = without_prefixes(labels, options)
     groups = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "REACTIONS", "SCALARS", "MODELED_MARKERS")
     computed = {name for group in groups for name in parameters.texts("POINT", group)}
     names = {*bare.values()}
@@ -128,9 +128,9 @@ def read_events(header: Header, start_s: float) -> tuple[tuple[Event, ...], list
     texts = zip_longest(labels, contexts, [""] * len(seconds), fillvalue="")
     for time, (label, context, _) in zip(seconds.tolist(), texts, strict=False):
         kind, side = kind_and_side(label)
-        stated = SIDE_WORDS.get(context.lower(), "")
-        if kind and np.isfinite(time) and (side or stated) and side in ("", stated or side):
-            events.append(Event(time - start_s, kind, stated or side))
+        by_context = SIDE_WORDS.get(context.lower(), "")
+        if kind and np.isfinite(time) and (side or by_context) and side in ("", by_context or side):
+            events.append(Event(time - start_s, kind, by_context or side))
     single, facts = merge_events(events)
     others = len(seconds) - len(events)
     return single, [*facts, *([Note.of("events_left_out", events=others)] if others else [])]
@@ -217,14 +217,14 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
     return Compensation(**texts, plates=plates, cutoff_hz=cutoff_hz)
 
 
-def read_c3d(path: str | Path, stated: Stated | str | None = None) -> Recording:
+def read_c3d(path: str | Path, options: ReadOptions | str | None = None) -> Recording:
     """Read a C3D file.
 
     Parameters
     ----------
     path
         The file, of any maker and byte order.
-    stated
+    options
         What is stated about it: axes, units, labels. A text states the axes alone, such as
         ``"left,back,up"``; up is checked against markers and plates. Where they are not stated they
         are inferred, and the notes state them.
@@ -256,10 +256,10 @@ def read_c3d(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """
     path = Path(path)
     with naming(path):
-        return read_c3d_file(path, as_stated(stated).of_file(path.name))
+        return read_c3d_file(path, as_stated(options).of_file(path.name))
 
 
-def read_c3d_file(path: Path, stated: Stated) -> Recording:
+def read_c3d_file(path: Path, options: ReadOptions) -> Recording:
     """Read a C3D file as `read_c3d` does; errors do not name it."""
     header = read_header(path)
     parameters, channels = header.parameters, header.channels
@@ -268,15 +268,15 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
         samples = read_samples(header)
         first_frame, wrong_frame = _first_frame(header)
         remarks += [*samples.corrections, *wrong_frame]
-        labels, outputs, label_notes = sort_labels(header, stated)
+        labels, outputs, label_notes = sort_labels(header, options)
         unit = parameters.text("POINT", "UNITS")
-        markers = settle_markers(labels, unit, samples.points[:, [*labels]], stated, label_notes)
+        markers = settle_markers(labels, unit, samples.points[:, [*labels]], options, label_notes)
         remarks += markers.notes
         remarks += impossible_samples([name for name, _ in channels], samples.impossible)
         try:
-            layouts, of_plates = plate_layouts(header, stated, markers.position)
+            layouts, of_plates = plate_layouts(header, options, markers.position)
         except ValueError as error:
-            raise _with_faults_of_markers(error, markers, stated) from error
+            raise _with_faults_of_markers(error, markers, options) from error
         remarks += of_plates
         analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
         plates = []
@@ -286,7 +286,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
             lever = -plate.origin if plate.kind in (2, 4) else np.zeros(3)
             plates.append(Plate(plate.number, analog_time, wrench, *place, lever))
         # mended, plates show the axes; the recording keeps them as they are until it is mended
-        witnesses = mended_plates(plates, stated.mend_plates) if plates else ()
+        witnesses = mended_plates(plates, options.mend_plates) if plates else ()
         events, of_events = read_events(header, (first_frame - 1) / samples.rate_hz)
         remarks += of_events
         if events and any(fact.kind == "in_doubt" for fact in wrong_frame):
@@ -302,7 +302,7 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     others = frozen(samples.analog.T.take(rest, axis=0)).T
     return recording_of(
         path,
-        stated,
+        options,
         replace(markers, notes=()),
         np.arange(header.frames) / samples.rate_hz,
         placed=plates,
@@ -319,14 +319,16 @@ def read_c3d_file(path: Path, stated: Stated) -> Recording:
     )
 
 
-def _with_faults_of_markers(plates: ValueError, markers: FileMarkers, stated: Stated) -> ValueError:
+def _with_faults_of_markers(
+    plates: ValueError, markers: FileMarkers, options: ReadOptions
+) -> ValueError:
     """Give the fault of plates together with those of labels or axes, which come before it."""
     if len(markers.names) < LIMITS.fewest_markers:  # of plates alone
         return plates
     try:
-        if stated.marker_set is None:
+        if options.marker_set is None:
             recognise_marker_set(markers.names)
-        settle_axes(stated.axes, markers.position, markers.names, marker_set=stated.marker_set)
+        settle_axes(options.axes, markers.position, markers.names, marker_set=options.marker_set)
     except ValueError as error:
         return type(error)(f"{error}; and {plates}")
     return plates

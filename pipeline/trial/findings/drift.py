@@ -16,8 +16,8 @@ from hbm.notes import Note
 from hbm.numbers import read_numbers
 from hbm.signals.filtering import Method
 from hbm.spatial import Array, Mask
+from pipeline.io.read_options import parse_mending
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.stated import parse_mending
 from pipeline.trial.findings.evidence import LIMITS as EVIDENCE
 from pipeline.trial.findings.zeros import LIMITS as ZEROS
 from pipeline.trial.gait.carried import plate_edges
@@ -317,8 +317,8 @@ def latest(values: Array) -> Array:
 
 def following(recording: Recording) -> set[int]:
     """Give the numbers of the plates whose zero is stated to be followed."""
-    stated = map(parse_mending, recording.stated.mend_plates)
-    return {number for number, deed, _ in stated if deed == "drift"}
+    mendings = map(parse_mending, recording.options.mend_plates)
+    return {number for number, deed, _ in mendings if deed == "drift"}
 
 
 def zeros_of(

@@ -135,13 +135,13 @@ def _lost(plate: Plate, largest_n: float, step_s: float) -> list[Indices]:
         runs = runs[inside & (np.diff(runs)[:, 0] <= round(LIMITS.longest_loss / step_s))]
         runs = runs[loaded[runs - (1, 0)].all(axis=1)]  # samples before and after
         if len(runs):
-            beside, change = channel[runs - (1, 0)], np.abs(np.diff(channel))
+            neighbours, change = channel[runs - (1, 0)], np.abs(np.diff(channel))
             least = max(
                 LIMITS.least_neighbour * np.abs(channel).max(),
                 LIMITS.beyond_noise * np.median(change),
             )
             # else it passes zero
-            runs = runs[(np.abs(beside) > least).all(axis=1) & (beside.prod(axis=1) > 0)]
+            runs = runs[(np.abs(neighbours) > least).all(axis=1) & (neighbours.prod(axis=1) > 0)]
         runs_of_channels.append(runs)
     return runs_of_channels
 

@@ -9,8 +9,8 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS, Array
 from hbm.spelling import written
+from pipeline.io.read_options import correction
 from pipeline.io.recording import Plate
-from pipeline.io.stated import correction
 from pipeline.trial.findings.finding import Correction, Finding
 
 

@@ -207,7 +207,7 @@ class Support:
         grounded = _grounded(feet, ground)
         outside, idle = self._places(feet, wrenches, of_foot, pose)
         # rule 1: a foot on the ground that is beside the plates
-        beside = (grounded & outside).any(axis=1)
+        off_plates = (grounded & outside).any(axis=1)
         # rules 2 and 3: over a plate without load, or carried by something else
         standing = np.column_stack([grounded & idle, measured < LIMITS.least_measured * need])
         doubtful = standing & lacking[:, None]
@@ -215,7 +215,7 @@ class Support:
         ok_s = np.where(doubtful, -np.inf, time[:, None])
         ok_s = np.maximum.accumulate(np.vstack([np.minimum(self.supported_s, time[0]), ok_s]))[1:]
         lasting = doubtful & (time[:, None] - ok_s > LIMITS.lasting + ROUNDING_S)
-        missing: Mask = np.asarray(beside | lasting.any(axis=1))
+        missing: Mask = np.asarray(off_plates | lasting.any(axis=1))
         if self.method == "realtime":
             last_s = np.maximum.accumulate(np.where(missing, time, self.missing_s))
             self.supported_s, self.missing_s = ok_s[-1:], last_s[-1:]

@@ -155,7 +155,7 @@ def share_between_feet(
     *,
     standing: Mask | None = None,
     numbers: Sequence[int] | None = None,
-    stated: Sequence[PlateContact] = (),
+    by_hand: Sequence[PlateContact] = (),
     method: Method = "zero_phase",
 ) -> SharedPlates:
     """Find the foot that stood on each plate.
@@ -176,7 +176,7 @@ def share_between_feet(
         Frames in which no foot swings, (T,), as `both_stand` gives them; None if not known.
     numbers
         Of the plates in the file, which may lack some; by default from 1.
-    stated
+    by_hand
         Contacts whose foot a person states; they overrule the centre of pressure.
     method
         With "realtime" the foot of a frame depends on no later one.
@@ -204,7 +204,7 @@ def share_between_feet(
     joint moments do.
     """
     numbers = numbers or range(1, len(wrenches) + 1)
-    require_contacts(stated, numbers, time)
+    require_contacts(by_hand, numbers, time)
     live = method == "realtime"
     contacts, on, ambiguous = list[Contact](), list[Indices](), list[Mask]()
     for number, wrench in zip(numbers, wrenches, strict=True):
@@ -213,7 +213,7 @@ def share_between_feet(
         if not live:
             _drop_brief(pressure, loaded, time)
         _overrule(
-            pressure, loaded, time, [contact for contact in stated if contact.plate == number]
+            pressure, loaded, time, [contact for contact in by_hand if contact.plate == number]
         )
         on.append(_foot_of_frames(pressure, live))
         of_plate = _contacts(number, pressure, loaded, time, on[-1])
@@ -248,12 +248,12 @@ def by_foot(wrenches: Array, on: Indices) -> Array:
     return np.asarray(np.where(under, wrenches[..., None, :, :], 0.0).sum(axis=-2))
 
 
-def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], time: Array) -> None:
+def require_contacts(by_hand: Iterable[PlateContact], numbers: Sequence[int], time: Array) -> None:
     """Refuse stated contacts of a plate, or at a time, that is not there, or of two feet at once.
 
     Parameters
     ----------
-    stated
+    by_hand
         Contacts whose foot a person states.
     numbers
         Of the plates in the file.
@@ -266,7 +266,7 @@ def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], tim
         With the first such contact.
     """
     feet: dict[tuple[int, int], PlateContact] = {}
-    for contact in stated:
+    for contact in by_hand:
         if contact.plate not in numbers:
             raise ValueError(
                 f"contacts: there is no plate {contact.plate}; plates are {numbers[0]} to "
@@ -327,11 +327,14 @@ def _drop_brief(pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array
 
 
 def _overrule(
-    pressure: Pressure, loaded: Sequence[Sequence[int]], time: Array, stated: Sequence[PlateContact]
+    pressure: Pressure,
+    loaded: Sequence[Sequence[int]],
+    time: Array,
+    by_hand: Sequence[PlateContact],
 ) -> None:
     """Take the foot of a contact from a person."""
     feet: dict[int, PlateContact] = {}
-    for contact in stated:
+    for contact in by_hand:
         frame = int(np.argmin(np.abs(time - contact.time_s)))
         inside = [(a, b) for a, b in loaded if a <= frame < b]
         if not inside:

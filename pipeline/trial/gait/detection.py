@@ -398,9 +398,9 @@ def combined_events(
     return in_order(events), corrections
 
 
-def _corrected(times: Array, known: Array, offset: Array) -> Array:
+def _corrected(times: Array, moved: Array, offset: Array) -> Array:
     """Move times (E,) by the median offset of the nearest of those (K,) whose offset is known."""
-    apart = np.abs(known - times[:, None])
+    apart = np.abs(moved - times[:, None])
     # offsets change over a trial with slope and speed
     nearest = np.argsort(apart, axis=1, kind="stable")[:, : LIMITS.nearest]
     return np.asarray(times + np.median(offset[nearest], axis=1))

@@ -71,8 +71,8 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     analog = recording.analog
     if analog is None:
         return None
-    stated = treadmill.belt.speed_channels if treadmill.belt is not None else ()
-    channels = [name for name in stated if name in analog.names] or [
+    names = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+    channels = [name for name in names if name in analog.names] or [
         name
         for name in _channels_in(recording, speed_in_mps)
         if re.search("belt|treadmill", name, re.IGNORECASE)
@@ -96,16 +96,16 @@ def find_commands(recording: Recording) -> Platform:
     )
 
 
-def mean_belt_speed(found: tuple[Array, Array] | None) -> float | None:
+def mean_belt_speed(speeds: tuple[Array, Array] | None) -> float | None:
     """Give the constant speed whose fourth power is the mean of the fastest belt's [m/s].
 
     What rollers leave on plates has a variance that grows with it. Takes what `fastest_belt` gives.
     """
-    if found is None:
+    if speeds is None:
         return None
     with np.errstate(over="ignore"):
         # the fourth root of the mean fourth power
-        mean = float(np.nanmean(found[1] ** 4) ** 0.25)
+        mean = float(np.nanmean(speeds[1] ** 4) ** 0.25)
     return mean if np.isfinite(mean) else None
 
 

@@ -27,8 +27,8 @@ from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.input_file import FileFault, naming, read_text
 from pipeline.io.read import read_recording
+from pipeline.io.read_options import ReadOptions, as_stated
 from pipeline.io.recording import Recording
-from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import (
     accelerations,
     at_plate_times,
@@ -55,7 +55,7 @@ from pipeline.trial.ground.wrenches import plate_artefacts, sensor_notes
 LIMITS: Final = read_numbers("pipeline.trial", "thresholds.toml", "calibrations")
 
 
-def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
+def read_empty(path: Path, options: ReadOptions, *, any_forward: bool = True) -> Recording:
     """Read a recording of the empty treadmill, of any format.
 
     Marker set and label prefix are those of a subject and do not count. Without stated axes any
@@ -65,7 +65,7 @@ def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recor
     to be calibrated is subtracted from its plates.
     """
     read = _read_with_any_axes if any_forward else read_recording
-    recording = read(path, replace(stated, marker_set=None, label_prefix=None))
+    recording = read(path, replace(options, marker_set=None, label_prefix=None))
     if recording.compensation is not None:
         raise ValueError(
             f"{path.name}: its plates are compensated, by {recording.compensation.software}; a "
@@ -74,19 +74,19 @@ def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recor
     return recording
 
 
-def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
+def _read_with_any_axes(path: Path, options: ReadOptions) -> Recording:
     try:
-        return read_recording(path, stated)
+        return read_recording(path, options)
     except ValueError as first:
         # one choice with each of the file's axes as the vertical one
         choices = "forward,left,up", "forward,up,right", "up,forward,left"
-        for axes in choices if stated.axes is None else ():
+        for axes in choices if options.axes is None else ():
             try:
-                recording = read_recording(path, replace(stated, axes=axes, axes_by=""))
+                recording = read_recording(path, replace(options, axes=axes, axes_by=""))
             except ValueError:
                 continue
             if all(abs(plate.rotation[2, 2]) > np.sqrt(0.5) for plate in recording.plates):
-                return replace(recording, stated=stated, axes=())  # nobody stated these axes
+                return replace(recording, options=options, axes=())  # nobody stated these axes
         raise first
 
 
@@ -391,7 +391,7 @@ def _sensors(
 def read_calibration(
     path: str | Path,
     treadmill: Treadmill,
-    stated: Stated | str | None = None,
+    options: ReadOptions | str | None = None,
     plates: PlateCorrection | None = None,
     beside: Sequence[str | Path] = (),
 ) -> Calibration:
@@ -403,7 +403,7 @@ def read_calibration(
         ``.json`` or ``.c3d``.
     treadmill
         Names of the accelerometers' channels.
-    stated
+    options
         How a recording is to be read, as for `read_empty`; a text states its axes alone.
     plates
         The correction of the plates of trials: those of a recording are corrected alike.
@@ -442,7 +442,7 @@ def read_calibration(
             require_same_plates(calibration, plates)
             return calibration
         recording, *others = (
-            read_empty(Path(file), as_stated(stated), any_forward=forward)
+            read_empty(Path(file), as_stated(options), any_forward=forward)
             for file in (path, *beside)
         )
         return fit_calibration(recording, treadmill, plates, others)
@@ -458,11 +458,11 @@ def _require_as_stated(calibration: Calibration, treadmill: Treadmill) -> None:
                 f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is "
                 f"{1000 * stated_s:.2f} ms; leave it out, or fit again"
             )
-    fitted, stated = "dynamic" if calibration.dynamic else "static", treadmill.inertia_model
-    if stated not in ("auto", fitted):
+    fitted, wanted = "dynamic" if calibration.dynamic else "static", treadmill.inertia_model
+    if wanted not in ("auto", fitted):
         raise ValueError(
-            f"the calibration is of a {fitted} model, but treadmill.inertia_model is {stated!r}; "
-            f"leave it out, or fit it again with --model {stated}"
+            f"the calibration is of a {fitted} model, but treadmill.inertia_model is {wanted!r}; "
+            f"leave it out, or fit it again with --model {wanted}"
         )
 
 

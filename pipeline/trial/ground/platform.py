@@ -50,7 +50,7 @@ def platform_pose(
     return _commanded_pose(recording, platform, time, at_markers)
 
 
-def empty_pose(recording: Recording, stated: Platform | None = None) -> PlatformPose | None:
+def empty_pose(recording: Recording, wanted: Platform | None = None) -> PlatformPose | None:
     """Give the pose of an empty treadmill, (T,); NaN where unknown.
 
     As stated; else by all markers of the recording, which are on the platform where they move as
@@ -60,11 +60,11 @@ def empty_pose(recording: Recording, stated: Platform | None = None) -> Platform
     names = recording.markers.names
     # three points determine a pose
     by_markers = Platform(markers=names if len(names) >= 3 else ())
-    for platform in [stated] if stated else [by_markers, find_commands(recording)]:
+    for platform in [wanted] if wanted else [by_markers, find_commands(recording)]:
         try:
             pose, _ = platform_pose(recording, platform, recording.markers.time)
         except ValueError:  # also where there is nothing by which it would be is_known
-            if stated:
+            if wanted:
                 raise
             continue
         is_known = pose is not None and np.isfinite(pose.position).all(axis=1)

@@ -602,7 +602,7 @@ def test_labels_of_one_recording_are_corrected_in_its_trial(tmp_path):
     left, right = (plain.markers.names.index(name) for name in ("LLEK", "RLEK"))
     assert walk.markers.names.index("LLEK") == right
     assert walk.markers.names.index("RLEK") == left
-    assert not static.stated.rename
+    assert not static.options.rename
 
 
 def test_forces_beside_a_trc_file_are_those_of_its_trial(walker, tmp_path):

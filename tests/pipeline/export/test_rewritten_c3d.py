@@ -20,8 +20,8 @@ from pipeline.io.c3d.parameters import (
 )
 from pipeline.io.c3d.read import GROUP, read_compensation
 from pipeline.io.c3d.second_reader import SecondReading, installed
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Compensation
-from pipeline.io.stated import Stated
 from tests.pipeline.io.c3d.plate_files import BLOCK, CORNERS_MM, PlateFile
 
 DONE = Compensation("hbm-residuals 0.2.0", (1, 2), "lab.json", "ab" * 32, cutoff_hz=20.0)
@@ -42,7 +42,7 @@ def plates_of(path):
     """Wrenches of a file's plates, without the axes that a recording needs."""
     header = read_header(path)
     samples = read_samples(header)
-    plates, _ = plate_layouts(header, Stated())
+    plates, _ = plate_layouts(header, ReadOptions())
     return [plate.wrench(samples.analog[:, plate.channels]) for plate in plates]
 
 
@@ -99,7 +99,7 @@ def assert_read_back(original, written, changes):
     header = read_header(original)
     _, scale, _ = analog_scaling(header)
     for plate, before, after, change in zip(
-        plate_layouts(header, Stated())[0],
+        plate_layouts(header, ReadOptions())[0],
         plates_of(original),
         plates_of(written),
         changes,
@@ -306,14 +306,14 @@ def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
     section = content[start : header.data_start]
     section = with_values(section, "intel", "FORCE_PLATFORM", "TYPE", np.array([5, 2]))
     original.write_bytes(content[:start] + section + content[header.data_start :])
-    (layout,) = plate_layouts(read_header(original), Stated())[0]
+    (layout,) = plate_layouts(read_header(original), ReadOptions())[0]
     assert layout.number == 2
     corners = (layout.corners - layout.corners.mean(axis=0)) @ layout.rotation + [0, 0, 0.05]
 
     changes = changes_of(original)
     target = tmp_path / "written" / original.name
     rewrite_plates(original, target, changes, DONE, [corners])
-    (moved,) = plate_layouts(read_header(target), Stated())[0]
+    (moved,) = plate_layouts(read_header(target), ReadOptions())[0]
     np.testing.assert_allclose(
         moved.corners, layout.corners + 0.05 * layout.rotation[:, 2], atol=1e-7
     )
@@ -333,12 +333,12 @@ def test_corners_in_another_unit_are_moved_in_it(tmp_path):
     section = content[start : header.data_start]
     section = with_values(section, "intel", "FORCE_PLATFORM", "CORNERS", numbers)
     original.write_bytes(content[:start] + section + content[header.data_start :])
-    (plate,) = plate_layouts(read_header(original), Stated(), above)[0]
+    (plate,) = plate_layouts(read_header(original), ReadOptions(), above)[0]
     np.testing.assert_allclose(np.ptp(plate.corners, axis=0), [0.6, 0.4, 0], atol=1e-7)
     corners = (plate.corners - plate.corners.mean(axis=0)) @ plate.rotation + [0, 0, 0.05]
     target = tmp_path / "written" / original.name
     rewrite_plates(original, target, changes_of(original), DONE, [corners], position=above)
-    (moved,) = plate_layouts(read_header(target), Stated(), above)[0]
+    (moved,) = plate_layouts(read_header(target), ReadOptions(), above)[0]
     np.testing.assert_allclose(
         moved.corners, plate.corners + 0.05 * plate.rotation[:, 2], atol=1e-7
     )

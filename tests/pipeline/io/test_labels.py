@@ -13,8 +13,8 @@ from hbm.markers import Markers, marker_sets
 from pipeline.io.columns import settle_markers
 from pipeline.io.labels import without_prefixes
 from pipeline.io.read import read_recording
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Analog
-from pipeline.io.stated import Stated
 from pipeline.io.units import length_in_m
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline import xdf_file
@@ -92,7 +92,7 @@ def test_trajectories_of_one_label_in_two_places_are_a_doubt_with_options_that_n
     (doubt,) = (fact for fact in read_recording(path).facts if fact.kind == "in_doubt")
     assert f"trajectories {k + 1} and {position.shape[1]} " in doubt.reason
     assert "72 mm" in doubt.reason
-    read = read_recording(path, Stated(rename=renames(doubt.reason)))
+    read = read_recording(path, ReadOptions(rename=renames(doubt.reason)))
     found = read.markers.position[:, read.markers.names.index("LPSIS")]
     np.testing.assert_allclose(found, true[:, 0], atol=2e-6)
 
@@ -115,7 +115,7 @@ def test_a_second_label_that_a_marker_set_has_on_both_sides_is_a_doubt_where_one
 
 def settled(labels, position, **stated):
     wanted = dict(enumerate(labels))
-    return settle_markers(wanted, "m", np.array(position), Stated(**stated), ())
+    return settle_markers(wanted, "m", np.array(position), ReadOptions(**stated), ())
 
 
 @given(data=st.data())
@@ -184,7 +184,7 @@ def test_one_number_in_all_axes_is_a_gap_and_nothing_else_is(code, share, one_ma
     if one_marker:
         missing[:, np.arange(len(POSE.names)) != 3] = False
     position[missing] = code
-    found = settle_markers(dict(enumerate(POSE.names)), "mm", position, Stated(), ())
+    found = settle_markers(dict(enumerate(POSE.names)), "mm", position, ReadOptions(), ())
     np.testing.assert_array_equal(np.isnan(found.position[..., 0]), missing)
     np.testing.assert_allclose(found.position[~missing], NOISY[~missing], atol=1e-12)
     (fact,) = found.notes
@@ -239,7 +239,7 @@ def test_a_child_or_a_tall_person_of_ten_times_or_a_tenth_the_size_is_in_another
 ):
     position = NOISY * size * factor / length_in_m(written)
     with pytest.raises(ValueError, match=rf"(markers spread|pelvis or shoulders) .*{unit}"):
-        settle_markers(dict(enumerate(POSE.names)), written, position, Stated(), ())
+        settle_markers(dict(enumerate(POSE.names)), written, position, ReadOptions(), ())
 
 
 PREFIXES = st.text("ABCDEFGHJKMNQVWXYZabcdefgh0123456789", min_size=1, max_size=8)
@@ -260,12 +260,12 @@ def test_a_beginning_that_all_labels_share_is_removed_and_never_shown(
     bare = [*marker_sets()[name].segment]
     platform = [f"PLAT{k}" for k in range(others)]
     labels = [*(prefix + separator + label for label in bare), *platform]
-    found, said = without_prefixes(labels, Stated())
+    found, said = without_prefixes(labels, ReadOptions())
     assert [*found.values()] == [*bare, *platform]
     assert all(prefix not in str(each).split() for each in said)
     for stated in (prefix + separator, prefix, "1"):
         if stated.strip():
-            found, _ = without_prefixes(labels, Stated(label_prefix=stated))
+            found, _ = without_prefixes(labels, ReadOptions(label_prefix=stated))
             assert [*found.values()] == [*bare, *platform]
 
 
@@ -275,9 +275,9 @@ def test_of_two_subjects_one_is_chosen_by_any_prefix(separator, number):
     bare = [*marker_sets()["pig_lower"].segment]
     labels = [f"{who}{separator}{label}" for who in ("Anna", "Boris") for label in bare]
     with pytest.raises(ValueError, match=r"2 subjects .* \(1, 2\)") as several:
-        without_prefixes(labels, Stated())
+        without_prefixes(labels, ReadOptions())
     assert "Anna" not in str(several.value)
-    found, _ = without_prefixes(labels, Stated(label_prefix=number))
+    found, _ = without_prefixes(labels, ReadOptions(label_prefix=number))
     assert [*found.values()] == bare
     assert min(found) == len(bare) * (int(number) - 1)
 
@@ -286,7 +286,7 @@ def test_of_two_subjects_one_is_chosen_by_any_prefix(separator, number):
 @settings(deadline=None, max_examples=20)
 def test_labels_of_a_set_have_no_prefix(name):
     labels = [*marker_sets()[name].segment]
-    found, said = without_prefixes(labels, Stated())
+    found, said = without_prefixes(labels, ReadOptions())
     assert [*found.values()] == labels
     assert said == []
 
@@ -336,7 +336,7 @@ def test_exchanged_sides_are_named_with_the_options_that_mend_this_file_alone(
     assert ("mirrored" in said) == (len(sites) != 1)
     rename = renames(said)
     assert all(old.startswith("static pose.c3d:") for old in rename)
-    mended = read_recording(path, Stated(axes=axes, rename=rename))
+    mended = read_recording(path, ReadOptions(axes=axes, rename=rename))
     assert kinds(mended) == []
     # a mirror image cannot be told from exchanged labels
     expected = position[:, POSE.names.index("RASIS" if mirrored else "LASIS")]
@@ -344,7 +344,7 @@ def test_exchanged_sides_are_named_with_the_options_that_mend_this_file_alone(
     np.testing.assert_allclose(found, expected, atol=1e-5)
     other = path.rename(tmp_path / "walk.c3d")
     if sites == ("ASIS",):
-        assert kinds(read_recording(other, Stated(axes=axes, rename=rename))) == ["in_doubt"]
+        assert kinds(read_recording(other, ReadOptions(axes=axes, rename=rename))) == ["in_doubt"]
 
 
 def test_of_two_analog_channels_of_one_label_none_is_taken():

@@ -10,8 +10,8 @@ from pipeline.io.columns import FileMarkers, PlateColumns, settle_markers, wrenc
 from pipeline.io.labels import without_prefixes
 from pipeline.io.mended_plates import find_overflows
 from pipeline.io.qualisys import plate_at
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Plate
-from pipeline.io.stated import Stated
 from pipeline.io.streams import find_clock
 from pipeline.io.text_table import _grid
 from tests.synthetic import synthetic_t_pose
@@ -81,7 +81,7 @@ def test_corners_that_miss_a_rectangle_by_fifteen_millimetres_are_a_plate(off_m,
 def test_trajectories_of_one_label_that_differ_by_less_than_a_millimetre_are_copies(apart_m, kind):
     position = np.concatenate([POSE.position, POSE.position[:, :1] + [apart_m, 0.0, 0.0]], axis=1)
     labels = dict(enumerate([*POSE.names, POSE.names[0]]))
-    notes = settle_markers(labels, "m", position, Stated(), ()).notes
+    notes = settle_markers(labels, "m", position, ReadOptions(), ()).notes
     assert [fact.kind for fact in notes] == [kind]
 
 
@@ -113,9 +113,9 @@ def test_a_converter_of_a_tenth_of_what_walking_needs_is_found_to_overflow(compo
 def test_a_prefix_is_removed_of_the_smallest_set_and_not_of_a_few_labels(name):
     bare = [*marker_sets()[name].segment]
     labels = [f"S01_{label}" for label in bare]
-    assert [*without_prefixes(labels, Stated())[0].values()] == bare
+    assert [*without_prefixes(labels, ReadOptions())[0].values()] == bare
     few = [*labels[:3], *(f"M{k}" for k in range(30))]
-    assert [*without_prefixes(few, Stated())[0].values()] == few
+    assert [*without_prefixes(few, ReadOptions())[0].values()] == few
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_who_stands_on_a_plate_shows_its_size_and_who_swings_a_foot_over_it_does
 def test_faults_of_labels_are_named_beside_those_of_plates_where_somebody_wears_them(count, named):
     names = tuple(f"Own{k}" for k in range(count))
     markers = FileMarkers(names, np.random.default_rng(0).normal(size=(20, count, 3)), "m", ())
-    fault = _with_faults_of_markers(ValueError("plate 1: volts"), markers, Stated())
+    fault = _with_faults_of_markers(ValueError("plate 1: volts"), markers, ReadOptions())
     assert str(fault).endswith("plate 1: volts")
     assert ("Own0" in str(fault)) == named
 

@@ -10,8 +10,8 @@ from hbm.markers import MarkerSet, marker_sets
 from hbm.notes import Note
 from pipeline.io.input_file import describe_error, naming
 from pipeline.io.read import file_format, read_recording
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Fact, impossible_samples, saying
-from pipeline.io.stated import Stated
 from pipeline.virtual_lab.machine.c3d_file import write_c3d
 from tests.pipeline.other_formats import (
     excerpt,
@@ -194,7 +194,7 @@ def test_stated_units_are_used_in_every_format(trial, tmp_path, name):
     path = tmp_path / "units.dat"
     markers = replace(trial.markers, position=factor * trial.markers.position)
     WRITERS[name](replace(trial, markers=markers), path)
-    read = read_recording(path, Stated(units=unit))
+    read = read_recording(path, ReadOptions(units=unit))
     np.testing.assert_allclose(read.markers.position, trial.markers.position, atol=2e-6)
 
 
@@ -203,8 +203,8 @@ def test_stated_units_of_plates_are_used_in_every_format(formats, name):
     """A thousand times the forces and moments, at the same places."""
     plain = read_recording(**formats[name])
     millimetres = name in ("C3D", "Nexus", "Nexus tabs", "TRC and .forces")
-    units = Stated(plate_units=f"kN,{'kNmm' if millimetres else 'kNm'}")
-    read = read_recording(**formats[name], stated=units)
+    units = ReadOptions(plate_units=f"kN,{'kNmm' if millimetres else 'kNm'}")
+    read = read_recording(**formats[name], options=units)
     for ours, true in zip(read.plates, plain.plates, strict=True):
         size = np.abs(true.wrench).max(axis=0)
         assert (np.abs(ours.wrench / 1000 - true.wrench) < 1e-6 * size).all()
@@ -227,8 +227,8 @@ def test_the_prefix_of_a_subject_is_chosen_in_every_format(trial, tmp_path, name
     with pytest.raises(ValueError, match=r"2 subjects .* \(1, 2\)") as several:
         read_recording(path)
     with pytest.raises(ValueError, match=r"no label begins .* 3, numbered") as none:
-        read_recording(path, Stated(label_prefix="S03"))
-    read = read_recording(path, Stated(label_prefix="S01"))
+        read_recording(path, ReadOptions(label_prefix="S03"))
+    read = read_recording(path, ReadOptions(label_prefix="S01"))
     assert read.markers.names == (*names, "PLAT1")
     np.testing.assert_allclose(read.markers.position[:, :-1], position, atol=2e-6)
     said = f"{one_line(several)} {one_line(none)} {' '.join(map(str, read.notes))}"
@@ -244,10 +244,10 @@ def test_a_table_shows_the_axes_in_every_format_and_has_to_fit(formats, trial, t
     own = tuple(replace(m, labels=(labels[m.labels[0]],)) for m in markers)
     table = MarkerSet("lab", "a laboratory's own", own)
     plain = read_recording(**formats[name])
-    read = read_recording(**formats[name], stated=Stated(rename=labels, marker_set=table))
+    read = read_recording(**formats[name], options=ReadOptions(rename=labels, marker_set=table))
     np.testing.assert_array_equal(read.markers.position, plain.markers.position)
     with pytest.raises(ValueError, match=r"marker set lab \(m0.* LASIS,"):
-        read_recording(**formats[name], stated=Stated(marker_set=table))
+        read_recording(**formats[name], options=ReadOptions(marker_set=table))
 
 
 @pytest.mark.parametrize(

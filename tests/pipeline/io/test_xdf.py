@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.io.read import file_format, read_recording
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Analog, Fact
-from pipeline.io.stated import Stated
 from tests.pipeline import xdf_file as xdf
 from tests.pipeline.other_formats import excerpt, in_file
 
@@ -187,7 +187,7 @@ def test_faults_of_streams_are_one_line(trial, tmp_path):
         xdf.write_xdf(path, [cameras, second]),
         match="2 streams hold markers; .*: 'Cameras', 'B'; choose one, .*--marker-stream 'Cameras'",
     )
-    chosen = read_recording(path, Stated(marker_stream="B")).markers.position
+    chosen = read_recording(path, ReadOptions(marker_stream="B")).markers.position
     np.testing.assert_allclose(chosen, trial.markers.position + 0.001, atol=1e-9)
     unitless = xdf.described(xdf.marker_channels(trial.markers.names, ""))
     refused(xdf.write_xdf(path, [cameras | {"desc": unitless}]), match="no length unit is given")

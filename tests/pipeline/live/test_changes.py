@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Plate
-from pipeline.io.stated import Stated
 from pipeline.io.streams import Channel
 from pipeline.live.lsl import read_description, require_like
 from pipeline.live.output import describe
@@ -57,12 +57,12 @@ class Sent:
 
 def markers(*arguments, axes="forward,left,up", stated=None, **options):
     sent = Sent(*arguments, axes=axes, **options)
-    return read_description(sent, stated or Stated(), is_markers=True)
+    return read_description(sent, stated or ReadOptions(), is_markers=True)
 
 
 def plates(*arguments, **options):
     sent = Sent(*arguments, **options)
-    return read_description(sent, Stated(axes="forward,left,up"), is_markers=False)
+    return read_description(sent, ReadOptions(axes="forward,left,up"), is_markers=False)
 
 
 CHANNELS, AXES, PLATES = "description of its channels", "statement of its axes", "description of"
@@ -103,7 +103,7 @@ def test_two_plates_of_one_number_are_none():
 
 
 def test_axes_of_the_sender_do_not_matter_where_a_person_states_them():
-    stated = Stated(axes="left,back,up")
+    stated = ReadOptions(axes="left,back,up")
     before = markers(MARKERS, stated=stated)
     same(markers(MARKERS, axes="right,up,back", stated=stated), before)
     same(markers(MARKERS, form="double64"), markers(MARKERS))

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 from pipeline.config.live import Live
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Analog
-from pipeline.io.stated import Stated
 from tests.pipeline.other_formats import excerpt
 
 pytest.importorskip("pylsl", reason="the extra live is not installed")
@@ -44,7 +44,7 @@ QUICK = (
     "TimeProbeMaxRTT = 0.05\n"
 )
 """Streams are asked five times as often as by default, and clocks sooner: tests wait less."""
-AXES = Stated(axes="forward,left,up")
+AXES = ReadOptions(axes="forward,left,up")
 NAMES = ("LASIS", "RASIS", "SACR")
 MARKERS = tuple(
     Channel(f"{name}_{axis}", "mm", f"Position{axis}", marker=name)
@@ -128,7 +128,7 @@ def test_a_replay_arrives_sample_for_sample_with_its_own_intervals(trial, prefix
 
 def test_positions_are_in_lab_axes_and_metres_and_unseen_markers_are_nan(prefix, opened):
     outlet = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
-    source = LslSource(prefix, stated=Stated(axes="left,back,up", rename={"SACR": "SACRUM"}))
+    source = LslSource(prefix, options=ReadOptions(axes="left,back,up", rename={"SACR": "SACRUM"}))
     opened += [outlet, source]
     sent = np.arange(1.0, 10.0)[None] * [[1.0], [2.0], [3.0]]
     sent[1, 3:6] = 0
@@ -144,7 +144,7 @@ def test_forces_and_moments_arrive_in_si_units_and_other_units_as_they_are(prefi
     channels = (Channel("Fz", "kN"), Channel("Mx", "Nmm"), Channel("Acc", "g"), Channel("?"))
     outlet = Outlet(describe(f"{prefix}a", "", channels, 1000.0))
     markers = Outlet(describe(f"{prefix}m", "MoCap", MARKERS, 100.0))
-    source = LslSource(f"{prefix}m", [f"{prefix}a"], stated=AXES)
+    source = LslSource(f"{prefix}m", [f"{prefix}a"], options=AXES)
     opened += [outlet, markers, source]
     now = load_lsl().local_clock()
     outlet.push(np.array([now]), np.ones((1, 4)))
@@ -172,7 +172,7 @@ def test_after_a_pause_no_stream_runs_ahead(trial, prefix, opened):
 
 def test_a_stream_that_goes_away_and_returns_is_taken_up_again(prefix, opened):
     first = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
-    source = LslSource(prefix, stated=AXES)
+    source = LslSource(prefix, options=AXES)
     opened.append(source)
     first.push(np.array([load_lsl().local_clock()]), np.ones((1, 9)))
     assert len(receive(source, 1)[prefix][0]) == 1
@@ -206,7 +206,7 @@ def test_a_sender_whose_clock_began_anew_is_on_this_computers_clock_from_its_fir
 ):
     """As if the clock had been an hour behind before the sender's computer started anew."""
     first = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
-    source = LslSource(prefix, stated=AXES)
+    source = LslSource(prefix, options=AXES)
     opened.append(source)
     (inlet,) = source._inlets
     inlet.offset = ClockOffset()
@@ -227,7 +227,7 @@ def receive_nothing(source, outlet, values, timeout_s=10.0):
 def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(prefix, opened):
     channels = MARKERS[3:6] + MARKERS[:3] + MARKERS[6:]
     first = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
-    source = LslSource(prefix, stated=AXES)
+    source = LslSource(prefix, options=AXES)
     opened.append(source)
     first.push(np.array([load_lsl().local_clock()]), np.ones((1, 9)))
     assert len(receive(source, 1)[prefix][0]) == 1
@@ -241,7 +241,7 @@ def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(pref
 def test_receiving_goes_on_while_a_sender_that_is_back_does_not_answer(prefix, opened, monkeypatch):
     """What waits for it is another thread."""
     first = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
-    source = LslSource(prefix, stated=AXES)
+    source = LslSource(prefix, options=AXES)
     opened.append(source)
     asked, answered = threading.Event(), threading.Event()
     monkeypatch.setattr(lsl, "require_like", lambda *_: (asked.set(), answered.wait(5.0)))
@@ -268,7 +268,7 @@ def test_a_sender_that_hangs_is_replaced_by_one_of_its_name(prefix, opened):
     )
     with subprocess.Popen([sys.executable, "-c", code]) as hung:
         try:
-            source = LslSource(prefix, stated=AXES, timeout_s=30.0)
+            source = LslSource(prefix, options=AXES, timeout_s=30.0)
             opened.append(source)
             hung.send_signal(signal.SIGSTOP)
             came, _ = await_return(source, prefix, 7.0, timeout_s=30.0)
@@ -291,7 +291,7 @@ def test_a_stream_that_states_no_rate_has_the_one_of_its_time_stamps(prefix, ope
     sending = threading.Thread(target=send, daemon=True)
     sending.start()
     try:
-        source = LslSource(prefix, stated=AXES)
+        source = LslSource(prefix, options=AXES)
     finally:
         stop.set()
         sending.join()
@@ -310,7 +310,7 @@ def second(name, identity):
 def test_of_several_senders_that_is_received_which_a_person_chooses(prefix, opened):
     """It stays the one: where it has gone, the other one is not taken in its place."""
     one, other = second(prefix, "cameras a"), second(prefix, "cameras b")
-    source = LslSource(prefix, stated=AXES, senders=["cameras b"])
+    source = LslSource(prefix, options=AXES, senders=["cameras b"])
     opened.append(source)
     assert source.streams[0].sender == gethostname()
     now = load_lsl().local_clock()
@@ -327,7 +327,7 @@ def test_of_several_senders_that_is_received_which_a_person_chooses(prefix, open
 
 def refused(match, markers, kind=ValueError, stated=AXES):
     with pytest.raises(kind, match=match):
-        LslSource(markers, stated=stated, timeout_s=0.5)
+        LslSource(markers, options=stated, timeout_s=0.5)
 
 
 def test_streams_that_are_absent_not_told_apart_or_lack_something_are_one_line(prefix, opened):
@@ -342,7 +342,7 @@ def test_streams_that_are_absent_not_told_apart_or_lack_something_are_one_line(p
     opened.append(Outlet(describe(f"{prefix}b", "", (Channel("Fz", "N"),), 10.0)))
     refused("no markers: no channel of type PositionX", f"{prefix}b")
     opened.append(Outlet(describe(f"{prefix}c", "MoCap", MARKERS, 10.0)))
-    refused("axes of its markers are unknown", f"{prefix}c", stated=Stated())
+    refused("axes of its markers are unknown", f"{prefix}c", stated=ReadOptions())
 
 
 def test_the_missing_extra_is_named(monkeypatch):
@@ -394,7 +394,7 @@ def test_a_replay_does_not_wait_for_receivers_of_streams_that_nobody_wants(trial
 
 def test_infinite_values_arrive_as_gaps_without_a_warning(prefix, opened):
     outlet = Outlet(describe(prefix, "MoCap", MARKERS, 100.0))
-    source = LslSource(prefix, stated=Stated(axes="left,back,up"))
+    source = LslSource(prefix, options=ReadOptions(axes="left,back,up"))
     opened += [outlet, source]
     sent = np.ones((2, 9))
     sent[1, :4] = np.inf, -np.inf, 1e300, np.inf

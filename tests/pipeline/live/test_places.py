@@ -21,8 +21,8 @@ from pipeline.live.output import XdfWriter, describe_stream
 from pipeline.live.preparation import place_plates
 from pipeline.live.replay import RecordedSource
 from pipeline.live.stream import (
+    DescribedPlate,
     Samples,
-    StatedPlate,
     StreamDescription,
     describe_plates,
     describe_signals,
@@ -83,7 +83,7 @@ def test_a_static_file_that_knows_no_place_contradicts_none(walker, stated):
 
 def test_channels_are_those_of_the_study_then_of_the_streams_then_the_usual_ones(walker):
     six = tuple("abcdef")
-    streams = [StatedPlate("1", six), StatedPlate("2", six)]
+    streams = [DescribedPlate("1", six), DescribedPlate("2", six)]
     live = place_plates(streams, walker, Live(plates={"2": tuple("uvwxyz")})).live
     assert live.channels_of(1) == six
     assert live.channels_of(2) == tuple("uvwxyz")

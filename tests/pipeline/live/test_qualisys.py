@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Treadmill
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.live import qualisys
 from pipeline.live.ground import AnalogStreams, LiveGround
 from pipeline.live.light import Kind
@@ -33,7 +33,7 @@ from tests.pipeline.live.qtm_server import (
 )
 
 NAMES = ("LASIS", "RASIS", "SACR")
-AXES = Stated(axes="left,back,up")
+AXES = ReadOptions(axes="left,back,up")
 CHANNELS = (("Acc.X", "g"), ("Load", "kN"))
 FORCE = np.array([30.0, -20.0, 700.0])
 POINT_MM = np.array([120.0, -45.0, 0.0])
@@ -54,7 +54,7 @@ def said():
 
 def connected(server, said=None, timeout_s=2.0):
     say = said.append if said is not None else lambda finding: None
-    return QualisysSource("127.0.0.1", port=server.port, stated=AXES, timeout_s=timeout_s, say=say)
+    return QualisysSource("127.0.0.1", port=server.port, options=AXES, timeout_s=timeout_s, say=say)
 
 
 @pytest.fixture
@@ -240,7 +240,7 @@ def test_corners_that_are_not_set_or_in_another_order_are_no_place():
 
 SETTINGS = parameters(NAMES, plates=("Left", "Right"), channels=CHANNELS)
 PARAMETERS = {
-    "axes of its markers are unknown": (SETTINGS, Stated()),
+    "axes of its markers are unknown": (SETTINGS, ReadOptions()),
     "no labelled markers; apply an AIM model": parameters(()),
     "broken parameters: its description is no XML": "<QTM_Parameters",
     "broken parameters": b"\xff\xfe\x00\x80",
@@ -300,15 +300,15 @@ def test_who_is_not_there_refuses_or_does_not_answer_is_told_apart():
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
         with pytest.raises(ConnectionError, match=f"127.0.0.1:{port} refuses the connection"):
-            QualisysSource("127.0.0.1", port=port, stated=AXES)
+            QualisysSource("127.0.0.1", port=port, options=AXES)
         unused.listen(0)
         with socket.create_connection(("127.0.0.1", port)), socket.socket() as second:
             second.setblocking(False)  # the queue is full: nobody answers
             second.connect_ex(("127.0.0.1", port))
             with pytest.raises(ConnectionError, match="not answer"):
-                QualisysSource("127.0.0.1", port=port, stated=AXES, timeout_s=0.2)
+                QualisysSource("127.0.0.1", port=port, options=AXES, timeout_s=0.2)
     with pytest.raises(ConnectionError, match="no computer"):
-        QualisysSource("nobody.invalid", stated=AXES)
+        QualisysSource("nobody.invalid", options=AXES)
 
 
 GOOD = b"".join(data for data, *_ in frames(range(20, 23)))

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Subject, Treadmill
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.live.chain import LiveChain
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
@@ -37,7 +37,7 @@ def residuals(chain, recording):
 
 
 def test_zeros_are_followed_live_as_in_a_trial_in_real_time(walker, warming):
-    stated = replace(warming, stated=Stated(mend_plates=("1: drift", "2: drift")))
+    stated = replace(warming, options=ReadOptions(mend_plates=("1: drift", "2: drift")))
     whole = process_recording(stated, PERSON, REALTIME)
     described = [stream for stream, _, _ in streams_of(warming)]
     live = Live(follow_zeros=True)

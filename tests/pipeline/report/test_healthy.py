@@ -35,7 +35,7 @@ def test_the_table_has_the_healthy_rms_and_no_columns_of_compensation():
 
 def test_the_verdict_names_what_is_above_the_healthy_rms():
     for factor, named in ((0.1, "No residual"), (0.5, "Fz (94.7, healthy 63.1 N)")):
-        values = verdict_values([], residuals(factor), NO_TESTS, [], WALKING, stated=False)
+        values = verdict_values([], residuals(factor), NO_TESTS, [], WALKING, planned=False)
         assert values["headline"][0].startswith(named)
 
 
@@ -60,7 +60,9 @@ def test_where_markers_miss_segments_the_table_has_what_is_expected(design):
 
 
 def test_what_is_expected_is_compared_with_the_recordings_that_lack_markers_alone():
-    first, *_ = verdict_values([], partly_unseen(), NO_TESTS, [], WALKING, stated=False)["headline"]
+    first, *_ = verdict_values([], partly_unseen(), NO_TESTS, [], WALKING, planned=False)[
+        "headline"
+    ]
     expected, measured = first.split("; measured ")
     assert re.findall(r"[FM][xyz] [\d.]+", expected) == [
         *("Fx 2.0", "Fy 2.0", "Fz 2.0", "Mx 2.00", "My 2.00", "Mz 2.00")

@@ -22,7 +22,7 @@ from hbm.spatial import WRENCH_COMPONENTS, rotation_about
 from pipeline.cli.app import main
 from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_laboratory, read_study
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.report import laboratory
 from pipeline.report.blocks import Table
 from pipeline.report.empty_treadmill import measure_empty
@@ -329,7 +329,7 @@ def test_accelerometers_are_where_they_are_and_the_front_is_known_by_stated_axes
     signal = pitch_and_sway_signals(0, 1.3)[0]
     recording = run_signal(replace(treadmill, sensors=sensors), signal, rng)
     write_recording(tmp_path / "empty.c3d", recording)
-    stated = Stated(axes=axes)
+    stated = ReadOptions(axes=axes)
     channels = {s.name: [f"{s.name}.{x}" for x in "XYZ"] for s in sensors}
     found = measured(read_empty(tmp_path / "empty.c3d", stated), channels)
     sign = 1 if axes else -1  # the file's y axis points back

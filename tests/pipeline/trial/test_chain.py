@@ -11,7 +11,7 @@ from hbm.segments import SegmentOverride
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill
 from pipeline.io.mended_plates import mended_plates, with_mended_plates
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.trial.chain import DEPENDS_ON, Chain
 from pipeline.trial.findings.words import note_of
 from pipeline.trial.ground.laboratory import Laboratory
@@ -125,7 +125,9 @@ def test_a_stage_that_is_given_stays_and_the_others_are_as_in_a_fresh_chain(chai
 
 @pytest.fixture(scope="module")
 def following():
-    whole = fresh(recording=replace(WALK.walk, stated=Stated(mend_plates=("1: drift", "2: drift"))))
+    whole = fresh(
+        recording=replace(WALK.walk, options=ReadOptions(mend_plates=("1: drift", "2: drift")))
+    )
     result_of(whole)
     return whole
 
@@ -208,9 +210,9 @@ def test_mended_plates_are_those_of_a_recording_read_with_what_was_stated(faulty
 
 def stating(chain, mendings):
     """A fresh chain of the recordings as they are read with stated mendings."""
-    typed = Stated(mend_plates=tuple(mendings))
+    typed = ReadOptions(mend_plates=tuple(mendings))
     recordings = (chain.inputs.recording, chain.inputs.static)
-    walk, static = (with_mended_plates(replace(one, stated=typed)) for one in recordings)
+    walk, static = (with_mended_plates(replace(one, options=typed)) for one in recordings)
     return fresh(chain.settings, recording=walk, static=static, subject=chain.inputs.subject)
 
 

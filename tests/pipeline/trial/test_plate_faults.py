@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.mended_plates import with_mended_plates
-from pipeline.io.stated import Stated, parse_mending
+from pipeline.io.read_options import ReadOptions, parse_mending
 from pipeline.report.trial_tables import verdict_lines
 from pipeline.trial.findings.evidence import Evidence, weight_of_steps
 from pipeline.trial.process import process_recording
@@ -115,7 +115,7 @@ def test_a_fault_is_named_and_what_its_note_states_mends_it(laboratory, code, fa
     (note,) = doubts(laboratory, faulty)
     assert note.code == code
     mending = re.findall(r'--mend-plates "([^"]+)"', note.values["remedy"])
-    mended = with_mended_plates(replace(faulty, stated=Stated(mend_plates=tuple(mending))))
+    mended = with_mended_plates(replace(faulty, options=ReadOptions(mend_plates=tuple(mending))))
     assert doubts(laboratory, mended) == []
     for one, other in zip(mended.plates, laboratory.walk.plates, strict=True):
         assert np.allclose(one.wrench, other.wrench, atol=2.0 if code == "plate_wraps" else 1e-6)
@@ -149,7 +149,7 @@ def test_a_plate_that_lies_elsewhere_is_sized(laboratory):
 def corrected(recording, note):
     """The recording as the note's advice corrects it."""
     mendings = tuple(re.findall(r'--mend-plates "([^"]+)"', note.advice))
-    return with_mended_plates(replace(recording, stated=Stated(mend_plates=mendings)))
+    return with_mended_plates(replace(recording, options=ReadOptions(mend_plates=mendings)))
 
 
 def test_a_zero_is_corrected_by_what_its_note_advises(laboratory):
@@ -201,7 +201,7 @@ def test_what_cannot_be_mended_is_refused_with_what_can(text):
 
 
 def mended(recording, *mending):
-    return with_mended_plates(replace(recording, stated=Stated(mend_plates=mending)))
+    return with_mended_plates(replace(recording, options=ReadOptions(mend_plates=mending)))
 
 
 @given(

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hbm.markers import Markers
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.io.mended_plates import with_mended_plates
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.stated import Stated
 from pipeline.trial.plate_units import require_units, reversed_plates
 from pipeline.trial.study_files import saying_what_was_read
 
@@ -87,7 +87,7 @@ def test_one_plate_in_another_unit_is_refused_with_gains_that_mend_it(mass_kg, l
     gains = [f"2: gain {name} {10.0**power:g}" for name in ("Mx", "My", "Mz")]
     assert all(gain in str(error.value) for gain in gains)
     mended = with_mended_plates(
-        replace(sound, plates=plates, stated=Stated(mend_plates=tuple(gains)))
+        replace(sound, plates=plates, options=ReadOptions(mend_plates=tuple(gains)))
     )
     require_units(mended)
     np.testing.assert_allclose(
@@ -161,7 +161,7 @@ def test_an_empty_or_drifting_plate_is_not_judged():
 def test_a_plate_that_pulls_the_subject_down_is_a_doubt_with_the_mending_that_helps(mending):
     sound = steps(70.0, np.array([0.0, 0.0, -0.04]))
     assert reversed_plates(sound) == {}
-    pulling = with_mended_plates(replace(sound, stated=Stated(mend_plates=(mending,))))
+    pulling = with_mended_plates(replace(sound, options=ReadOptions(mend_plates=(mending,))))
     (doubt,) = reversed_plates(pulling).values()
     assert (doubt.kind, doubt.of) == ("in_doubt", "plate 2")
     assert f'mend_plates = ["{mending}"]' in doubt.reason

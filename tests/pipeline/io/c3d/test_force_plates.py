@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
@@ -247,7 +247,7 @@ def test_plates_in_stated_units_are_those_of_a_file_that_says_them(
     extra = {"CAL_MATRIX": np.eye(6)[..., None]} if kind == 4 else {}
     origin = [0, 0, 0] if kind == 1 else [0, 0, -40]
     path = plate_file(kind, origin=origin, units=written, **extra)
-    read = read_c3d(path, Stated(AXES, plate_units=stated))
+    read = read_c3d(path, ReadOptions(AXES, plate_units=stated))
     said = read_c3d(plate_file(kind, origin=origin, units=units, **extra), AXES)
     np.testing.assert_array_equal(read.plates[0].wrench, said.plates[0].wrench)
 

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from pipeline.io.c3d.read import merge_events, read_c3d
+from pipeline.io.read_options import ReadOptions
 from pipeline.io.recording import Event
-from pipeline.io.stated import Stated
 
 AXES = "forward,left,up"
 FRAMES, CHANNELS, PER_FRAME = 20, 6, 10
@@ -98,7 +98,7 @@ def test_a_unit_that_is_unknown_is_stated_by_the_person(raw_c3d, unit):
     path = made(raw_c3d, POINT={"UNITS": unit})
     with pytest.raises(ValueError, match=r"--units.*study\.toml"):
         read_c3d(path, AXES)
-    recording = read_c3d(path, Stated(AXES, units="mm"))
+    recording = read_c3d(path, ReadOptions(AXES, units="mm"))
     np.testing.assert_allclose(recording.markers.position, POSITION[..., :3] / 1000, rtol=1e-5)
 
 

@@ -13,7 +13,7 @@ from hbm.markers import marker_sets
 from hbm.spatial import rotate_wrench, shift_wrench
 from pipeline.config.schema import Settings, Subject, Treadmill, TrialName
 from pipeline.config.study import read_study
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.trial.chain import Chain
 from pipeline.trial.corrections import find_faults
 from pipeline.trial.findings.drift import Course, zeros_of
@@ -72,7 +72,7 @@ def line(*per_s):
 
 def following(recording, *plates):
     """The recording with what a study states."""
-    return replace(recording, stated=Stated(mend_plates=tuple(f"{k}: drift" for k in plates)))
+    return replace(recording, options=ReadOptions(mend_plates=tuple(f"{k}: drift" for k in plates)))
 
 
 def chain_of(recording, laboratory=STILL, **known):
@@ -237,7 +237,7 @@ def test_on_a_single_belt_drift_cannot_be_seen_and_that_is_said_where_it_is_stat
 
 
 def test_a_calibration_pose_beside_the_plates_does_not_hinder(walk):
-    beside = replace(walk, plates=(), stated=Stated(mend_plates=("1: drift",)))
+    beside = replace(walk, plates=(), options=ReadOptions(mend_plates=("1: drift",)))
     chain = chain_of(following(walk, 1), static=beside)
     assert "plate_zero_followed" in {note.code for note in chain.trial.notes}
     assert chain.standing.plates == ()

@@ -9,7 +9,7 @@ from hbm.notes import warnings_of
 from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.mended_plates import mended_plates, with_mended_plates
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.trial.findings.raw import raw_faults
 from pipeline.trial.process import process_recording
 from tests.campaign.plants import channel, clipped, overflowing, raw
@@ -100,8 +100,8 @@ def test_what_is_said_to_wrap_is_unwrapped(laboratory, axis, name, noise):
 
 def test_a_channel_that_wraps_in_the_trial_is_mended_there_and_said_to_be(laboratory):
     wraps = raw(laboratory.walk, 1, 2, overflowing(0.6))
-    stated = Stated(mend_plates=("2: unwrap Fz",))
-    mended = with_mended_plates(replace(wraps, stated=stated))
+    stated = ReadOptions(mend_plates=("2: unwrap Fz",))
+    mended = with_mended_plates(replace(wraps, options=stated))
     (note,) = (note for note in mended.notes if note.code == "plates_mended")
     assert note.values["done"] == ("2: unwrap Fz",)
     assert kinds(mended) == {}

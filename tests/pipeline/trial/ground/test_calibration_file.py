@@ -11,7 +11,7 @@ from compensation import Calibration, to_json
 from hbm.markers import Markers
 from pipeline.config.schema import Condition, StudyFile, Treadmill
 from pipeline.config.study import Study
-from pipeline.io.stated import Stated
+from pipeline.io.read_options import ReadOptions
 from pipeline.trial.ground import laboratory
 from pipeline.trial.ground.calibrations import fit_calibration, read_calibration, read_empty
 from pipeline.trial.ground.laboratory import bind
@@ -106,7 +106,7 @@ def test_an_empty_treadmill_without_markers_is_level(tmp_path, empty, calibratio
     nobody = Markers(empty.markers.time, (), np.empty((len(empty.markers.time), 0, 3)))
     path = tmp_path / "empty.c3d"
     write_c3d(path, nobody, empty.plates, analog=empty.analog, axes=axes)
-    recording = read_empty(path, Stated())
+    recording = read_empty(path, ReadOptions())
     for plate, expected in zip(recording.plates, empty.plates, strict=True):
         np.testing.assert_allclose(abs(plate.rotation[2]), abs(expected.rotation[2]), atol=1e-6)
     for name, model in fit_calibration(recording, TREADMILL).plates.items():

@@ -79,7 +79,7 @@ def parse_plate_units(text: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class ReadOptions:
     """How files are to be read; by default as they say themselves.
 
     Attributes
@@ -109,7 +109,7 @@ class Stated:
     Examples
     --------
     >>> import pipeline
-    >>> stated = pipeline.Stated(units="mm", rename={"LASI": "LASIS"})
+    >>> stated = pipeline.ReadOptions(units="mm", rename={"LASI": "LASIS"})
     >>> stated.metre("")
     0.001
     """
@@ -131,7 +131,7 @@ class Stated:
         if self.plate_units is not None:
             parse_plate_units(self.plate_units)
 
-    def of_file(self, name: str) -> "Stated":
+    def of_file(self, name: str) -> "ReadOptions":
         """Give the same for one file: with the labels to rename of that file and of all."""
         split = {key: key.rpartition(":") for key in self.rename}
         of_all = {key: new for key, new in self.rename.items() if not split[key][1]}
@@ -182,11 +182,11 @@ class Stated:
             Note.of(
                 "units_stated",
                 quantity=quantity,
-                stated=stated,
+                stated=given,
                 written=listed(dict.fromkeys(unit or "nothing" for unit in written)),
             )
-            for quantity, stated, written in units
-            if stated is not None
+            for quantity, given, written in units
+            if given is not None
         ]
 
 
@@ -197,6 +197,6 @@ def without_impossible(values: Array) -> Indices:
     return np.asarray(impossible.sum(axis=tuple(range(1, values.ndim))))
 
 
-def as_stated(stated: Stated | str | None) -> Stated:
+def as_stated(options: ReadOptions | str | None) -> ReadOptions:
     """Give what is stated about a file; a text states its axes alone."""
-    return stated if isinstance(stated, Stated) else Stated(axes=stated)
+    return options if isinstance(options, ReadOptions) else ReadOptions(axes=options)
