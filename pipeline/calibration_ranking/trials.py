@@ -48,7 +48,7 @@ class RankingSettings:
         Analog channel with the belt's speed.
     belt_cutoff_hz
         Low-pass of pitch moment and belt acceleration, `BELT_FILTER` [Hz].
-    stated
+    options
         What is stated about the files.
     accelerometer
         Sensors with their channels, such as "rear=ch14,ch15,ch16"; without any, found by name.

@@ -295,7 +295,7 @@ class Recording(Shown):
         file's own units.
     compensation
         What was subtracted from its plates before; None where they are as measured.
-    stated
+    options
         What a person stated about the file when it was read.
     axes
         Lab directions of the file's x, y and z, as they were stated or inferred.

@@ -258,7 +258,7 @@ class LslSource:
         Name of the stream of markers.
     analog
         Names of the others.
-    stated
+    options
         What a person states about the streams: axes, units, labels to rename.
     listen
         Address of this computer at which streams are searched for.

@@ -326,7 +326,7 @@ class QualisysSource:
     ----------
     host, port
         Where it runs; its port for the low byte first, 22223 by default.
-    stated
+    options
         What a person states: the axes (necessary), labels to rename, the prefix of the subject.
     timeout_s
         How long an answer is waited for.

@@ -2,11 +2,11 @@
 
     python -m tests.campaign.numbers ROOM [SECTION | SECTION.NAME …] [--tests FILE …]
 
-Of `pipeline/ROOM/thresholds.toml`, by default of all. Tests plant faults, and state what is said of
-them and where there is none. Those that read a number run again with half and with twice of it, up
-to the first that fails; where none does, with a thousandth and the thousandfold, which are as if
-there were no rule. Of `io`, real files are read too, as they are and damaged. Prints a line for
-each number.
+Of `thresholds.toml` in `pipeline/ROOM`, `hbm` or `compensation`, by default of all. Tests plant
+faults, and state what is said of them and where there is none. Those that read a number run again
+with half and with twice of it, up to the first that fails; where none does, with a thousandth and
+the thousandfold, which are as if there were no rule. Of `io`, real files are read too, as they are
+and damaged. Prints a line for each number.
 """
 
 import tomllib
@@ -78,7 +78,7 @@ class Again:
             self.reads[item] = READ | shared if passed else set()
             self.seconds[item] = sum(report.duration for report in reports)
         for section, name, value in numbers(self.room, self.names):
-            values = hbm.numbers.read_numbers(f"pipeline.{self.room}", "thresholds.toml", section)
+            values = hbm.numbers.read_numbers(package(self.room), "thresholds.toml", section)
             items = [item for item in session.items if (id(values), name) in self.reads[item]]
             tests = sum(item.path != FILES for item in items)
             said: list[str] = []
@@ -134,9 +134,14 @@ class Again:
         return any(report.failed for report in reports)
 
 
+def package(room: str) -> str:
+    """Give the name of a room's package."""
+    return room if room in ("hbm", "compensation") else f"pipeline.{room}"
+
+
 def numbers(room: str, names: list[str]) -> Iterator[tuple[str, str, Any]]:
     """Sections, names and values of the file, of those that are asked for."""
-    text = (ROOT / "pipeline" / room / "thresholds.toml").read_text(encoding="utf-8")
+    text = (ROOT / package(room).replace(".", "/") / "thresholds.toml").read_text(encoding="utf-8")
     for section, entries in tomllib.loads(text).items():
         for name, entry in entries.items():
             if not names or {section, f"{section}.{name}"} & {*names}:
@@ -150,7 +155,8 @@ def main() -> None:
     parser.add_argument("--tests", nargs="+", help="files or folders; by default the room's")
     given = parser.parse_args()
     hbm.numbers.SimpleNamespace = Numbers  # before any package reads its numbers
-    tests = given.tests or [f"tests/pipeline/{given.room}", *[str(FILES)] * (given.room == "io")]
+    of_room = "tests/" + package(given.room).replace(".", "/")
+    tests = given.tests or [of_room, *[str(FILES)] * (given.room == "io")]
     options = ("-o", "addopts=", "--import-mode=importlib", "-m", "not slow and not campaign")
     quiet = ("-p", "no:cacheprovider", "-p", "no:terminal")
     pytest.main([*options, *quiet, *tests], plugins=[Again(given.room, given.names)])

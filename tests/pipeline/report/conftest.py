@@ -10,7 +10,7 @@ from tests.pipeline.fake_results import without_figures, write_fake_results
 def one_process():
     """Trials are read and figures drawn in this process: to start others takes longer."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipeline.run.processes.cpu_count", lambda: 1)
+        patch.setattr("joblib.cpu_count", lambda: 1)
         yield
 
 

@@ -74,7 +74,7 @@ def page(trial, tmp_path_factory):
 @pytest.fixture
 def plain(undrawn, monkeypatch):
     """Pages without figures, which are not looked at."""
-    for figure in ("residual_figure", "joint_figure"):
+    for figure in ("residual_figure", "trial_figure"):
         monkeypatch.setattr(f"pipeline.report.trial_page.{figure}", lambda *given, **named: None)
     monkeypatch.setattr("pipeline.report.trial_page.drawing", lambda *given: "data:,")
 

@@ -256,7 +256,7 @@ def test_a_person_s_word_overrules_the_centre_of_pressure():
     plates[LEFT] = wrench_of(load[:, LEFT], points[:, LEFT] + [0.6, 0, 0])
     contact = next(c for c in share(plates, feet).contacts if c.plate == 1 and c.start > 0)
     at = (contact.start + contact.stop) / 2 / RATE_HZ
-    found = share(plates, feet, stated=[PlateContact(plate=1, time_s=at, foot="right")])
+    found = share(plates, feet, by_hand=[PlateContact(plate=1, time_s=at, foot="right")])
     frames = slice(contact.start, contact.stop)
     np.testing.assert_array_equal(
         found.by_foot["right_foot"][frames], (plates[LEFT] + plates[RIGHT])[frames]
@@ -268,6 +268,6 @@ def test_a_contact_that_is_stated_where_there_is_none_is_refused():
     feet, load, _, plates = on_own_belts()
     swing = np.flatnonzero(load[:, LEFT] == 0)[5] / RATE_HZ
     with pytest.raises(ValueError, match=r"nobody .*plate 1 at [\d.]+ s; .*: [\d.]+–"):
-        share(plates, feet, stated=[PlateContact(plate=1, time_s=swing, foot="left")])
+        share(plates, feet, by_hand=[PlateContact(plate=1, time_s=swing, foot="left")])
     with pytest.raises(ValueError, match=r"contacts: .*no plate 3; .*1 to 2"):
-        share(plates, feet, stated=[PlateContact(plate=3, time_s=1.0, foot="left")])
+        share(plates, feet, by_hand=[PlateContact(plate=3, time_s=1.0, foot="left")])
