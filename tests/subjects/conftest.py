@@ -1,6 +1,7 @@
 """A folder in which the scripts and the pages' commands run: `subjects` holds a small study."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -8,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from compensation import to_json
 from pipeline.config.study import read_study
 from pipeline.run.run import run_study
+from pipeline.trial.study_files import read_study_laboratory
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
@@ -42,8 +45,16 @@ SCANCEL = '#!/bin/sh\nfor job; do kill -- -"$job" 2>/dev/null; done\nexit 0\n'
 
 @pytest.fixture(scope="session")
 def study(tmp_path_factory):
-    """Folder of a small virtual study."""
-    return simulate_study(tmp_path_factory.mktemp("study") / "subjects", Setting(protocol=SMALL))
+    """Folder of a small virtual study, whose calibration no process has to fit anew."""
+    folder = simulate_study(tmp_path_factory.mktemp("study") / "subjects", Setting(protocol=SMALL))
+    fitted = read_study_laboratory(read_study(folder)).calibration
+    (folder / "lab.json").write_text(to_json(fitted), encoding="utf-8")
+    file = folder / "study.toml"
+    stated = re.compile(r"^calibration = .*?(?=^\[)", re.DOTALL | re.MULTILINE)
+    text, count = stated.subn('calibration = "lab.json"\n', file.read_text(encoding="utf-8"))
+    assert count == 1
+    file.write_text(text, encoding="utf-8")
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -11,6 +11,7 @@ from pipeline.cli.app import main
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 from pipeline.virtual_lab.protocol.walking_trial import simulate_trial
 from tests.overground_walk import simulate_overground
+from tests.pipeline.fake_results import without_figures
 from tests.pipeline.virtual_study import write_recording
 
 pytestmark = pytest.mark.slow
@@ -62,7 +63,8 @@ def study(tmp_path_factory):
 def results(study, tmp_path_factory):
     out = tmp_path_factory.mktemp("repeated") / "results"
     assert main(["run", str(study), "--jobs", "2", "--out", str(out)]) == 1
-    assert main(["report", str(out), "--no-pages"]) == 0
+    with without_figures():
+        assert main(["report", str(out), "--no-pages"]) == 0
     return out
 
 
