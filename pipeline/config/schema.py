@@ -121,7 +121,7 @@ class RecordingRules(InputModel):
 
     Examples
     --------
-    >>> RecordingRules(units="mm", plate_units="N,Nmm").read_options().plate_units
+    >>> RecordingRules(units="mm", plate_units="N,Nmm").options().plate_units
     'N,Nmm'
     """
 
