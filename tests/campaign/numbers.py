@@ -17,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from _pytest.runner import runtestprotocol
 
@@ -41,8 +42,10 @@ class Numbers(SimpleNamespace):
 
 def scaled(value: Any, factor: float) -> Any:
     """The number, or each of several, times a factor; whole numbers stay whole."""
+    if isinstance(value, dict):
+        return {key: scaled(one, factor) for key, one in value.items()}
     if isinstance(value, list):
-        return hbm.numbers.np.array([scaled(one, factor) for one in value])
+        return np.array([scaled(one, factor) for one in value])
     return max(round(value * factor), 1) if isinstance(value, int) else value * factor
 
 
@@ -77,7 +80,7 @@ class Again:
                 print(f"{item.nodeid} is left out, for it does not pass as it is", flush=True)
             self.reads[item] = READ | shared if passed else set()
             self.seconds[item] = sum(report.duration for report in reports)
-        for section, name, value in numbers(self.room, self.names):
+        for section, name, value in numbers(package(self.room), self.names):
             values = hbm.numbers.read_numbers(package(self.room), "thresholds.toml", section)
             items = [item for item in session.items if (id(values), name) in self.reads[item]]
             tests = sum(item.path != FILES for item in items)
@@ -139,10 +142,10 @@ def package(room: str) -> str:
     return room if room in ("hbm", "compensation") else f"pipeline.{room}"
 
 
-def numbers(room: str, names: list[str]) -> Iterator[tuple[str, str, Any]]:
-    """Sections, names and values of the file, of those that are asked for."""
-    text = (ROOT / package(room).replace(".", "/") / "thresholds.toml").read_text(encoding="utf-8")
-    for section, entries in tomllib.loads(text).items():
+def numbers(of_package: str, names: list[str]) -> Iterator[tuple[str, str, Any]]:
+    """Sections, names and values of a package's numbers, of those that are asked for."""
+    file = ROOT / of_package.replace(".", "/") / "thresholds.toml"
+    for section, entries in tomllib.loads(file.read_text(encoding="utf-8")).items():
         for name, entry in entries.items():
             if not names or {section, f"{section}.{name}"} & {*names}:
                 yield section, name, entry["value"]

@@ -10,7 +10,6 @@ many say something else then, of sound and of faulty ones; with --details, which
 
 import re
 import sys
-import tomllib
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -18,10 +17,9 @@ from typing import Any
 
 from hbm.numbers import read_numbers
 from tests.campaign import body_faults, calibration_faults
-from tests.campaign.thresholds import FACTORS, scaled
+from tests.campaign.numbers import FACTORS, numbers, scaled
 from tests.tables import command
 
-ROOT = Path(__file__).resolve().parents[2]
 ROOMS = {"compensation": calibration_faults.trials, "hbm": body_faults.trials}
 Said = dict[str, str]
 """Name of a trial -> all that is said of it."""
@@ -47,13 +45,13 @@ usual = cache(all_said)
 
 def line(room: str, section: str, name: str, value: Any, data: Path) -> tuple[str, str]:
     """In how many trials half and twice a number change what is said, and in which."""
-    numbers = read_numbers(room, "thresholds.toml", section)
+    values = read_numbers(room, "thresholds.toml", section)
     before, parts, names = usual(room, section, data), [], []
     for words, factor in FACTORS.items():
-        kept = getattr(numbers, name)
-        setattr(numbers, name, scaled(value, factor))
+        kept = getattr(values, name)
+        setattr(values, name, scaled(value, factor))
         now = all_said(room, section, data)
-        setattr(numbers, name, kept)
+        setattr(values, name, kept)
         changed = [
             [key for key, text in ours.items() if text != theirs[key]]
             for ours, theirs in zip(now, before, strict=True)
@@ -64,15 +62,13 @@ def line(room: str, section: str, name: str, value: Any, data: Path) -> tuple[st
     return f"{room}.{section}.{name}: {', '.join(parts)}", " | ".join(names)
 
 
-def numbers(names: list[str]) -> Iterator[tuple[str, str, str, Any]]:
+def chosen(names: list[str]) -> Iterator[tuple[str, str, str, Any]]:
     """Rooms, sections, names and values of both files, of those that are asked for."""
     for room in ROOMS:
-        text = (ROOT / room / "thresholds.toml").read_text(encoding="utf-8")
-        for section, entries in tomllib.loads(text).items():
-            for name, entry in entries.items():
-                called = {room, f"{room}.{section}", f"{room}.{section}.{name}"}
-                if not names or called & {*names}:
-                    yield room, section, name, entry["value"]
+        for section, name, value in numbers(room, []):
+            called = {room, f"{room}.{section}", f"{room}.{section}.{name}"}
+            if not names or called & {*names}:
+                yield room, section, name, value
 
 
 def main() -> int:
@@ -81,7 +77,7 @@ def main() -> int:
     parser.add_argument("--details", action="store_true", help="which trials say something else")
     parser.add_argument("names", nargs="*", metavar="NUMBER", help="ROOM, ROOM.SECTION or a number")
     given = parser.parse_args()
-    for number in numbers(given.names):
+    for number in chosen(given.names):
         text, details = line(*number, given.data)
         print(f"{text}\t{details}" if given.details else text, flush=True)
     return 0
