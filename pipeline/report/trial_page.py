@@ -146,10 +146,10 @@ def write_changed_page(
         return
     result, plates = read_trial(page.with_suffix(".parquet")), list[Plate]()
     if study is not None and name in study.trials and doubted_plates(result):
-        stated = study.trial(name)
+        planned = study.trial(name)
         with suppress(ValueError, OSError):  # the recording may be gone since
             static = study.subject(name.subject).static
-            plates = [*read_study_file(study, str(stated.file), stated, static).plates]
+            plates = [*read_study_file(study, str(planned.file), planned, static).plates]
     write_trial_page(
         result, page, plates=plates, explanation=explanation, study="../report.html", key=key
     )
