@@ -3,6 +3,7 @@
 What measures is a command with ``--help`` and no test.
 """
 
+import gc
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,13 @@ settings.register_profile("same", deadline=None, derandomize=True, max_examples=
 settings.register_profile("few", deadline=None, derandomize=True, max_examples=5)
 settings.register_profile("random", deadline=None)
 settings.load_profile("same")
+
+gc.set_threshold(50_000)  # as in `pipeline.cli.app.main`
+
+
+def pytest_collection_finish():
+    """Look for garbage no more among modules and tests, which stay."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -170,7 +170,8 @@ def _begin() -> None:
     It ignores interrupts, uses one thread for linear algebra, and ends at once when
     there is nothing left to do, or when the process that started it has ended.
     """
-    atexit.register(gc.freeze)  # as in `pipeline.cli.app.main`
+    gc.set_threshold(50_000)  # as in `pipeline.cli.app.main`
+    atexit.register(gc.freeze)
     one_thread()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_end_of_parent, daemon=True).start()

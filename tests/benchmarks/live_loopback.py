@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,8 @@ def sent_and_received(folder, seconds):
     command = [sys.executable, "-m", "pipeline.cli", "live", "--study", folder]
     command += ["--static", pose, "--out", folder / "out"]
     lsl = load_lsl()
-    with subprocess.Popen(sending) as sender:
+    with subprocess.Popen(sending) as sender, ExitStack() as ended:
+        ended.callback(sender.kill)  # it sends until then, whatever happens here
         while not sent.exists():
             time.sleep(0.1)
         began_s = lsl.local_clock()
@@ -83,8 +85,8 @@ def sent_and_received(folder, seconds):
             wait_s = float(inlet.info(PATIENCE_S).desc().child_value("resampling_delay_s"))
             frame_s, arrived_s = receive(inlet, seconds)
             live.send_signal(signal.SIGINT)
-            assert live.wait(PATIENCE_S) == 0
-        sender.kill()
+            if code := live.wait(PATIENCE_S):
+                raise RuntimeError(f"hbm live ended with {code}")
     batch_s, sent_s = np.loadtxt(sent).T
     last = np.searchsorted(batch_s, frame_s + wait_s - ROUNDING_S)
     latency_ms = 1000 * (arrived_s - sent_s[last])
