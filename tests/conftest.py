@@ -22,11 +22,6 @@ settings.load_profile("same")
 gc.set_threshold(50_000)  # as in `pipeline.cli.app.main`
 
 
-def pytest_collection_finish():
-    """Look for garbage no more among modules and tests, which stay."""
-    gc.freeze()
-
-
 @pytest.fixture(scope="session")
 def shared_data():
     """Folder of real recordings; they are never part of the repository."""
