@@ -74,19 +74,21 @@ def sent_and_received(folder, seconds):
     command = [sys.executable, "-m", "pipeline.cli", "live", "--study", folder]
     command += ["--static", pose, "--out", folder / "out"]
     lsl = load_lsl()
-    with subprocess.Popen(sending) as sender, ExitStack() as ended:
-        ended.callback(sender.kill)  # it sends until then, whatever happens here
+    with ExitStack() as processes:
+        processes.enter_context(sender := subprocess.Popen(sending))
+        processes.callback(sender.kill)  # it sends until then, whatever happens here
         while not sent.exists():
             time.sleep(0.1)
         began_s = lsl.local_clock()
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as live:
-            (info,) = lsl.resolve_byprop("name", RESULTS, timeout=PATIENCE_S)
-            inlet = lsl.StreamInlet(info)
-            wait_s = float(inlet.info(PATIENCE_S).desc().child_value("resampling_delay_s"))
-            frame_s, arrived_s = receive(inlet, seconds)
-            live.send_signal(signal.SIGINT)
-            if code := live.wait(PATIENCE_S):
-                raise RuntimeError(f"hbm live ended with {code}")
+        processes.enter_context(live := subprocess.Popen(command, stdout=subprocess.DEVNULL))
+        processes.callback(live.kill)
+        (info,) = lsl.resolve_byprop("name", RESULTS, timeout=PATIENCE_S)
+        inlet = lsl.StreamInlet(info)
+        wait_s = float(inlet.info(PATIENCE_S).desc().child_value("resampling_delay_s"))
+        frame_s, arrived_s = receive(inlet, seconds)
+        live.send_signal(signal.SIGINT)
+        if code := live.wait(PATIENCE_S):
+            raise RuntimeError(f"hbm live ended with {code}")
     batch_s, sent_s = np.loadtxt(sent).T
     last = np.searchsorted(batch_s, frame_s + wait_s - ROUNDING_S)
     latency_ms = 1000 * (arrived_s - sent_s[last])

@@ -78,9 +78,7 @@ def test_the_whole_study_ends_with_its_report(shell, clone, expected):
 
 @pytest.mark.parametrize("command", BLOCKS, ids=["jobs", "loop", "array"])
 def test_every_way_to_run_the_study_leaves_the_same_results(shell, clone, expected, command):
-    running = shell(command)
-    text, _ = running.communicate()
-    assert running.returncode == 0, text
+    text = printed(shell, command)
     assert results(clone / "results") == expected, text
 
 
@@ -92,9 +90,7 @@ def test_dask_workers_from_the_queue_leave_the_same_results(shell, clone, expect
         lines = iter(cluster.stdout.readline, "")
         command = next((line for line in lines if line.startswith("hbm run ")), None)
         assert command is not None
-        running = shell(command.partition("   (Enter")[0])
-        text, _ = running.communicate()
-        assert running.returncode == 0, text
+        text = printed(shell, command.partition("   (Enter")[0])
         assert re.search("6 trials processed, 0 .*, 0 failed", text)
         cluster.communicate("\n", timeout=60)
         assert cluster.returncode == 0
