@@ -6,8 +6,8 @@ from typing import Final, Literal
 import numpy as np
 
 from compensation.inertia.fit import LAGS_S, fit_trials, is_short, left_of_held_out
-from compensation.inertia.model import InertiaModel
-from compensation.inertia.model_error import SLOW_HZ
+from compensation.inertia.model import InertiaModel, Setup
+from compensation.inertia.model_error import SLOW_HZ, spare_samples
 from compensation.inertia.quality import MAX_LEFT
 from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
@@ -22,19 +22,15 @@ BESIDE_WEIGHTS: Final = (1.0, 0.1, 0.01, 0.001, 0.0001)
 ten-thousandth, at which gains are those of commanded motion wherever it determines them."""
 
 
-def weigh_beside(
-    trials: Sequence[tuple[str, Samples]], readings: int, rate_hz: float
-) -> tuple[float, str]:
+def weigh_beside(trials: Sequence[tuple[str, Samples]], setup: Setup) -> tuple[float, str]:
     """Give the weight of recordings of people beside an empty plate in the gains, and why.
 
     Parameters
     ----------
     trials
         As for `choose`, the commanded motion first.
-    readings
-        How many of the channels are readings.
-    rate_hz
-        Sampling rate of all [Hz].
+    setup
+        How all were recorded.
 
     Returns
     -------
@@ -53,14 +49,15 @@ def weigh_beside(
     --------
     >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
     >>> rigid = accelerations, accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
-    >>> weigh_beside([("empty", {"plate 1": rigid})], 3, 100.0)
+    >>> weigh_beside([("empty", {"plate 1": rigid})], Setup(("rear",), 100.0, None))
     (1.0, '')
     """
     if len(trials) == 1:
         return 1.0, ""
-    signal, plates = trials[0]
+    trials, rate_hz = _thinned(trials, setup)
+    (signal, plates), k = trials[0], 3 * len(setup.sensors)
     of_plate = {
-        name: [(one[name][0][:, :readings], one[name][1]) for _, one in trials if name in one]
+        name: [(one[name][0][:, :k], one[name][1]) for _, one in trials if name in one]
         for name in plates
     }
 
@@ -132,18 +129,16 @@ def choose(
     if wanted != "dynamic" and any(is_short(channels) for channels, _ in trials[0][1].values()):
         return "static model: the recording is too short to judge a dynamic one", {}
     k, files = 3 * len(setup.sensors), [file for file, _ in (*trials, *checks)]
-    of_plate = {
-        name: [(n, *one[name]) for n, (_, one) in enumerate(trials) if name in one]
-        for name in static
-    }
+    judged, rate_hz = _thinned(trials, setup)
     remains: list[list[Array]] = [[] for _ in files]
 
     def add(recording: int, *pair: Array) -> None:
         """Add what both models leave of a plate: RMS about the mean, of all and below 6 Hz."""
-        slow = [low_pass(one, setup.rate_hz, SLOW_HZ, "zero_phase") for one in pair]
+        slow = [low_pass(one, rate_hz, SLOW_HZ, "zero_phase") for one in pair]
         remains[recording].append(np.stack([np.std(band, axis=1) for band in (pair, slow)], axis=1))
 
-    for samples in of_plate.values():
+    for name in static:
+        samples = [(n, *one[name]) for n, (_, one) in enumerate(judged) if name in one]
         both = [(channels, wrench) for _, channels, wrench in samples]
         readings = [(channels[:, :k], wrench) for channels, wrench in both]
         # static and dynamic model, fitted without each part in turn
@@ -153,17 +148,17 @@ def choose(
             add(recording, *pair)
     dynamic: dict[str, InertiaModel] = {}
     if wanted == "dynamic" or checks or _judged(remains, files)[0]:
-        for name, samples in of_plate.items():
-            error = static[name].model_error
+        for name, model in static.items():
+            error = model.model_error
             dynamic[name] = fit_trials(
-                [(channels, wrench) for _, channels, wrench in samples],
+                [one[name] for _, one in trials if name in one],
                 setup,
                 belts_mps=() if error is None else error.belts_mps,
                 beside_weight=beside_weight,
                 lags_s=LAGS_S,
             )
     # recordings that no fit knows are judged as they are
-    for recording, (_, plates) in enumerate(checks, len(trials)):
+    for recording, (_, plates) in enumerate(_thinned(checks, setup)[0], len(trials)):
         for name, (channels, wrench) in plates.items():
             simple_left = static[name].compensate(channels[:, :k], wrench)
             add(recording, simple_left, dynamic[name].compensate(channels, wrench))
@@ -171,6 +166,21 @@ def choose(
     kind = wanted if wanted != "auto" else "dynamic" if clear else "static"
     as_stated = "" if wanted == "auto" else ", as given"
     return f"{kind} model{as_stated}: {reason}", dynamic if kind == "dynamic" else {}
+
+
+def _thinned(
+    trials: Sequence[tuple[str, Samples]], setup: Setup
+) -> tuple[list[tuple[str, Samples]], float]:
+    """Give as few samples as hold all of what was low-passed, and their rate [Hz]."""
+    step = 1 if setup.cutoff_hz is None else spare_samples(setup.rate_hz, setup.cutoff_hz)
+    thinned = [
+        (
+            file,
+            {name: (channels[::step], wrench[::step]) for name, (channels, wrench) in one.items()},
+        )
+        for file, one in trials
+    ]
+    return list[tuple[str, Samples]](thinned), setup.rate_hz / step
 
 
 def _judged(remains: Sequence[Sequence[Array]], files: Sequence[str]) -> tuple[bool, str]:

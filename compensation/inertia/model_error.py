@@ -204,8 +204,7 @@ def fit_model_error(
         none = np.zeros((0, k, k)), np.zeros((2, 0, 6))
         return ModelError(center, *none, floor, np.array(zero), belts_mps=speeds)
     if cutoff_hz is not None:  # fewer samples hold as much of a low-passed signal
-        # five samples per period of the cut-off keep what passed a second-order low-pass
-        thin = max(int(rate_hz / (5.0 * cutoff_hz)), 1)
+        thin = spare_samples(rate_hz, cutoff_hz)
         rate_hz /= thin
         accelerations, unseen, left_slow = (
             [part[::thin] for part in parts] for parts in (accelerations, unseen, left_slow)
@@ -243,6 +242,14 @@ def fit_model_error(
         factors[:, -2 if several else -3] *= widening(LIMITS.belt_degrees * recordings) ** 2
     energies_and_belts = factors[:, :-3], factors[:, -1], np.array(zero), factors[:, -3:-1]
     return ModelError(center, directions, *energies_and_belts, speeds)
+
+
+def spare_samples(rate_hz: float, cutoff_hz: float) -> int:
+    """Give the step at which samples of a low-passed signal still hold all of it.
+
+    Five samples per period of the cut-off keep what passed a second-order low-pass.
+    """
+    return max(int(rate_hz / (5.0 * cutoff_hz)), 1)
 
 
 def widening(degrees: float) -> float:

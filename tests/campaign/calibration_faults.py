@@ -534,7 +534,7 @@ def choices() -> Trials:
     def weighed(size: float) -> object:
         (felt, wrench), (_, other) = (bending(n, None) for n in range(2))
         beside = ("beside.c3d", {"plate 1": (felt, wrench + size * (other - wrench))})
-        return weigh_beside([("empty.c3d", {"plate 1": (felt, wrench)}), beside], 6, 100.0)
+        return weigh_beside([("empty.c3d", {"plate 1": (felt, wrench)}), beside], DYNAMIC)
 
     _, wrench = bending(1, 35.0)
     sound = {f"load cells of {hz} Hz": lambda hz=hz: chosen(hz) for hz in (None, 60.0, 35.0)}

@@ -284,7 +284,7 @@ def fit_calibration(
     refuse_unusable(static)
     if beside:
         trials += map(read, beside)
-        weight, provenance["weight_of_beside"] = weigh_beside(trials, k, setup.rate_hz)
+        weight, provenance["weight_of_beside"] = weigh_beside(trials, setup)
         provenance[BESIDE] = "; ".join(
             f"{name}: {', '.join(empty)} empty" for name, empty in trials[1:]
         )

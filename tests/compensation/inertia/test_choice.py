@@ -17,9 +17,9 @@ def recordings():
     return {hz: [(f"{n}.c3d", {"plate 1": trial(n, hz)}) for n in range(2)] for hz in (35.0, None)}
 
 
-def chosen(recordings, stated="auto", checks=()):
+def chosen(recordings, stated="auto", checks=(), setup=SETUP):
     channels, wrench = recordings[0][1]["plate 1"]
-    static = {"plate 1": fit_inertia(channels[:, :6], wrench, SETUP)}
+    static = {"plate 1": fit_inertia(channels[:, :6], wrench, setup)}
     return static, *choose(recordings[:1], static, checks, stated)
 
 
@@ -69,8 +69,22 @@ def test_people_whose_shaking_the_sensors_do_not_show_weigh_little(recordings):
     """They shake the plate by a force of which the accelerometers show nothing that is its own."""
     (felt, wrench), (other, _) = (one["plate 1"] for _, one in recordings[None])
     alike = [("empty.c3d", {"plate 1": (felt, wrench)})]
-    assert weigh_beside([*alike, ("same.c3d", {"plate 1": (felt, wrench)})], 6, 100.0)[0] == 1.0
+    assert weigh_beside([*alike, ("same.c3d", {"plate 1": (felt, wrench)})], SETUP)[0] == 1.0
     shaken = 2 * wrench[: len(other)]
-    weight, why = weigh_beside([*alike, ("b.c3d", {"plate 1": (felt, shaken)})], 6, 100.0)
+    weight, why = weigh_beside([*alike, ("b.c3d", {"plate 1": (felt, shaken)})], SETUP)
     assert weight < 1
     assert "times as large" in why
+
+
+@pytest.mark.parametrize("hz", [35.0, None])
+def test_as_few_samples_as_hold_the_filtered_signal_choose_as_all_of_them_do(recordings, hz):
+    """Without a stated cut-off every sample counts; with it, every second one."""
+    by_setup = [
+        (
+            *chosen(recordings[hz], checks=recordings[hz][1:], setup=setup)[1:],
+            weigh_beside(recordings[hz], setup),
+        )
+        for setup in (SETUP, replace(SETUP, cutoff_hz=None))
+    ]
+    (reason, models, weight), (of_all, models_of_all, weight_of_all) = by_setup
+    assert (reason, [*models], weight) == (of_all, [*models_of_all], weight_of_all)

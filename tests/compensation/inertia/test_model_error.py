@@ -129,7 +129,7 @@ def test_a_recording_that_the_model_explains_badly_hardly_spoils_the_gains():
     wrench = wrench + 40 * band(np.random.default_rng(15), 0.3, 3, wrench.shape)
     trials = [calm, (felt, wrench)]
     named = [(f"{k}", {"plate 1": samples}) for k, samples in enumerate(trials)]
-    weight, reason = weigh_beside(named, felt.shape[1], SETUP.rate_hz)
+    weight, reason = weigh_beside(named, SETUP)
     both = fit_trials(trials, SETUP, beside_weight=weight)
     assert reason.startswith(f"weight {weight:g} per sample")
     error = np.abs(both.gain[:-1] - GAIN).max()
