@@ -46,7 +46,7 @@ def test_the_delay_of_slow_motion_comes_back_too(delay_s):
     assert found.seconds == pytest.approx(delay_s, abs=5e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_stated_uncertainty_of_a_delay_covers_its_error(laboratory):
     scores = []
     for seed in range(16):

@@ -15,7 +15,7 @@ def one_laboratory():
     return laboratory(1, 200.0, 4.0, [WITH_PEOPLE])
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_intervals_of_one_laboratory_hold_as_often_as_chance_allows(one_laboratory):
     """A zero is drawn once in a trial: of one laboratory 95 % of all is not far from 95 %."""
     assert 0.90 < one_laboratory.held.mean() < 0.99
@@ -23,7 +23,7 @@ def test_intervals_of_one_laboratory_hold_as_often_as_chance_allows(one_laborato
     assert (squares["σ"] / squares.left).between(0.7**2, 1.6**2).all()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_intervals_are_tighter_where_people_shake_the_platform_less(one_laboratory):
     own = one_laboratory[(one_laboratory.sensors == 2) & (one_laboratory.cutoff_hz == 20.0)]
     squares = own.pivot(index="component", columns="trial", values="σ").loc[["Fx", "Fy", "Fz"]]

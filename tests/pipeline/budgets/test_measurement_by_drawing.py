@@ -15,7 +15,7 @@ from pipeline.statistics.measurement import deviation, mean_covariance
 from pipeline.trial.process import process_trial
 from pipeline.trial.study_files import read_study_file
 
-DRAWS = 12000
+DRAWS = 3000
 CONDITIONS = ("baseline", "pitch")
 
 pytestmark = pytest.mark.slow

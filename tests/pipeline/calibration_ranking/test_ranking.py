@@ -108,7 +108,7 @@ def test_where_one_trial_is_less_noisy_the_bootstrap_is_certain_of_it():
     assert answers["Advised: another"].startswith("not among")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_trials_that_differ_by_chance_alone_have_no_certain_winner():
     sure = []
     for seed in range(4):

@@ -14,7 +14,7 @@ from tests.pipeline.viewer_frames import shown_frames
 from tests.pipeline.viewer_pictures import PATIENCE_S, count_pixels, settled_page
 from tests.pipeline.viewer_trial import viewer_trial
 
-SCREEN = (1920, 1080)
+SCREEN = (960, 600)
 LAST = 60
 
 

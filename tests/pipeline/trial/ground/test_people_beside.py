@@ -84,7 +84,7 @@ def test_the_standard_deviation_covers_commanded_motion_and_people(sensors):
     assert np.mean(np.abs(left) < 1.96 * sd) > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_standard_deviation_of_a_calibration_without_people_is_one():
     """Of three treadmills and six trials each, people in four: 68 and 95 % of a normal error."""
     held = []
