@@ -7,7 +7,7 @@ import numpy as np
 
 from compensation.inertia.fit import LAGS_S, fit_trials, is_short, left_of_held_out
 from compensation.inertia.model import InertiaModel, Setup
-from compensation.inertia.model_error import SLOW_HZ, spare_samples
+from compensation.inertia.model_error import SLOW_HZ, thinning_step
 from compensation.inertia.quality import MAX_LEFT
 from hbm.numbers import read_numbers
 from hbm.signals.filtering import low_pass
@@ -54,6 +54,7 @@ def weigh_beside(trials: Sequence[tuple[str, Samples]], setup: Setup) -> tuple[f
     """
     if len(trials) == 1:
         return 1.0, ""
+    # as few samples as hold the signal judge alike, in a tenth of the time
     trials, rate_hz = _thinned(trials, setup)
     (signal, plates), k = trials[0], 3 * len(setup.sensors)
     of_plate = {
@@ -172,15 +173,15 @@ def _thinned(
     trials: Sequence[tuple[str, Samples]], setup: Setup
 ) -> tuple[list[tuple[str, Samples]], float]:
     """Give as few samples as hold all of what was low-passed, and their rate [Hz]."""
-    step = 1 if setup.cutoff_hz is None else spare_samples(setup.rate_hz, setup.cutoff_hz)
-    thinned = [
+    step = thinning_step(setup.rate_hz, setup.cutoff_hz)
+    thinned: list[tuple[str, Samples]] = [
         (
             file,
             {name: (channels[::step], wrench[::step]) for name, (channels, wrench) in one.items()},
         )
         for file, one in trials
     ]
-    return list[tuple[str, Samples]](thinned), setup.rate_hz / step
+    return thinned, setup.rate_hz / step
 
 
 def _judged(remains: Sequence[Sequence[Array]], files: Sequence[str]) -> tuple[bool, str]:

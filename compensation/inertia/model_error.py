@@ -203,20 +203,20 @@ def fit_model_error(
         floor = np.tile(np.mean(np.vstack(unseen) ** 2, axis=0), (2, 1))
         none = np.zeros((0, k, k)), np.zeros((2, 0, 6))
         return ModelError(center, *none, floor, np.array(zero), belts_mps=speeds)
-    if cutoff_hz is not None:  # fewer samples hold as much of a low-passed signal
-        thin = spare_samples(rate_hz, cutoff_hz)
-        rate_hz /= thin
-        accelerations, unseen, left_slow = (
-            [part[::thin] for part in parts] for parts in (accelerations, unseen, left_slow)
-        )
-        center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
+    # fewer samples hold as much of a low-passed signal
+    step = thinning_step(rate_hz, cutoff_hz)
+    rate_hz /= step
+    accelerations, unseen, left_slow = (
+        [part[::step] for part in parts] for parts in (accelerations, unseen, left_slow)
+    )
+    center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
     bands = [_bands(a - center, rate_hz) for a in accelerations]
     directions = np.array([_directions(of_band) for of_band in zip(*bands, strict=True)])
-    step = max(round(SMOOTHING_S * rate_hz), 1)
+    window = max(round(SMOOTHING_S * rate_hz), 1)
 
     def averaged(values: Array) -> Array:
         """Average squares over time, one row for every `SMOOTHING_S`."""
-        return _smooth(values**2, rate_hz)[step // 2 :: step]
+        return _smooth(values**2, rate_hz)[window // 2 :: window]
 
     energies = [averaged(_turned(band, directions)) for band in bands]
     # terms of belts only where recordings tell them apart
@@ -244,12 +244,12 @@ def fit_model_error(
     return ModelError(center, directions, *energies_and_belts, speeds)
 
 
-def spare_samples(rate_hz: float, cutoff_hz: float) -> int:
-    """Give the step at which samples of a low-passed signal still hold all of it.
+def thinning_step(rate_hz: float, cutoff_hz: float | None) -> int:
+    """Give how many samples apart those are that hold all of a low-passed signal; 1 of any other.
 
     Five samples per period of the cut-off keep what passed a second-order low-pass.
     """
-    return max(int(rate_hz / (5.0 * cutoff_hz)), 1)
+    return 1 if cutoff_hz is None else max(int(rate_hz / (5.0 * cutoff_hz)), 1)
 
 
 def widening(degrees: float) -> float:
